@@ -127,7 +127,7 @@ circle: $(READY) ## Plan, drive, collect over a link that is cut, analyse, tune,
 	$(BENCHMARK)/circle.py --out $(OUT)/circle
 
 real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
-	$(BENCHMARK)/real.py --out $(OUT)
+	$(BENCHMARK)/real.py --jobs 2 --out $(OUT)
 
 clean: ## Remove results, caches and the virtual environment
 	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

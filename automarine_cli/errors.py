@@ -17,6 +17,10 @@ class RunError(AutomarineError):
     """Unusable runs: too few left, or a run that was named and cannot be used."""
 
 
+class TooFewRunsError(RunError):
+    """Too few runs for what was asked of them: more would have to be made."""
+
+
 class SettingError(AutomarineError):
     """A recipe, specification or option value that makes no sense."""
 

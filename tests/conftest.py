@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from once import made_once
 from small_campaign import make_small_campaign
 
@@ -24,7 +24,10 @@ from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.workflows.run import run_campaign
 
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
-settings.register_profile("house", derandomize=True, deadline=None, database=None, max_examples=50)
+settings.register_profile(
+    "house", derandomize=True, deadline=None, database=None, max_examples=50,
+    suppress_health_check=(HealthCheck.too_slow,),
+)  # fmt: skip
 settings.load_profile("house")
 
 TAKEN = ResultFolder.taken

@@ -39,6 +39,7 @@ def collect(ctx: click.Context, **given: Any) -> object:
 
     On contact come first the vehicle's state and --stop, then the campaign, then the logs; after a cut it goes on
     where it was. Logs have the same names and the same bytes as on the vehicle; ledger.json holds their SHA-256.
+    The exit status is 1 where the campaign ended before its last run.
 
     \b
     Example:
@@ -50,4 +51,7 @@ def collect(ctx: click.Context, **given: Any) -> object:
     found = options.perform_one(command, given, f"{written}.")
     if found.analysis is not None:
         end_with(ctx, [f"{one.step}: {one.why}" for one in found.analysis.refused])
+    if found.ended_early:
+        click.echo(f"Error: {found.ended_early}", err=True)
+        ctx.exit(1)
     return found

@@ -10,12 +10,13 @@ from automarine_cli.cli import options
 @click.command("compare", short_help="Compare results and test their differences.")
 @click.argument(
     "results", nargs=-1, required=True, metavar="DIR DIR...",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=click.Path(exists=True, path_type=Path),
 )  # fmt: skip
 @options.ending()
 def compare(**given: object) -> object:
-    """Put results of fit-thrusters, fit-yaw or diagnose side by side, each against the first: another vehicle,
-    another day, another battery. Each difference has a confidence interval, and a word on its significance.
+    """Put results of fit-thrusters, fit-yaw, validate or diagnose side by side, each against the first: another
+    vehicle, another day, another battery, another model of the same runs. Each difference has a confidence interval,
+    and a word on its significance.
 
     \b
     Example:

@@ -28,7 +28,7 @@ def diagnose(**given: object) -> object:
 
     \b
     Example:
-      automarine fit-yaw sample_runs/hidden_one -o out/hidden
+      automarine fit-yaw sample_runs/hidden_one --fit-to whole-runs -o out/hidden
       automarine diagnose sample_runs/hidden_one --model out/hidden/yaw_model.json -o out/diagnosis
     """
     from automarine_cli.workflows.diagnose import diagnose as command

@@ -50,6 +50,10 @@ class Bar:
         self._drawn = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
+        if total == 0:
+            self.clear()
+            _sentence(stage, done, total)
+            return
         now = time.monotonic()
         if stage != self._stage:
             self.clear_stage()
@@ -89,11 +93,12 @@ def strip(done: int, total: int, width: int) -> str:
 
 
 class CampaignTeller:
-    """Tells on standard error how a campaign goes: a bar for the whole and the step on a terminal; with -v a line
-    for each step; else nothing, since the table at the end says it all."""
+    """Tells on standard error how a campaign goes: a bar for the whole and the step on a terminal, in a pipe a line for
+    each step with its time."""
 
     def __init__(self) -> None:
         self.progress = terminal_progress()
+        self._since = time.monotonic()
 
     def tell(self, news: "News") -> None:
         """A step starts or is over."""
@@ -101,22 +106,27 @@ class CampaignTeller:
         if bar is not None:
             bar.clear()
             bar.whole = ""
-        if verbosity_level() > 0 or (bar is not None and news.did in ("made", "refused")):
+        over = news.did in ("made", "refused")
+        if verbosity_level() > 0 or (bar is not None and over):
             why = f" ({news.why})" if news.why else ""
             click.echo(f"{news.number}/{news.total} {news.step}: {news.did}{why}", err=True)
+        elif verbosity_level() == 0 and news.did != "starts":
+            took = f", {time.monotonic() - self._since:.0f} s" if over else ""
+            click.echo(f"{news.number}/{news.total} {news.step}: {news.did}{took}", err=True)
+        self._since = time.monotonic()
         if bar is not None and news.did == "starts":
             bar.show(f"{strip(news.number - 1, news.total, 12)} {news.number}/{news.total} {news.step} ")
 
 
 def terminal_progress(quiet: bool | None = None) -> Progress:
-    """A bar if standard error is a terminal; with -v a line for each finished stage; else silence."""
+    """A bar if standard error is a terminal; with -v a line for each finished stage; else what will take minutes."""
     level = verbosity_level()
     if quiet or (quiet is None and level < 0):
         return silent
     if level > 0:
         return _stage_lines
     if not sys.stderr.isatty():
-        return silent
+        return _sentence
     bar = Bar()
     ctx = click.get_current_context(silent=True)
     if ctx is not None:
@@ -124,8 +134,14 @@ def terminal_progress(quiet: bool | None = None) -> Progress:
     return bar
 
 
+def _sentence(stage: str, done: int, total: int) -> None:
+    if total == 0:
+        click.echo(f"{stage[0].upper()}{stage[1:]}.", err=True)
+
+
 def _stage_lines(stage: str, done: int, total: int) -> None:
-    if done >= total:
+    _sentence(stage, done, total)
+    if done >= total > 0:
         click.echo(f"{stage}: {total}", err=True)
 
 

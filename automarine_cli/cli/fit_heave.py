@@ -10,7 +10,7 @@ from automarine_cli.cli import options
     "--depths", nargs=2, type=float, metavar="FROM TO",
     help="Follow each step while the depth is between so many metres, clear of surface and bottom.",
 )  # fmt: skip
-@options.fit_options("steps", "METRES")
+@options.fit_options("steps", "METRES", options.thrusters_option)
 def fit_heave(**given: object) -> object:
     """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
 

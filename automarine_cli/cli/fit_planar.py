@@ -10,6 +10,7 @@ from automarine_cli.cli import options
 @options.columns_option
 @options.thrusters_option
 @options.arm_option
+@options.known_option
 @options.ending("strict", "jobs")
 def fit_planar(**given: object) -> object:
     """Identify surge, sway and yaw together, and what couples them.

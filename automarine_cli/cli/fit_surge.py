@@ -10,7 +10,7 @@ from automarine_cli.cli import options
     "--within", type=click.FloatRange(min=0, min_open=True), metavar="METRES",
     help="Follow each step for so many metres, before the wall is felt; without it to its end.",
 )  # fmt: skip
-@options.fit_options("steps", "METRES")
+@options.fit_options("steps", "METRES", options.thrusters_option)
 def fit_surge(**given: object) -> object:
     """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
 

@@ -6,7 +6,7 @@ from automarine_cli.cli import options
 
 
 @click.command("fit-yaw", short_help="Identify drag, inertia and a yaw model.")
-@options.fit_options("half-turns", "DEGREES", options.arm_option)
+@options.fit_options("half-turns", "DEGREES", options.thrusters_option, options.arm_option)
 def fit_yaw(**given: object) -> object:
     """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
 

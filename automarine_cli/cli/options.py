@@ -148,6 +148,14 @@ with_option = click.option(
 """`with_effects`: names."""
 
 
+known_option = click.option(
+    "--known", multiple=True, metavar="NAME=VALUE[±STDERR]",
+    help="What is known of a parameter beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
+    "with commas, or repeated.",
+)  # fmt: skip
+"""`known`: texts, understood by `fits.known.Known`."""
+
+
 def ending(*also: str) -> Callable[[Function], Function]:
     """Where results go and how they are told, with those of strict, seed, jobs and cluster that are named."""
     known = {"strict": strict_option, "seed": seed_option, "jobs": jobs_option, "cluster": cluster_option}
@@ -156,7 +164,7 @@ def ending(*also: str) -> Callable[[Function], Function]:
 
 def fit_options(steps: str, unit: str, *own: Callable[..., Any]) -> Callable[[Function], Function]:
     """What the fits of single motions share: what their `steps` are called, and the `unit` of tails; `own` options are
-    told after the thrusters."""
+    told after the columns, those of thrusters among them where some push that way."""
     where = " enough runs have them" if steps == "half-turns" else " there are enough"
     fit_to = click.option(
         "--fit-to", type=click.Choice(("auto", steps, "whole-runs")), default="auto", show_default=True,
@@ -167,7 +175,7 @@ def fit_options(steps: str, unit: str, *own: Callable[..., Any]) -> Callable[[Fu
         help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
         "is smallest.",
     )  # fmt: skip
-    every = (columns_option, thrusters_option, *own, fit_to, tail, channels_option, with_option)
+    every = (columns_option, *own, fit_to, tail, channels_option, with_option, known_option)
     return _all(logs_argument, *every, ending("strict", "jobs"))
 
 

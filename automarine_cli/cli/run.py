@@ -35,8 +35,9 @@ def run(ctx: click.Context, **given: Any) -> object:
     """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
     [surge], [sway] or [heave] its fit, validation and diagnosis too.
 
-    Each step has a folder of its own in DIR. A step is kept if its result is there and its inputs, settings and
-    versions have not changed; for every other the reason is printed. `automarine init` writes a campaign file.
+    Each step has a folder of its own in DIR, by default "results" beside the campaign file. A step is kept if its
+    result is there and its inputs, settings and versions have not changed; for every other the reason is printed.
+    `automarine init` writes a campaign file.
 
     Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
     a time, --cluster ADDRESS sends them with their logs to a Dask scheduler. One that fails does not stop the others.
@@ -68,10 +69,12 @@ def run(ctx: click.Context, **given: Any) -> object:
         overview = options.perform(run_campaigns, given, lambda made: made.warnings)
         end_with(ctx, [f"{one.name}: {why}" for one in overview.refused for why in one.refused])
         return overview
-    from automarine_cli.workflows.run import run_campaign
+    from automarine_cli.workflows.run import RESULTS, run_campaign
 
     teller = CampaignTeller()
-    given |= {"campaign": given.pop("campaigns")[0], "progress": teller.progress, "tell": teller.tell}
+    campaign = given.pop("campaigns")[0]
+    given |= {"campaign": campaign, "progress": teller.progress, "tell": teller.tell}
+    given["out"] = given["out"] or campaign.parent / RESULTS
     result = options.perform(run_campaign, given, lambda made: made.warnings)
     end_with(ctx, [f"{one.step}: {one.why}" for one in result.refused])
     return result

@@ -12,9 +12,12 @@ from automarine_cli.cli import options
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
-def _tell(serving: Any) -> None:
-    click.echo(f"{serving.url}\ntoken: {serving.token}")
-    sys.stdout.flush()
+def _tell(news: Any) -> None:
+    if isinstance(news, str):
+        click.echo(news, err=True)
+    else:
+        click.echo(f"{news.url}\ntoken: {news.token}")
+        sys.stdout.flush()
 
 
 @click.command("serve", short_help="On the vehicle: play campaigns, hand out logs.")
@@ -36,7 +39,12 @@ def _tell(serving: Any) -> None:
 )  # fmt: skip
 @click.option("--bus", metavar="INTERFACE:CHANNEL", help="The CAN bus, as python-can names it: socketcan:can0.")
 @options.columns_option
-@click.option("--full", type=POSITIVE, metavar="MOMENT", help="Moment of ArduSub's whole output, in the plan's unit.")
+@click.option(
+    "--full",
+    type=POSITIVE,
+    metavar="MOMENT",
+    help="Largest moment of ArduSub or the simulated vehicle, in the plan's unit.",
+)
 @options.thrusters_option
 @options.arm_option
 @click.option("--depth-limit", type=POSITIVE, default=inf, metavar="METRES", help="Stop ArduSub where it is deeper.")
@@ -46,7 +54,7 @@ def _tell(serving: Any) -> None:
 )  # fmt: skip
 @click.option(
     "--address", default="127.0.0.1:8722", show_default=True, metavar="HOST:PORT",
-    help="Where to listen; 0.0.0.0:8722 for every network.",
+    help="Where to listen; 0.0.0.0:8722 for every network, [::1]:8722 in IPv6.",
 )  # fmt: skip
 @click.option(
     "--speed", type=click.FloatRange(min=0, min_open=True, max=1000), default=1.0, show_default=True, metavar="N",

@@ -1,9 +1,10 @@
 """Result files as sides of a comparison: their parameters with intervals, and what else they say of themselves."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from automarine_cli.comparison.side_by_side import OverRuns
 from automarine_cli.results.estimate import Estimate, Given
-from automarine_cli.results.judged import DiagnosisFile
+from automarine_cli.results.judged import DiagnosisFile, ValidationFile
 from automarine_cli.results.models import ModelFile, ThrusterFile
 from automarine_cli.results.records import ResultRecord
 
@@ -66,7 +67,26 @@ def _place(name: str, value: Given, parameters: dict[str, Estimate], facts: dict
     if (estimate := value.estimate) is not None:
         parameters[name] = estimate
     else:
-        facts[name] = value.at_bound if value.value is None else f"{_short(value.value)}, {value.at_bound}"
+        facts[name] = str(value.at_bound) if value.value is None else f"{_short(value.value)}, {value.at_bound}"
+
+
+def of_validation(file: ValidationFile, models: Sequence[str]) -> Contents:
+    """What a validation says of the model that the fit preferred: its errors, to be compared run by run."""
+    number_ = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
+    unit, each = file.dof.units.shown, file.models[number_].runs
+    samples = {run: f"{run} ({log.samples} samples)" for run, log in file.logs.items()}
+    found: dict[str, Mapping[str, float | None]] = {
+        "free run rmse": {run: one.rmse for run, one in each.items()},
+        "restarted rmse": {run: one.restarted for run, one in each.items()},
+    }
+    for ahead in file.prediction.get(number_, ()):
+        found[f"error {ahead.horizon_s:g} s ahead"] = ahead.runs
+    parameters = {}
+    for name, by_run in found.items():
+        told = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
+        if len(told) > 1:
+            parameters[name] = OverRuns.of(told, unit)
+    return dict(parameters), {"preferred model": number_}
 
 
 def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Contents:

@@ -50,8 +50,10 @@ def roll(
     rate: ArrayLike,
     switch_offset: float = 0.0,
     step: float | None = None,
+    water: ArrayLike = 0.0,
 ) -> Trajectory:
-    """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,).
+    """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
+    from states of the `water` (W, 1, R).
 
     `switch_offset` is the share of a sample interval by which commands act later than mid-interval. With `step`
     [s] that step is used as it is; without it the step is halved until positions settle to 0.01 degrees or cm, four
@@ -59,16 +61,16 @@ def roll(
     positions and rates (P, R, N), padded; not finite where the model diverges. Raises RunError as `make_batch`.
     """
     if step is not None:
-        return _once(model, runs, position, rate, switch_offset, step)
+        return _once(model, runs, position, rate, switch_offset, step, water)
     step = step_of(model, runs)
-    best = _once(model, runs, position, rate, switch_offset, step)
+    best = _once(model, runs, position, rate, switch_offset, step, water)
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     most = max(MOST_STEPS, 4 * max(len(run) for run in runs))
     for _ in range(MOST_HALVINGS):
         step /= 2
         if longest / step > most:
             break
-        finer = _once(model, runs, position, rate, switch_offset, step)
+        finer = _once(model, runs, position, rate, switch_offset, step, water)
         both = np.isfinite(finer.position) & np.isfinite(best.position)
         moved = np.abs(np.where(both, finer.position, 0.0) - np.where(both, best.position, 0.0)).max()
         same_fate = bool(np.all(np.isfinite(finer.position) == np.isfinite(best.position)))
@@ -79,13 +81,19 @@ def roll(
 
 
 def _once(
-    model: YawModel, runs: Sequence[Run], position: ArrayLike, rate: ArrayLike, switch_offset: float, step: float
+    model: YawModel,
+    runs: Sequence[Run],
+    position: ArrayLike,
+    rate: ArrayLike,
+    switch_offset: float,
+    step: float,
+    water: ArrayLike,
 ) -> Trajectory:
     batch = make_batch(runs, step, needed_signals(model))
     delay = switch_offset * batch.interval[None] if switch_offset else None
     position, rate = np.atleast_2d(position), np.atleast_2d(rate)
     with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away is told of, not warned about
-        return simulate(model, batch, start=Start(position, rate, switch_delay=delay))
+        return simulate(model, batch, start=Start(position, rate, switch_delay=delay, water=water))
 
 
 def groups(items: Sequence[Item], sizes: Sequence[int]) -> Iterator[slice]:

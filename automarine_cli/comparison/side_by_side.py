@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -22,6 +22,21 @@ class Side:
     parameters: Mapping[str, Estimate]
     facts: Mapping[str, str]
     runs: int
+
+
+@dataclass(frozen=True)
+class OverRuns(Estimate):
+    """The mean of a number over runs, with the interval that their scatter gives it, and the number `by_run`."""
+
+    by_run: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, by_run: Mapping[str, float], unit: str) -> "OverRuns":
+        """Of two runs or more."""
+        values = np.array(list(by_run.values()))
+        middle, stderr = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
+        half = float(special.stdtrit(len(values) - 1, 0.975)) * stderr
+        return cls(middle, stderr, (middle - half, middle + half), unit, by_run=by_run)
 
 
 @dataclass(frozen=True)
@@ -53,15 +68,25 @@ class Difference:
 
 
 def difference(one: Estimate, other: Estimate) -> Estimate:
-    """`one` less `other`, both from data of their own.
+    """`one` less `other`, both from data of their own; of means over runs run by run, of two that both have or more.
 
     The interval takes the distance of each end from its value from the two intervals, so that it is as skew as
     they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9).
     """
+    if isinstance(one, OverRuns) and isinstance(other, OverRuns):
+        both = {run: value - other.by_run[run] for run, value in one.by_run.items() if run in other.by_run}
+        return OverRuns.of(both, one.unit)
     apart = one.value - other.value
     low = apart - math.hypot(one.value - one.ci95[0], other.ci95[1] - other.value)
     high = apart + math.hypot(one.ci95[1] - one.value, other.value - other.ci95[0])
     return Estimate(apart, math.hypot(one.stderr, other.stderr), (low, high), one.unit)
+
+
+def comparable(one: Estimate, other: Estimate) -> bool:
+    """Whether a difference has an interval: means over runs need two in common."""
+    if not (isinstance(one, OverRuns) and isinstance(other, OverRuns)):
+        return True
+    return len(set(one.by_run) & set(other.by_run)) > 1
 
 
 def p_value(apart: Estimate) -> float | None:
@@ -88,7 +113,7 @@ def differences(sides: Sequence[Side]) -> tuple[Difference, ...]:
     for side in sides[1:]:
         for name, own in side.parameters.items():
             first = base.parameters.get(name)
-            if first is None or first.unit != own.unit:
+            if first is None or first.unit != own.unit or not comparable(own, first):
                 continue
             apart = difference(own, first)
             p = p_value(apart)

@@ -1,9 +1,9 @@
 """Simulations beside what was measured: free runs from one start state by the commands alone, and restarted ones.
 
-Restarted, the state is set anew from the measured position wherever the moment or force changes: position integrates
+Restarted, the state is set anew from the measured position before the moment or force changes: position integrates
 every error, so that one per cent of gain is several degrees after a minute of free running; restarted, the error says
-how well the model follows each change of command by itself. Water and thrusters that carry a state of their own begin
-afresh at a restart.
+how well the model follows each change of command by itself. A ramp is one change. States of the water go on as in the
+free run.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,13 +24,14 @@ from automarine_cli.runs.velocity_sensor import unbiased_velocity
 @dataclass(frozen=True)
 class FreeRun:
     """One run simulated from its start to its end: positions as the sensor shows them [rad or m] and true rates
-    [rad/s or m/s] at the samples, (N,); not finite from where the model diverges.
+    [rad/s or m/s] at the samples, (N,); not finite from where the model diverges; `water` (N, W) its states.
     """
 
     run: Run
     position: Floats
     rate: Floats
     start: State
+    water: Floats
 
     @property
     def error(self) -> Floats:
@@ -55,16 +56,17 @@ def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) 
         positions, rates = (np.array([getattr(s, name) for s in states]) for name in ("position", "rate"))
         shown = roll(model, some, positions, rates, switch_offset)
         for i, (run, state) in enumerate(zip(some, states)):
-            yield FreeRun(run, shown.position[0, i, : len(run)], shown.velocity[0, i, : len(run)], state)
+            position, rate, water = (x[0, i, : len(run)] for x in (shown.position, shown.velocity, shown.water))
+            yield FreeRun(run, position, rate, state, water)
 
 
 FEWEST = 4  # samples to either side over which a state is smoothed
 LONGEST = 1.5  # s to either side
-SHORTEST = 1.0  # s between restarts
+SHORTEST = 1.0  # s between restarts; changes that follow each other sooner are one ramp
 EVERY = 15.0  # s between restarts where the command changes all the time
-ALL_THE_TIME = 0.2  # changes a sample
+ALL_THE_TIME, RAMPING = 0.2, 0.5  # changes a sample, share of the time on ramps
 
-AT_CHANGES = "at each change of {force}"
+AT_CHANGES = "before each change of {force}, a ramp being one"
 AT_TIMES = f"every {EVERY:g} s, because the {{force}} changes all the time"
 NEVER = "never: the {force} does not change after the start"
 
@@ -87,14 +89,19 @@ class Restarts:
 
 
 def find_restarts(run: Run) -> Restarts:
-    """Restart at the last sample before each change of command, or every 15 s where it changes all the time."""
+    """Restart at the last sample before each change or ramp of the command, or every 15 s where it changes all the
+    time."""
     changes = [first for first, _, _ in segments(run.command)[1:]]
-    driven = len(changes) > ALL_THE_TIME * len(run)
+    waits = np.diff(run.time[changes])
+    ramping = waits < SHORTEST * (1 - 1e-9)
+    begins = [first for first, late in zip(changes, [False, *ramping.tolist()]) if not late]
+    time_on_ramps = float(waits[ramping].sum())
+    driven = len(changes) > ALL_THE_TIME * len(run) or time_on_ramps > RAMPING * (run.time[-1] - run.time[0])
     if driven:
         clock = np.arange(run.time[0] + EVERY, run.time[-1], EVERY)
         wanted = [int(np.searchsorted(run.time, t)) for t in clock]
     else:
-        wanted = [first - 1 for first in changes]
+        wanted = [first - 1 for first in begins]
     at = [0]
     for i in wanted:
         if run.time[i] - run.time[at[-1]] >= SHORTEST and i < len(run) - 1:
@@ -103,8 +110,8 @@ def find_restarts(run: Run) -> Restarts:
     rest = rest_state(run)
     states = tuple(
         State(rest.position, 0.0, "the rest with which the run begins")
-        if rest is not None and changes[0] == i + 1
-        else _smoothed(run, i, [] if driven else changes, reach)
+        if rest is not None and begins[0] == i + 1
+        else _smoothed(run, i, [] if driven else begins, reach)
         for i in at[1:]
     )
     at.append(len(run) - 1)
@@ -128,22 +135,25 @@ def restarted_errors(
         some = runs[group]
         begin = aligned(model, some, states[group])
         positions, rates = (np.array([getattr(s, name) for s in begin]) for name in ("position", "rate"))
-        shown = roll(model, some, positions, rates, switch_offset).position[0]
+        water = np.array([free[i].water[first] for i, first, _ in pieces[group]]).T[:, None]
+        shown = roll(model, some, positions, rates, switch_offset, water=water).position[0]
         for (i, first, last), run, position in zip(pieces[group], some, shown):
             errors[i][first + 1 : last + 1] = (run.position - position[: len(run)])[1:]
     yield from errors
 
 
-def _smoothed(run: Run, i: int, changes: Sequence[int], reach: float) -> State:
+def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     """Position and rate at sample `i` from a parabola over `reach` [s] to either side, fewer samples: a line.
 
-    Where the command changes right after `i`, the parabola bends differently before and after the middle of that
-    interval; it never reaches across another change.
+    Where a change or ramp `begins` right after `i`, the parabola bends differently before and after the middle of that
+    interval; it does not reach across where another begins unless too few samples are left.
     """
-    bend = i + 1 in changes
-    low, high = np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach])
-    low = max([int(low), *(c for c in changes if c <= i)])
-    high = min([int(high), *(c for c in changes if c > i + 1)])
+    bend = i + 1 in begins
+    first, stop = (int(k) for k in np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach]))
+    low = max([first, *(c for c in begins if c <= i)])
+    high = min([stop, *(c for c in begins if c > i + 1)])
+    if high - low < FEWEST:  # a command that was held for a sample or two leaves no rate
+        low, high, bend = first, stop, False
     middle = 0.5 * (run.time[i] + run.time[i + 1]) if bend else run.time[i]
     t, at = run.time[low:high] - middle, run.time[i] - middle
     after = [np.minimum(t, 0.0) ** 2, np.maximum(t, 0.0) ** 2] if bend else [t**2]

@@ -27,7 +27,7 @@ from automarine_cli.comparison.simulated_runs import FreeRun, Restarts, find_res
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import make_course
-from automarine_cli.filters.prediction import predict
+from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem
 from automarine_cli.fits.driven_fit import Worth, worth_of
 from automarine_cli.fits.driven_use import judged_of
@@ -59,8 +59,8 @@ class Comparison:
     unit that people see.
 
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
-    model diverged; `because` is the sentence that says so. `afresh` are the effects with a state of their own,
-    which a restart cannot know.
+    model diverged; `because` is the sentence that says so. `carried` are the effects with a state of their own,
+    which a restart takes from the free run.
     """
 
     runs: tuple[Run, ...]
@@ -70,7 +70,7 @@ class Comparison:
     floor: float
     best: str | None
     because: str
-    afresh: tuple[str, ...]
+    carried: tuple[str, ...]
 
 
 def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Comparison:
@@ -96,8 +96,8 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     }
     floors = tuple(noise_floor(run) for run in runs)
     because = _because(best, leads, models, runs[0].dof)
-    afresh = tuple(name for name in stored.effects if effects.get(name).states)
-    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, afresh)
+    carried = tuple(name for name in stored.effects if effects.get(name).states)
+    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, carried)
 
 
 def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
@@ -131,54 +131,85 @@ def _digits(gap: float | None) -> str:
 
 @dataclass(frozen=True)
 class Ahead:
-    """What each model, by its number, is worth by horizon; `best` is the number of the one that misses least over the
-    horizon that decides, None where the runs are too short to tell."""
+    """What each model, by its number, is worth by horizon; `preferred` is the number of the one that the fit preferred:
+    who has no more logs than these cannot know which does best on them. `by_run` are the errors of each model by
+    horizon and run."""
 
     worth: Mapping[str, tuple[Worth, ...]]
-    best: str | None
+    preferred: str
     dof: Dof
+    by_run: Mapping[str, Mapping[float, Mapping[str, float]]]
+
+    @property
+    def of_use(self) -> bool:
+        """Whether the preferred model predicts better than constants do; what cannot be judged counts as of use."""
+        one = judged_of(self.worth.get(self.preferred, ()))
+        return one is None or one.of_use
 
     @property
     def sentence(self) -> str:
-        """One line: of what use the best model is."""
-        if self.best is None or (one := judged_of(self.worth[self.best])) is None:
+        """One line: of what use the preferred model is."""
+        judged = {number: one for number, worth in self.worth.items() if (one := judged_of(worth)) is not None}
+        if self.preferred not in judged:
             return "These runs are driven and disturbed, and too short to judge predictions."
+        one = judged[self.preferred]
+        which = f"odel {self.preferred}" + ", which the fit preferred," * (len(self.worth) > 1)
         if one.of_use:
-            return f"Model {self.best} predicts {one.beside(self.dof)}."
-        which = "The model is" if len(self.worth) == 1 else "No model is"
+            return f"M{which} predicts {one.beside(self.dof)}."
+        none = "The model is of no use" if len(judged) == 1 else "No model is of use"
+        if any(other.of_use for other in judged.values()):
+            none = f"M{which} is of no use"
+            which = "it"
+        else:
+            which = f"m{which}"
         return (
-            f"{which} of use on these runs: model {self.best} predicts {one.beside(self.dof)}. Do not simulate or "
+            f"{none} on these runs: {which} predicts {one.beside(self.dof)}. Do not simulate or "
             "control with it; `automarine diagnose` looks for what it lacks."
         )
 
     def to_json(self) -> dict[str, list[dict[str, object]]]:
         """By model and horizon, in the unit in which people see positions."""
-        return {number: [one.to_json(self.dof) for one in worth] for number, worth in self.worth.items()}
+        dof = self.dof
+        return {
+            number: [
+                one.to_json(dof)
+                | {"runs": {run: float(dof.shown(error)) for run, error in self.by_run[number][one.horizon].items()}}
+                for one in worth
+            ]
+            for number, worth in self.worth.items()
+        }
 
 
 def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None) -> Ahead | None:
     """Predictions of every model of a file from the filtered states of `runs`; None where the runs are not driven, or
     no filter follows them. `channels` names the quantities that count, None for positions."""
     at_rest = np.array([starts_at_rest(run) for run in runs])
-    worth = {}
+    worth, by_run = {}, {}
     try:
         if not disturbed(runs, stored.models[stored.preferred], at_rest, channels):
             return None
         for number, model in stored.models.items():
-            worth[number] = _worth(model, runs, at_rest, channels)
+            ahead = _predicted(model, runs, at_rest, channels)
+            worth[number] = worth_of(ahead)
+            by_run[number] = {one.horizon: _by_run(one, runs) for one in ahead}
     except FitError:  # what the free runs say has to do
         return None
-    errors = {number: one.error for number, each in worth.items() if (one := judged_of(each))}
-    return Ahead(worth, min(errors, key=lambda number: errors[number], default=None), stored.dof)
+    return Ahead(worth, stored.preferred, stored.dof, by_run)
 
 
-def _worth(
+def _by_run(ahead: Predicted, runs: Sequence[Run]) -> dict[str, float]:
+    """Root mean square error of each run that has predictions."""
+    sizes = np.sqrt(ahead.by_run(ahead.error, len(runs)))
+    return {run.name: float(size) for run, size in zip(runs, sizes) if np.isfinite(size)}
+
+
+def _predicted(
     model: YawModel, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
-) -> tuple[Worth, ...]:
+) -> tuple[Predicted, ...]:
     """Of one model, by the sizes that the runs themselves give to what is random."""
     course = make_course(runs, at_rest, needed_signals(model), channels=channels)
     problem, own = driven_problem(model, course), len(model.theta)
     held = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[own:]])
     problem = replace(problem, bounds=held)
     found = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
-    return worth_of(predict(model, course, model.theta, problem.noises(found.theta[None])))
+    return predict(model, course, model.theta, problem.noises(found.theta[None]))

@@ -112,6 +112,13 @@ def design(
     """The verdict of a target on a vehicle; `present` gains by name, None where there are none."""
     crowds = crowds_of(known, full, bend, seed)
     nominal = nominal_of(crowds[0].vehicles, task.step)
+    if known.proposed:
+        names = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in known.proposed.items())
+        why = (
+            f"The fit's own evidence asks for {names}, which the model lacks. Fit it with --with "
+            f"{','.join(known.proposed)}, and tune that model."
+        )
+        return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, "", "", known.notes)
     if known.settled is not None:
         why, effect = known.settled
         run = _run(known, effect)

@@ -1,7 +1,7 @@
 """What is known of a vehicle from a model's file or a diagnosis, and what both leave open."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -53,8 +53,9 @@ class Explanation:
 @dataclass(frozen=True)
 class Knowledge:
     """The stored model, every explanation (the named one first), how uncertain thrust, delay and supply are, `largest`
-    moment of the logs or None, splits by rival, notes; and what has to be `settled` before anything can be promised: a
-    sentence and the effect to be settled, or None."""
+    moment of the logs or None, splits by rival, notes, effects that the fit itself `proposed` and the model lacks, with
+    the deviance that each gains; and what has to be `settled` before anything can be promised: a sentence and the
+    effect, or None."""
 
     stored: StoredModels
     explanations: tuple[Explanation, ...]
@@ -62,6 +63,7 @@ class Knowledge:
     largest: float | None
     splits: Mapping[str, str]
     notes: tuple[str, ...]
+    proposed: Mapping[str, float] = field(default_factory=dict)
     settled: tuple[str, str] | None = None
 
     @property
@@ -104,9 +106,16 @@ def read_knowledge(
     scatter = SCATTER if known.scatter is None else known.scatter
     heavy = 0.0 if any(term.name in LATE for term in known.model.terms) else _inflated(known.model, largest or 1.0)
     spread = Spread(np.zeros((0, 0)), scatter, late, volts, _noise(known), heavy)
-    notes = tuple(one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
+    without = (
+        f"Without {effect}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
+        for effect, column in needs_columns([term.name for term in bare.terms])
+    )
+    told = (one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
+    notes = (*without, *told)
+    have = {term.name for term in known.model.terms} | ({"input-delay"} if delay is not None else set())
+    proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
     settled = _unsettled_thrust(known, data) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
-    return Knowledge(known.stored, (main, *others), spread, largest, _splits(said), notes, settled)
+    return Knowledge(known.stored, (main, *others), spread, largest, _splits(said), notes, proposed, settled)
 
 
 UNDIAGNOSED = (
@@ -174,11 +183,6 @@ def _refuse(model: YawModel, name: str, known: PriorResults) -> None:
                 f"{name}: {symbol} is {value:.4g}, drag that drives the vehicle; expected zero or more: fit again with "
                 "more runs, or prefer another of the file's models"
             )
-    for effect, column in needs_columns([term.name for term in model.terms]):
-        raise ModelError(
-            f"{name}: {effect} acts by the column {column!r}, which a controller does not have; give the model without "
-            "it"
-        )
 
 
 def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object]) -> Floats:

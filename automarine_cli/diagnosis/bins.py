@@ -15,6 +15,9 @@ from automarine_cli.diagnosis.variables import FEWEST_IN_A_BIN, Column, edges
 from automarine_cli.quantities import Floats
 
 STANDS_OUT = 0.05
+SURE = 0.01
+"""Share of campaigns with nothing missing in which any variable may have bins that stand out: beside one that has,
+something is missing."""
 MOST_BINS = 12
 THRUST, SIZE = "thrust", "size"
 """The gaps of whole runs: in their own gain of the thrust, and in how large theirs is."""
@@ -152,6 +155,6 @@ def over_variables(found: list[tuple[Column, Variable, Floats]]) -> list[tuple[C
         least = max(least, float(own.min()))
         corrected[i] = (np.maximum(own, least), least)
     return [
-        (column, replace(variable, p_value=corrected[i][1], stands_out=corrected[i][0] < STANDS_OUT))
-        for i, (column, variable, _) in enumerate(found)
+        (column, replace(variable, p_value=p, stands_out=(bins < STANDS_OUT) & (p < SURE)))
+        for (column, variable, _), (bins, p) in zip(found, (corrected[i] for i in range(len(found))))
     ]

@@ -41,33 +41,41 @@ def one_instead(study: Study, current: Trial, first: Round, each: Each, may_stan
     It has to do better than each of them alone. Every law of the effects added, of what they are mistaken for and of
     the leaders of the first round is fitted, unless the first round did.
     """
-    if len(current.added) < 2:
+    if len(current.counted) < 2:
         return current, ""
-    base, known = (first.before, {law_of(t.added[-1], t.model.terms[-1].values): t.evidence for t in first.trials})
-    own = [law_of(term.name, term.values) for term in current.model.terms[len(base.model.terms) :]]
+    base: Trial | None = first.before
+    if current.added != current.counted:  # the drag put right stays
+        base = current
+        for name in current.counted:
+            base = base and without(study, base, name)
+    if base is None:
+        return current, ""
+    trials = first.trials if base is first.before else ()
+    known = {law_of(t.added[-1], t.model.terms[-1].values): t.evidence for t in trials}
+    own = [law_of(term.name, term.values) for term in current.model.terms if term.name in current.counted]
     lone = min((known[law] for law in own if law in known), default=np.inf)
-    asked = dict.fromkeys([*current.added, *(s.effect for s in first.scores.ranked[:6])])
-    asked |= dict.fromkeys(look for name in current.added for look in effects.get(name).mistaken_for)
+    asked = dict.fromkeys([*current.counted, *(s.effect for s in first.scores.ranked[:6])])
+    asked |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
     can = {s.effect for s in first.scores.ranked}
     work = [
         (name, probe.values[-1])
-        for name in asked if name in can
+        for name in asked if name in can and name not in base.added
         for probe in _one_a_law(study, name)
         if law_of(name, probe.values[-1]) not in known
     ]  # fmt: skip
-    singles = [*first.trials, *_fits(each(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws"))]
+    singles = [*trials, *_fits(each(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws"))]
     near = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
     close = [t for t in singles if t.evidence < max(near, current.evidence + AS_WELL)]
     unsettled = [t for t in close if not t.fit.converged]
     settled = each(partial(go_on, study, base, iterations=ITERATIONS), unsettled, "fitting one instead of several")
     able = [
         t for t in (*(t for t in close if t.fit.converged), *_fits(settled))
-        if t.evidence <= current.evidence + AS_WELL and t.evidence < lone and may_stand(t, base, study.cycle)
+        if t.evidence <= current.evidence + AS_WELL and t.evidence < lone and may_stand(study, t, base)
     ]  # fmt: skip
     if not able:
         return current, ""
     best = min(able, key=lambda trial: trial.evidence)
-    return best, f"{best.added[0]} alone does as well as {' and '.join(current.added)} together."
+    return best, f"{best.added[-1]} alone does as well as {' and '.join(current.counted)} together."
 
 
 def _one_a_law(study: Study, name: str) -> list[Probe]:
@@ -85,15 +93,15 @@ def _fits(trials: Sequence[Trial | None]) -> list[Trial]:
 def compensating(study: Study, base: Trial, final: Trial) -> tuple[Compensating, ...]:
     """The pairs of effects of `final` of which each undoes what the other does: their sizes go together and neither
     gains much alone."""
-    if len(final.added) < 2:
+    if len(final.counted) < 2:
         return ()
     covariance, found = study.covariance(final.model, final.fit), []
-    for pair in combinations(final.added, 2):
+    for pair in combinations(final.counted, 2):
         together = _correlation(final, covariance, pair)
         if together < OPPOSED:
             continue
         one, other = (without(study, final, name) for name in pair)
-        neither = base if len(final.added) == 2 else (one and without(study, one, pair[1]))
+        neither = base if final.added == pair else (one and without(study, one, pair[1]))
         if one is None or other is None or neither is None:
             continue
         gained = neither.evidence - final.evidence

@@ -1,7 +1,8 @@
 """A whole diagnosis: search, verdict, where, gaps on runs fitted and held out, what to run next."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,9 +11,10 @@ from automarine_cli.diagnosis.gap import Gap, gap
 from automarine_cli.diagnosis.learned import learn
 from automarine_cli.diagnosis.learned_curve import with_curves
 from automarine_cli.diagnosis.outlook import Outlook, outlook
-from automarine_cli.diagnosis.search import search
+from automarine_cli.diagnosis.refits import variants, varied
+from automarine_cli.diagnosis.search import TIE, search
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.trials import Found
+from automarine_cli.diagnosis.trials import STANDS, Found
 from automarine_cli.diagnosis.verdict import (
     NAMED,
     SUSPECTED,
@@ -23,7 +25,7 @@ from automarine_cli.diagnosis.verdict import (
     verdict_of,
 )
 from automarine_cli.diagnosis.where import Where, find_where
-from automarine_cli.errors import RunError
+from automarine_cli.errors import TooFewRunsError
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
@@ -31,6 +33,8 @@ from automarine_cli.runs.run import Run
 
 FEWEST_RUNS = 4
 FEWEST_TO_HOLD_OUT = 8
+SHORT = 5
+"""Iterations of a law or size that the fitted runs may not tell from the final one: those that get there do so soon."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,21 @@ class Diagnosis:
     def found(self) -> Found:
         """The search, as far as the verdict holds."""
         return self.said.found
+
+
+def _of_equals(study: Study, found: Found, held_out: Study, each: Each) -> Found:
+    """The law and size that runs held out follow best, of those that the fitted runs do not tell apart: where all their
+    commands lie on one side of an edge, its place must not decide whether there is one."""
+    final = found.final
+    floor = STANDS * study.sensor_floor
+    kept = gap(held_out, found.base, final)
+    if study.driven or not final.added or final.fit.noise > floor or kept.after <= STANDS * kept.floor:
+        return found
+    tried = each(partial(varied, study, final, SHORT), variants(study, final), "trying laws on the runs held out")
+    equal = [trial for trial in tried if trial is not None and trial.evidence < final.evidence + TIE]
+    best = min([final, *equal], key=lambda trial: gap(held_out, found.base, trial).after)
+    says = "The fitted runs leave its law or size open; these are what the runs held out follow best."
+    return found if best is final else replace(found, final=best, equals=says)
 
 
 def split_off(runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT) -> tuple[list[Run], list[Run]]:
@@ -97,7 +116,7 @@ def diagnose_runs(
     fitted, kept = split_off(runs, seed) if hold_out is None else (list(runs), list(hold_out))
     if len(fitted) < FEWEST_RUNS:
         plural = " is" if len(fitted) == 1 else "s are"
-        raise RunError(
+        raise TooFewRunsError(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
         )
     study = study_of(fitted, base, channels=chosen.names)
@@ -111,6 +130,8 @@ def diagnose_runs(
     study = found.study
     signals, sensors = study.signals, study.channels
     held_out = Study(tuple(kept), base, study.driven, signals, channels=sensors) if kept else None
+    if held_out is not None:
+        found = _of_equals(study, found, held_out, each)
     last = found if found.final.added else found.doubtful or found
     held_out_ahead = None if held_out is None else outlook(held_out, last.base, last.final)
     said = verdict_of(study, found, where, held_out, held_out_ahead)

@@ -6,6 +6,7 @@ from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimat
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.thrust_curve import gain_exponent
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.models.store import StoredModels, model_json
@@ -47,6 +48,11 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
         if study.position_counts
         else None,
         **_scatter(study, trial),
+        **(
+            {"driven": True, "random": random_estimates(fit, covariance, dof)}
+            if isinstance(fit, InnovationsFit)
+            else {}
+        ),
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }  # fmt: skip
 

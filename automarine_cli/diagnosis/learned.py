@@ -19,7 +19,7 @@ from automarine_cli.diagnosis.search import BRIEF, REACH, TIE, may_stand
 from automarine_cli.diagnosis.smooth import learned_term, places, smoothed
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Trial
-from automarine_cli.effects.learned import FIRST
+from automarine_cli.effects.learned import FIRST, PREFIX
 from automarine_cli.errors import FitError
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each
@@ -46,23 +46,23 @@ def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable
     if learned_term(study.base) is not None:
         return found
     wide = replace(study, signals=all_signals(study))
-    enough, count = explained(found), len(found.final.added)
-    follows = not study.driven and not count and gains_follow(wide, found.final)
-    shows = count < 2 and (follows or ((count or study.driven) and _shows(wide, found.final, seed)))
+    enough, count = explained(found), len(found.final.counted)
+    follows = "" if study.driven else gains_follow(wide, found.final, seed)
+    shows = bool(follows) or (count < 2 and bool(count or study.driven) and _shows(wide, found.final, seed))
     if enough and count < 2 and not shows:
         return found  # a law that is only somewhat off keeps its name where nothing beside it shows
     bases, most = [found.base, found.final][: 1 + bool(count)], np.inf
     if enough and count:  # a library that does as well wins
-        bases = bases if study.driven else bases[:1]
+        bases = bases if study.driven or follows else bases[:1]
         gained = found.base.evidence - found.final.evidence
         most = found.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
     chosen, tied = None, tuple[Rival, ...]()
     for base in bases:
-        if chosen is None and len(base.added) < MOST_EFFECTS:
-            one = _best(wide, found, base, seed + len(base.added), each)
+        if chosen is None and len(base.counted) < MOST_EFFECTS:
+            one = _best(wide, found, base, follows, seed + len(base.added), each)
             if one is None:
                 continue
-            wins = not any(may_stand(trial, base) for trial in _as_good(found, base, one.final))
+            wins = not any(may_stand(study, trial, base) for trial in _as_good(found, base, one.final))
             chosen = one if wins and one.final.evidence < most and explained(one) else None
             if base is found.base:
                 tied = ties(found, one.final)
@@ -93,22 +93,26 @@ def _shows(study: Study, base: Trial, seed: int) -> bool:
     return bool(curves) and curves[0].gain > max(chance.threshold(LEVEL), 0.0)
 
 
-def _best(study: Study, found: Found, base: Trial, seed: int, each: Each) -> Found | None:
-    """The search's outcome with the best curve beside what `base` has, if one beats chance."""
+def _best(study: Study, found: Found, base: Trial, follows: str, seed: int, each: Each) -> Found | None:
+    """The search's outcome with the best curve beside what `base` has, if one beats chance. A gain over the column that
+    the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without."""
     try:
         curves, chance = scored(study, base, seed, each)
     except FitError:
         return None
     bar = max(chance.threshold(LEVEL), 0.0)
     least = max(BEHIND * curves[0].gain, 0.0) if curves else 0.0
-    leading = [one for i, one in enumerate(curves[:MOST_LEADERS]) if i < LEADERS or one.gain > least]
+    leading = [
+        one for i, one in enumerate(curves)
+        if i < LEADERS or (i < MOST_LEADERS and one.gain > least) or (one.name == PREFIX + follows and one.of_thrust)
+    ]  # fmt: skip
     tried = each(partial(_fitted, study, base, BRIEF), leading, "trying curves")
     first = [one for one in tried if one is not None]
     gained = max((base.evidence - one.evidence for one in first), default=0.0)
     running = [one for one in first if base.evidence - one.evidence > gained - max(REACH, FAR * gained)]
     tried = each(partial(_further, study, base), running, "learning curves")
     trials = sorted((one for one in tried if one is not None), key=lambda trial: trial.evidence)
-    able = [one for one in trials if base.evidence - one.evidence > bar and may_stand(one, base)]
+    able = [one for one in trials if base.evidence - one.evidence > bar and may_stand(study, one, base)]
     if not able:
         return None
     best = able[0]

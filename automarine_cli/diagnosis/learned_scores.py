@@ -13,7 +13,8 @@ from automarine_cli.diagnosis.smooth import SPREADS, precision
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.learned import FIRST, KINDS, KNOTS, PREFIX, TIME, Learned, hyphened
+from automarine_cli.effects.learned import FIRST, KINDS, KNOTS, PREFIX, TIME, Learned, hyphened, kind_of
+from automarine_cli.effects.learned import GAIN as OF_THRUST
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import Chance
@@ -27,10 +28,14 @@ TRIED = 0.02
 """Value at which each knot is tried, a share of the largest moment or of the thrust."""
 FEWEST_RUNS = 10
 """Runs from which their gains may be compared with a column."""
+STANDS_FOR = 0.9
+"""Correlation with the campaign's clock from which a column only stands for time."""
 FOLLOWS = 0.01
 """Chance below which the gains of runs follow a column."""
-POWERS = 3
-"""Of a column, by which gains are then explained."""
+POWERS = (1, 3, 6, 9)
+"""Highest powers of a column by which gains are then explained: from a line to two waves."""
+DEALS = 2000
+"""Orders in which runs are dealt to tell what chance explains."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,11 @@ class Curve:
     def name(self) -> str:
         """The effect's name."""
         return self.model.terms[-1].name
+
+    @property
+    def of_thrust(self) -> bool:
+        """Whether it is a gain on the thrust."""
+        return kind_of(self.model.terms[-1].values) == OF_THRUST
 
 
 def scored(study: Study, base: Trial, seed: int, each: Each = alone) -> tuple[list[Curve], Chance]:
@@ -126,10 +136,18 @@ def ranges(study: Study) -> dict[str, tuple[float, float]]:
     }
     if dof.wraps:
         found[dof.words.position] = (0.0, dof.turn)
+    clock = np.concatenate(signals_of(study.runs, CLOCK))
     for name in (CLOCK, SINCE, *_columns(study.runs, dof)):
         values = np.concatenate(signals_of(study.runs, name))
-        found[name] = (float(values.min()), float(values.max()))
+        if len(study.runs) >= FEWEST_RUNS or not _alike(values, clock):
+            found[name] = (float(values.min()), float(values.max()))
     return {name: (low, high) for name, (low, high) in found.items() if high - low > 1e-9 * max(abs(high), 1e-9)}
+
+
+def _alike(values: Floats, clock: Floats) -> bool:
+    """Whether a column only stands for time: what changes from run to run of a few goes with the clock by chance."""
+    spread = float(np.std(values) * np.std(clock))
+    return spread > 0 and abs(float(np.mean((values - values.mean()) * (clock - clock.mean())))) > STANDS_FOR * spread
 
 
 def all_signals(study: Study) -> tuple[str, ...]:
@@ -150,20 +168,28 @@ def with_curve(model: YawModel, spread: float, curve: Floats) -> YawModel:
     return replace(model, terms=(*terms, replace(last, values=values)))
 
 
-def gains_follow(study: Study, trial: Trial) -> bool:
-    """Whether the runs' own gains follow a column that is about constant in each run: least squares on its first
-    POWERS powers, by Fisher's test, at a chance of FOLLOWS among all columns."""
+def gains_follow(study: Study, trial: Trial, seed: int) -> str:
+    """The column that the runs' own gains follow; empty where they follow none beyond a chance of FOLLOWS.
+
+    Its mean in each run counts: least squares of the gains on its powers up to each of POWERS, the best of all columns
+    by Fisher's test, compared with that of runs dealt in another order (`seed`).
+    """
     gains, runs = trial.fit.own(GAIN)[:, 0], study.runs
-    columns = _columns(runs, study.base.dof)
-    if not columns or len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
-        return False
-    chances = [1.0]
-    for name in columns:
+    if len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
+        return ""
+    random, follows = np.random.default_rng(seed), ""
+    dealt = np.array([gains, *(random.permutation(gains) for _ in range(DEALS))]) - gains.mean()
+    whole, best = float((dealt[0] ** 2).sum()), np.ones(1 + DEALS)
+    for name in _columns(runs, study.base.dof):
         means = np.array([float(np.mean(values)) for values in signals_of(runs, name)])
         if np.ptp(means) > 1e-9 * max(float(np.abs(means).max()), 1e-9):
-            powers = np.vander(2.0 * (means - means.min()) / np.ptp(means) - 1.0, POWERS + 1)
-            left = gains - powers @ np.linalg.lstsq(powers, gains, rcond=None)[0]
-            whole, rest = float(((gains - gains.mean()) ** 2).sum()), max(float(left @ left), 1e-300)
-            free = len(runs) - POWERS - 1
-            chances.append(float(special.fdtrc(POWERS, free, max(whole - rest, 0.0) / POWERS / (rest / free))))
-    return min(chances) * len(columns) < FOLLOWS
+            powers = np.vander(2.0 * (means - means.min()) / np.ptp(means) - 1.0, POWERS[-1] + 1, increasing=True)
+            axes = np.linalg.qr(powers)[0][:, 1:]  # its powers less what lower ones are already
+            share = np.cumsum((dealt @ axes) ** 2, axis=1) / whole
+            for count in [count for count in POWERS if 3 * count < len(runs)]:
+                free = len(runs) - count - 1
+                explained, left = share[:, count - 1] / count, np.maximum(1.0 - share[:, count - 1], 1e-12) / free
+                chance = special.fdtrc(count, free, explained / left)
+                follows = name if chance[0] < best[0] else follows
+                best = np.minimum(best, chance)
+    return follows if (best[1:] <= best[0]).mean() < FOLLOWS else ""

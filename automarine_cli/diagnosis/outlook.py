@@ -10,27 +10,21 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
 from automarine_cli.filters.prediction import Predicted
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.quantities import Floats
 
 DECIDING = 5.0
 """Horizons [s] up to this have a veto. Over longer ones the logged command answers disturbances that a prediction does
 not know."""
-CLEARLY = 1.0
-"""Standard errors over runs by which predictions over all of these have to get worse: the true effect may lose a little
-by chance."""
 
 
 @dataclass(frozen=True)
 class Ahead:
-    """Root mean square errors of positions predicted `horizon` seconds ahead from the filtered state [rad or m];
-    `worse` is by how many standard errors over runs the mean square grew from before to after."""
+    """Root mean square errors of positions predicted `horizon` seconds ahead from the filtered state [rad or m]."""
 
     horizon: float
     before: float
     after: float
     constant_rate: float
     constant: float
-    worse: float
 
     def to_json(self, dof: Dof) -> dict[str, float]:
         """The contract's form, in the unit in which people see positions."""
@@ -61,7 +55,7 @@ class Outlook:
         if self.density_gain <= 0:
             return f"their log density falls by {-self.density_gain:.1f}"
         deciding = [one for one in self.ahead if one.horizon <= DECIDING]
-        if not deciding or any(one.worse < CLEARLY for one in deciding):
+        if not deciding or deciding[-1].after < deciding[-1].before:
             return ""
         one, unit = deciding[-1], dof.units.shown
         return (
@@ -84,30 +78,13 @@ def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
         return None
     before, after = study.predictions(base.model, first), study.predictions(final.model, last)
     gained = study.log_density(final.model, last) - study.log_density(base.model, first)
-    return outlook_of(before, after, len(study.runs), float(np.sum(gained)))
+    return outlook_of(before, after, float(np.sum(gained)))
 
 
-def outlook_of(
-    before: Sequence[Predicted], after: Sequence[Predicted], runs: int, density_gain: float
-) -> Outlook | None:
+def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> Outlook | None:
     """The outlook of predictions over each horizon of so many runs; None where there are none."""
     pairs = [(b, a) for b, a in zip(before, after) if len(b.error)]
     if not pairs:
         return None
-    ahead = tuple(
-        Ahead(
-            b.horizon, b.rmse(), a.rmse(), b.rmse(b.constant_rate), b.rmse(b.constant),
-            _growth(b.by_run(b.error, runs), a.by_run(a.error, runs)),
-        )
-        for b, a in pairs
-    )  # fmt: skip
+    ahead = tuple(Ahead(b.horizon, b.rmse(), a.rmse(), b.rmse(b.constant_rate), b.rmse(b.constant)) for b, a in pairs)
     return Outlook(ahead, density_gain)
-
-
-def _growth(before: Floats, after: Floats) -> float:
-    """By how many standard errors over runs mean squares (R,) grew; infinite where all agree."""
-    grown = (after - before)[np.isfinite(after - before)]
-    error = float(np.std(grown, ddof=1)) / np.sqrt(len(grown)) if len(grown) > 1 else 0.0
-    if error > 0:
-        return float(grown.mean()) / error
-    return float(np.copysign(np.inf, grown.sum())) if grown.any() else 0.0

@@ -11,8 +11,10 @@ import numpy as np
 
 from automarine_cli.diagnosis.outlook import Outlook, outlook_of
 from automarine_cli.diagnosis.planar_candidates import Candidate, base_of, candidates
+from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
+from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import RunError
+from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import Estimated
@@ -82,7 +84,8 @@ class PlanarSearch:
     """The model as it was given, refitted (`before`), and the rounds of the search.
 
     `every` has all runs, those fitted before those held out, `fitted` says how many were fitted. By the first and the
-    last model there are predictions (`foretold`) and the runs' log densities (`density`, (R,) each).
+    last model there are predictions (`foretold`) and the runs' log densities (`density`, (R,) each). `where` has the
+    gap of the first one, once somebody looked.
     """
 
     before: Estimated
@@ -91,6 +94,7 @@ class PlanarSearch:
     fitted: int
     foretold: tuple[Foretold, Foretold] = field(repr=False)
     density: tuple[Floats, Floats] = field(repr=False)
+    where: Where | None = field(default=None, repr=False)
 
     @property
     def steps(self) -> tuple[Round, ...]:
@@ -114,8 +118,17 @@ class PlanarSearch:
 
     @property
     def verdict(self) -> str:
-        """ "named", "suspected" or "nothing-missing"."""
-        return "named" if self.named else "suspected" if self.suspected else "nothing-missing"
+        """ "named", "suspected", "unexplained" where the gap stands out all the same, or "nothing-missing"."""
+        if self.named or self.suspected:
+            return NAMED if self.named else SUSPECTED
+        return UNEXPLAINED if self.where is not None and self.where.regions else NOTHING
+
+    @property
+    def passed_over(self) -> Contender | None:
+        """The candidate of the last round that gains most and yet was not taken, where one gains enough."""
+        last = self.rounds[-1]
+        able = [one for one in last.tried if one.surplus > HEAD_START and last.best is None]
+        return max(able, key=lambda one: one.surplus, default=None)
 
     def outlook(self, held_out: bool) -> Outlook | None:
         """What both models predict of the heading of the runs that were fitted, or of those held out; None where these
@@ -129,7 +142,7 @@ class PlanarSearch:
         before, after = ([part(one) for one in each[YAW.position]] for each in self.foretold)
         own = slice(self.fitted, None) if held_out else slice(self.fitted)
         gained = float((self.density[1] - self.density[0])[own].sum())
-        return outlook_of(before, after, len(self.every.runs), gained)
+        return outlook_of(before, after, gained)
 
 
 @dataclass(frozen=True)
@@ -166,7 +179,7 @@ class _Planar(Judge[Estimated, Round]):
 def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run], seen: Observed) -> PlanarSearch:
     """Diagnose a model on `runs`, with `kept` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not kept:
-        raise RunError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
+        raise TooFewRunsError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), seen), PlanarLikelihood(tuple(kept), seen)
     outcome = discover(_Planar(likelihood, other, seen), likelihood.estimate(*_begin(stored, seen)))
     rounds, before, here = outcome.looks, outcome.looks[0].before, outcome.final

@@ -1,8 +1,11 @@
 """Models refitted with one effect more or less, as trials of a search."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from automarine_cli.diagnosis.scores import fitted_parameters, penalty
+from automarine_cli import effects
+from automarine_cli.diagnosis.scores import fitted_parameters, penalty, probes
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.errors import FitError
@@ -38,6 +41,24 @@ def _fitted(study: Study, current: Trial, model: YawModel, values: Floats, near:
     except (FitError, np.linalg.LinAlgError):
         return None
     return trial_of(study, model, (*current.added, model.terms[-1].name), fit)
+
+
+def variants(study: Study, trial: Trial) -> list[YawModel]:
+    """A trial's model with each effect that was added in every shape of every law of it."""
+    return [
+        replace(trial.model, terms=tuple(replace(t, values=shape) if t is term else t for t in trial.model.terms))
+        for term in trial.model.terms[len(study.base.terms) :]
+        for shape in dict.fromkeys(tuple(map(float, probe.values[-1])) for probe in probes(study, term.name))
+        if len(effects.get(term.name).parameters) > 1
+    ]
+
+
+def varied(study: Study, trial: Trial, iterations: int, model: YawModel) -> Trial | None:
+    """A variant of a trial's model, refitted from where the trial ended; None where no fit is found."""
+    try:
+        return trial_of(study, model, trial.added, study.fit(model, model.theta, trial.fit, iterations))
+    except (FitError, np.linalg.LinAlgError):
+        return None
 
 
 def without(study: Study, trial: Trial, out: str) -> Trial | None:

@@ -14,13 +14,26 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.crowd import compensating, one_instead
-from automarine_cli.diagnosis.limit_cycle import LimitCycle
 from automarine_cli.diagnosis.physical import drag_drives
-from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, without
-from automarine_cli.diagnosis.scores import candidates, law_of, score
+from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, varied, without
+from automarine_cli.diagnosis.scores import candidates, law_of, probes, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.diagnosis.thrust_curve import curved, settles
-from automarine_cli.diagnosis.trials import CLEAR, LEVEL, MOST_EFFECTS, WEAK, Found, Rival, Round, Trial, clear, counted
+from automarine_cli.diagnosis.trials import (
+    CLEAR,
+    DRAG,
+    LEVEL,
+    MOST_EFFECTS,
+    STANDS,
+    WEAK,
+    Found,
+    Rival,
+    Round,
+    Trial,
+    clear,
+    corrects,
+    number_of,
+)
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.stepwise import Judge, discover
@@ -45,10 +58,17 @@ TRUST = 1e-3
 """Share of the evidence already gained below which nothing more is added: laws and logs are no better than that."""
 TRIFLE = 0.05
 """Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
+TO_THE_NOISE = 1.05
+"""Times the floor down to which an effect leaves no doubt about the drag of the base."""
 SETTLED_EVIDENCE = 0.5
 """Gain in evidence below which a swap is not worth another look: fits are settled to less."""
 PERIODIC, PERIOD = "periodic-disturbance", 2
 """The effect that a limit cycle imitates, and the place of its period."""
+VALLEY = 1000.0
+"""Gain of the best candidate from which, if it leaves more than STANDS times the noise, its laws are fitted from many
+starts: in so large a gap a fit may stop in a valley far from the truth."""
+CLIMBERS = 4
+"""Fits from many starts that are taken to their end."""
 REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
 
@@ -60,29 +80,40 @@ class _Runs(Judge[Trial, Round]):
     study: Study
     seed: int
     each: Each
-    most = MOST_EFFECTS
+    most = MOST_EFFECTS + 1  # the drag put right counts for nothing
 
     def look(self, model: Trial, number: int) -> Round:
+        model = drag_right(self.study, model)
         return _round(self.study, model, self.seed + number, self.each, whole=number == 0)
 
     def able(self, look: Round, first: Round) -> list[Trial]:
-        current, cycle = look.before, self.study.cycle
+        """The drag of the base comes first unless another effect reaches the noise without it: beside a wrong drag
+        everything is named that mends it."""
+        current = look.before
         least = max(look.threshold, TRUST * (first.before.evidence - current.evidence))
-        able = [t for t in look.trials if look.gain(t) > least and may_stand(t, current, cycle)]
-        able = sorted(able, key=lambda trial: trial.evidence)
+        able = [t for t in look.trials if look.gain(t) > least and may_stand(self.study, t, current)]
+        able.sort(key=lambda trial: trial.evidence)
+        if able and not self.study.driven and able[0].fit.noise > TO_THE_NOISE * self.study.sensor_floor:
+            able.sort(key=lambda trial: not corrects(trial.added[-1]))
         if look is first and not (able and settles(able[0], current)):
             curve = curved(self.study, current)
             able = able if curve is None else [curve, *able]
         return able
 
+    def full(self, model: Trial) -> bool:
+        return number_of(model.counted) == MOST_EFFECTS
+
     def added(self, model: Trial) -> tuple[str, ...]:
-        return model.added
+        return model.counted
+
+    def alone(self, model: Trial) -> bool:
+        return len(model.added) < 2
 
     def without(self, model: Trial, name: str) -> Trial | None:
         return without(self.study, model, name)
 
     def better(self, current: Trial, left: Trial, look: Round, first: Round) -> Trial:
-        able = [trial for trial in look.trials if may_stand(trial, left, self.study.cycle)]
+        able = [trial for trial in look.trials if may_stand(self.study, trial, left)]
         best = min((*able, current), key=lambda trial: trial.evidence)
         least = max(look.threshold, TRUST * (first.before.evidence - left.evidence))
         if left.evidence - best.evidence <= least:
@@ -94,8 +125,11 @@ def search(study: Study, seed: int, each: Each) -> Found:
     """Find what is missing; `each` maps a function over candidates, in processes or not."""
     judge = _Runs(study, seed, each)
     outcome = discover(judge, trial_of(study, study.base, (), study.fit(study.base)))
-    current, rounds, around = outcome.final, outcome.looks, outcome.around
+    current, rounds, around = drag_right(study, outcome.final), outcome.looks, outcome.around
     base = rounds[0].before
+    alone = min(judge.able(rounds[0], rounds[0]), key=lambda trial: trial.evidence, default=current)
+    if len(current.counted) == 1 and alone.evidence < current.evidence:
+        current, around = alone, {alone.added[0]: rounds[0]}
     p_values = {
         trial.added[-1]: this.scores.p_value(this.gain(trial))
         for this in rounds
@@ -104,15 +138,15 @@ def search(study: Study, seed: int, each: Each) -> Found:
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
     more = False
-    if counted(current.added) == MOST_EFFECTS:
+    if number_of(current.counted) == MOST_EFFECTS:
         total, next_gain = base.evidence - current.evidence, _next_gain(study, current, seed)
         more = next_gain > MATTERS * total
         if 0.0 < next_gain <= MATTERS * total:
             current, around = _without_menders(study, current, around, TRIFLE * total)
     current, crowd = one_instead(study, current, rounds[0], each, may_stand)
     if crowd:
-        around, more = {current.added[0]: rounds[0]}, False
-        p_values[current.added[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
+        around, more = {current.counted[0]: rounds[0]}, False
+        p_values[current.counted[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
     names = {name: p_values.get(name, LEVEL) for name in current.added}
     found = Found(
         study, base, current, rounds, names, _rivals(current, around), more,
@@ -121,11 +155,29 @@ def search(study: Study, seed: int, each: Each) -> Found:
     return found if current.added else replace(found, doubtful=_doubtful(found))
 
 
+def drag_right(study: Study, current: Trial) -> Trial:
+    """A model of effects with the drag of its base put right: a term that they ask for is added, one that nothing asks
+    for any more is taken out."""
+    if current.counted == current.added and (not current.added or corrects(current.added[0])):
+        return current
+    have = {term.name for term in study.base.terms}
+    for name in [name for name in DRAG if name not in have]:
+        if name in current.added:
+            other = without(study, current, name)
+            if other is not None and other.evidence - current.evidence < TIE:
+                current = other
+        else:
+            other = add_effect(study, current, (name, probes(study, name)[0].values[0]))
+            if other is not None and current.evidence - other.evidence > TIE and may_stand(study, other, current):
+                current = other
+    return current
+
+
 def _doubtful(found: Found) -> Found | None:
     """What would be added if what chance reaches in WEAK of all campaigns were enough."""
-    (first,) = found.rounds
+    first = found.rounds[0]
     least = max(first.scores.threshold(WEAK), 0.0)
-    able = [t for t in first.trials if first.gain(t) > least and may_stand(t, found.base, found.study.cycle)]
+    able = [t for t in first.trials if first.gain(t) > least and may_stand(found.study, t, found.base)]
     best = min(able, key=lambda trial: trial.evidence, default=None)
     if best is None:
         return None
@@ -150,7 +202,7 @@ def _without_menders(
     """Take out effects that hold no more evidence than `trifle`: where even MOST_EFFECTS leave something small,
     they mend the form of another one's law."""
     for name, this in sorted(around.items(), key=lambda item: item[1].before.evidence):
-        if this.before.evidence - current.evidence < trifle and len(current.added) > 1:
+        if this.before.evidence - current.evidence < trifle and len(current.counted) > 1:
             current = without(study, current, name) or current
     return current, {name: this for name, this in around.items() if name in current.added}
 
@@ -186,13 +238,45 @@ def _round(study: Study, current: Trial, seed: int, each: Each, whole: bool) -> 
         ]  # fmt: skip
         again = each(partial(go_on, study, current, iterations=iterations), running, "fitting")
         done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in again if t is not None}
+    done |= _from_many_starts(study, current, done, each)
     possible = [trial for trial in done.values() if not drag_drives(trial.model, study.fastest)]
     ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
     current = _from_elsewhere(study, current, ranking[:3])
     # a law that may not stand does not keep another law of its effect from it
-    standing = _best_law(t for t in possible if may_stand(t, current, study.cycle))
+    standing = _best_law(t for t in possible if may_stand(study, t, current))
     ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
     return Round(current, scores, tuple(sorted(ranking, key=lambda trial: trial.evidence)), chance)
+
+
+def _from_many_starts(
+    study: Study, current: Trial, done: Mapping[tuple[object, ...], Trial], each: Each
+) -> dict[tuple[object, ...], Trial]:
+    """Better fits of the best candidate's laws, if one may stand in a valley: from every shape, and from where its best
+    law ended."""
+    best = min(done.values(), key=lambda trial: trial.evidence, default=current)
+    gained = current.evidence - best.evidence
+    if study.driven or gained < VALLEY or best.fit.noise <= STANDS * study.sensor_floor:
+        return {}
+    name, term = best.added[-1], best.model.terms[-1]
+    shapes = [probe.values[-1] for probe in probes(study, name)]
+    by_law = {law_of(name, shape): shape for shape in shapes}
+    of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
+    others = [
+        replace(best.model, terms=(*best.model.terms[:-1], replace(term, values=tuple(map(float, values)))))
+        for values in (np.where(of_law, shape, term.values) for shape in by_law.values())
+    ]
+    found = [
+        *each(
+            partial(add_effect, study, current, iterations=BRIEF), [(name, shape) for shape in shapes], "more starts"
+        ),
+        *each(partial(varied, study, best, BRIEF), others, "more starts"),
+    ]
+    climbers = sorted((trial for trial in found if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
+    climbers += [best] if not best.fit.converged else []
+    ended = each(partial(go_on, study, current, iterations=2 * ITERATIONS), climbers, "fitting")
+    ranked = sorted((trial for trial in ended if trial is not None), key=lambda trial: -trial.evidence)
+    better = {law_of(name, trial.model.terms[-1].values): trial for trial in ranked}
+    return {law: t for law, t in better.items() if law not in done or t.evidence < done[law].evidence}
 
 
 def _best_law(trials: Iterable[Trial]) -> dict[str, Trial]:
@@ -223,25 +307,41 @@ def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Tr
     return current
 
 
-def may_stand(trial: Trial, current: Trial, cycle: LimitCycle | None = None) -> bool:
-    """Whether runs left out of the fit are predicted better with the effect than without, and its size is its own: a
-    size that only a bound stops says that the runs want something else. Of driven runs the gain has to repeat itself
-    from run to run: its mean is more than CLEAR standard errors; and nothing that comes with the period of a
-    controller's limit cycle stands."""
-    predicts = float(trial.fit.predictive.sum()) > float(current.fit.predictive.sum())
-    if isinstance(trial.fit, InnovationsFit) and isinstance(current.fit, InnovationsFit):
-        predicts = predicts and clear(trial.fit.density - current.fit.density)
+def may_stand(study: Study, trial: Trial, current: Trial) -> bool:
+    """Whether nothing keeps a trial's last effect from being added to `current`; see `obstacle`."""
+    return not obstacle(study, trial, current)
+
+
+def obstacle(study: Study, trial: Trial, current: Trial) -> str:
+    """What keeps a trial's last effect from being added to `current`, in words; empty where nothing does.
+
+    Runs left out of the fit have to be predicted better with it, and its size must be its own: one that only a bound
+    stops says that the runs want something else. What is late by less than a sample is no more than a shift of the
+    instants at which commands switch, which no log shows. Of driven runs the gain has to repeat itself from run to run:
+    its mean is more than CLEAR standard errors, for moving water over the runs that turn back; and nothing that comes
+    with the period of a controller's limit cycle stands.
+    """
+    if float(trial.fit.predictive.sum()) <= float(current.fit.predictive.sum()):
+        return "runs left out of the fit are not predicted better with it"
     term, end = trial.model.terms[-1], len(trial.model.theta)
-    if cycle is not None and term.name == PERIODIC and cycle.holds(term.values[PERIOD]):
-        return False
     effect, places = effects.get(term.name), range(end - len(term.values), end)
+    if isinstance(trial.fit, InnovationsFit) and isinstance(current.fit, InnovationsFit):
+        gained = trial.fit.density - current.fit.density
+        if not clear(gained):
+            return "its gain does not repeat itself from run to run"
+        if effect.place is effects.Place.WATER and not clear(gained[study.turns_back]):
+            return "the runs that turn back do not show it"
+    elif effect.late(term.values) < 2.0 * study.logger_delay:
+        return "a lag of less than a sample is a shift of the instants at which commands switch"
+    if study.cycle is not None and term.name == PERIODIC and study.cycle.holds(term.values[PERIOD]):
+        return "its period is that of the controller's limit cycle"
     own = zip(places, effect.parameters, term.values, effect.held(term.values))
     stopped = (
         i in trial.fit.at_bound and value != p.off
         for i, p, value, held in own
         if not held and (not p.scan or effect.varies(term.values))
     )  # fmt: skip
-    return predicts and not any(stopped)
+    return "its size goes to the limit of what is allowed" if any(stopped) else ""
 
 
 def _rivals(final: Trial, around: Mapping[str, Round]) -> tuple[Rival, ...]:

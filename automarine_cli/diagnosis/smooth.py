@@ -159,9 +159,9 @@ def prior_of(fit: Fit, model: YawModel, floor: float) -> Floats:
 def with_prior(problem: DrivenProblem, model: YawModel) -> DrivenProblem:
     """The likelihood of driven runs with what is known of the curve of a `model` that has one."""
     count, at = len(problem.names), places(model)
-    known = np.zeros((count, count))
-    known[np.ix_(at, at)] = known_of(model)
-    return replace(problem, known=known)
+    smooth = np.zeros((count, count))
+    smooth[np.ix_(at, at)] = known_of(model)
+    return replace(problem, smooth=smooth)
 
 
 def smoothed(fit: Fit, model: YawModel, floor: float) -> tuple[float, float]:

@@ -36,6 +36,9 @@ SETTLED = 0.02
 JUDGED = 5.0
 """Seconds ahead over which driven runs show the gap."""
 
+HALF_WAY = 3.0
+"""Way [m] after which a vehicle that goes along a line has stirred the water."""
+
 Fit = MixedFit | InnovationsFit
 
 
@@ -107,8 +110,20 @@ class Study:
 
     @cached_property
     def slowest(self) -> float:
-        """Longest period [s] of what varies from run to run: slower than three times a run it could be anything."""
-        return float(np.median([run.time[-1] - run.time[0] for run in self.runs])) / 3.0
+        """Longest period [s] of what varies from run to run: what does not come twice in a run could be anything."""
+        return float(np.median([run.time[-1] - run.time[0] for run in self.runs])) / 2.0
+
+    @cached_property
+    def turns_back(self) -> NDArray[np.bool_]:
+        """Which runs turn as far back as stirs water, half a turn, after as much the other way, (R,); in a motion
+        along a line HALF_WAY metres."""
+        far = np.pi if self.base.dof.wraps else HALF_WAY
+        found = []
+        for run in self.runs:
+            rise = np.maximum.accumulate(run.position - np.minimum.accumulate(run.position))
+            fall = np.maximum.accumulate(np.maximum.accumulate(run.position) - run.position)
+            found.append(min(rise[-1], fall[-1]) >= far)
+        return np.array(found)
 
     @cached_property
     def position_counts(self) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from automarine_cli.diagnosis.scores import Scores
 from automarine_cli.diagnosis.study import Fit, Study
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.quantities import Floats
 
 LEVEL = 0.005
@@ -16,11 +16,18 @@ WEAK = 0.05
 CLEAR = 2.0
 """Standard errors over runs by which runs have to gain in the mean."""
 MOST_EFFECTS = 3
+STANDS = 1.3
+"""Times the floor above which what is left is said, and above which residuals that hang together are unexplained,
+however much larger they were before."""
+
+
+DRAG = BASE_TERMS["2"]
+"""Effects that put the drag of the base right."""
 CURVE = ("dead-band", "thrust-exponent")
 """What together is the curve of the thrust against its command, and counts as one effect."""
 
 
-def counted(added: tuple[str, ...]) -> int:
+def number_of(added: tuple[str, ...]) -> int:
     """How many effects were added."""
     return len(added) - (set(CURVE) <= set(added))
 
@@ -33,6 +40,16 @@ class Trial:
     model: YawModel
     fit: Fit
     evidence: float
+
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """The effects added, without what puts the drag of the base right beside others."""
+        return tuple(name for name in self.added if not corrects(name)) or self.added
+
+
+def corrects(name: str) -> bool:
+    """Whether an effect puts the drag of the base right."""
+    return name in DRAG
 
 
 @dataclass(frozen=True)
@@ -85,7 +102,8 @@ class Found:
     `more` says that after MOST_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
     what chance reaches in WEAK of all campaigns were enough, where nothing was added. `crowd` is a sentence where one
     effect took the place of several that had been added, `compensating` has the pairs of final effects of which each
-    undoes most of what the other does: neither has earned its name.
+    undoes most of what the other does: neither has earned its name. `equals` is a sentence where runs held out decided
+    between laws or sizes.
     """
 
     study: Study
@@ -98,6 +116,7 @@ class Found:
     doubtful: "Found | None" = None
     crowd: str = ""
     compensating: tuple["Compensating", ...] = ()
+    equals: str = ""
 
     @property
     def without_effects(self) -> "Found":

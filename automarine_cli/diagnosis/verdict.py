@@ -1,6 +1,6 @@
 """Named, suspected, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +13,9 @@ from automarine_cli.diagnosis.estimates import parameter_estimates
 from automarine_cli.diagnosis.gap import Gap, gap, residuals
 from automarine_cli.diagnosis.given import log_density
 from automarine_cli.diagnosis.outlook import Outlook
+from automarine_cli.diagnosis.search import obstacle
 from automarine_cli.diagnosis.study import Study
-from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, WEAK, Found, Trial, clear, counted
+from automarine_cli.diagnosis.trials import MOST_EFFECTS, STANDS, WEAK, Found, Trial, clear, number_of
 from automarine_cli.diagnosis.where import Region, Where
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import NamedRival
@@ -29,9 +30,6 @@ FLOOR_ERROR = 1.5
 root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
-STANDS = 1.3
-"""Times the floor above which what is left is said, and above which residuals that hang together are unexplained,
-however much larger they were before."""
 MOST_LEFT = 0.5
 """Share of the gap's variance above the noise, on runs held out, that a name has to close."""
 ASTRAY = 1.1
@@ -42,6 +40,8 @@ effect shows plainly says no more than that."""
 MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
+EVEN = 0.5
+"""Weight against its rivals below which an effect of driven runs is a tie and no name."""
 MOST_RIVALS = 3
 """Rivals that are told to people."""
 FEWEST_GAINS = 10
@@ -100,7 +100,7 @@ def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None,
 
     A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
     chance: those of `held_out`, and each fitted run from the others. Of driven runs `ahead`, the outlook on the runs
-    held out, has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected.
+    held out, has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what is both is chance.
     """
     last = found if found.final.added else found.doubtful
     kept = None if held_out is None or last is None else gap(held_out, last.base, last.final)
@@ -108,13 +108,19 @@ def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None,
         reason = _unexplained(study, found, where, kept if last is found else None)
         if reason:
             return Verdict(UNEXPLAINED, found.without_effects, f"{reason} {_nearest(study, found)}")
+    doubt = "" if last is None else _borne_out(study, last, held_out, kept, ahead)
+    if last is not found and doubt:
+        last = None
+    if last is None and where.regions:
+        reason = f"The error is beyond chance {stretch(where.regions[0])}."
+        return Verdict(UNEXPLAINED, found, f"{reason} {_nearest(study, found)}")
     if last is None:
         return Verdict(NOTHING, found)
-    doubt = _beyond_chance(last) if last is not found else _borne_out(study, last, held_out, kept, ahead)
+    doubt = _beyond_chance(last) if last is not found else _no_name(found, kept) or doubt
     if doubt:
         return Verdict(SUSPECTED, last, doubt)
     if kept is None or study.driven or not _something_left(kept):
-        return Verdict(NAMED, found)
+        return Verdict(NAMED, found, left=found.equals)
     left = f"A residual remains: on the held-out runs the gap is {kept.in_noises}."
     return Verdict(NAMED, found, left=left)
 
@@ -125,11 +131,20 @@ def _beyond_chance(doubtful: Found) -> str:
     return f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
 
 
-def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None) -> str:
-    """Why effects have not earned their names: they undo each other, or runs that were not fitted do not bear them out;
-    empty where nothing speaks against them."""
-    if found.compensating:
+def _no_name(found: Found, kept: Gap | None) -> str:
+    """Why effects that are borne out have no names of their own: two undo each other and leave something on runs held
+    out, or on driven runs rivals are together likelier; empty where neither is so."""
+    if found.compensating and (kept is None or _something_left(kept)):
         return found.compensating[0].says
+    tied = [name for name in found.final.counted if found.weight(name) < EVEN] if found.study.driven else []
+    if not tied:
+        return ""
+    others = " or ".join(rival.name for rival in found.rivals if rival.replaces == tied[0])
+    return f"A tie: the runs do not tell {tied[0]} ({100 * found.weight(tied[0]):.0f} %) from {others}."
+
+
+def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None) -> str:
+    """Why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
     if study.driven:
         doubt = "" if ahead is None else ahead.doubt(study.base.dof)
         return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
@@ -170,7 +185,7 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
     closes less than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust
     wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows;
     and runs that would take more effects than anybody should believe; and an explanation that leads runs held out
-    astray; and a variable against which the gap stands out where no effect gains anything.
+    astray.
     """
     final = found.final
     if kept is not None and kept.after > ASTRAY * kept.before:
@@ -185,39 +200,44 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and gains_wander(study, final):
         return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
-    if found.more or (counted(final.added) == MOST_EFFECTS and excess[0] < MANY):
+    if found.more or (number_of(final.counted) == MOST_EFFECTS and excess[0] < MANY):
         more = " or more" if found.more else ""
         return f"The runs would take {MOST_EFFECTS} effects{more}, more than they can support."
-    if not final.added and found.doubtful is None and (regions := _outstanding(where)):
-        return f"The error is beyond chance {_stretch(regions[0])}."
     return ""
 
 
-def _outstanding(where: Where) -> Sequence[Region]:
-    """Regions that stand out as clearly as a name has to."""
-    return [region for region in where.regions if region.p_value <= LEVEL]
-
-
 def _beside(where: Where) -> str:
-    regions = _outstanding(where)
-    return f", most clearly {_stretch(regions[0])}" if regions else ""
+    return f", most clearly {stretch(where.regions[0])}" if where.regions else ""
 
 
-def _stretch(region: Region) -> str:
+def stretch(region: Region) -> str:
+    """Where a region is, in words."""
     unit = f" {region.unit}" if region.unit else ""
     return f"where {region.variable} is {region.low:.3g} to {region.high:.3g}{unit}"
 
 
 def _nearest(study: Study, found: Found) -> str:
     """What comes nearest to an explanation."""
-    if not found.final.added:
-        return "No effect of the library gains more than chance."
-    names, dof = " and ".join(found.final.added), study.base.dof
-    before, after = (dof.shown(trial.fit.noise) for trial in (found.base, found.final))
+    first, final, dof = found.rounds[0], found.final, study.base.dof
+    if not final.added:
+        best = max(first.trials, key=first.gain, default=None)
+        if best is None or first.gain(best) <= first.threshold:
+            return "No effect of the library gains more than chance."
+        return (
+            f"{best.added[-1]} gains {first.gain(best):.1f} in deviance, where chance reaches {first.threshold:.1f}, "
+            f"but {obstacle(study, best, first.before) or 'less than it has to'}."
+        )
+    before, after = apart(*(float(dof.shown(trial.fit.noise)) for trial in (found.base, final)))
     return (
-        f"The best candidate is {names}, which reduces the residual of the fitted runs from {before:.2g} to "
-        f"{after:.2g} {dof.words.units}."
+        f"The best candidate is {' and '.join(final.added)}, with which the residual of the fitted runs is {after} "
+        f"instead of {before} {dof.words.units}."
     )
+
+
+def apart(one: float, other: float) -> tuple[str, str]:
+    """Two numbers with as many digits, two at least, as show that they differ."""
+    digits = next((n for n in range(2, 7) if f"{one:.{n}g}" != f"{other:.{n}g}"), 2)
+    return f"{one:.{digits}g}", f"{other:.{digits}g}"
 
 
 def gains_wander(study: Study, trial: Trial) -> bool:

@@ -101,7 +101,11 @@ YAW = Dof(
     },
     nicknames={
         "heading": ("heading", "yaw", "psi", "hdg", "compass", "head", "azimuth", "course", "yaw_deg", "yaw_rad"),
-        "moment": ("tau", "moment", "torque", "nm", "rudder", "rudder_deg", "yaw_moment", "tau_nm", "mz"),
+        "yaw_rate": ("yaw_rate", "yawrate", "yaw_speed", "heading_rate", "gyro_z", "r"),
+        "moment": (
+            "tau", "moment", "torque", "nm", "rudder", "rudder_deg", "yaw_moment", "tau_nm", "mz", "torque_z",
+            "moment_z", "tau_z", "yaw_torque",
+        ),
         "n_port": ("n_port", "port", "port_cmd", "left", "n_left", "cmd_port"),
         "n_stbd": ("n_stbd", "stbd", "starboard", "stbd_cmd", "right", "n_right", "cmd_stbd"),
     },

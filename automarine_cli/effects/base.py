@@ -193,6 +193,10 @@ class Effect:
         """Whether it makes every command late by the same time, as a logger's convention does."""
         return self.delays
 
+    def late(self, values: Sequence[float]) -> float:
+        """Seconds by which it makes late what is seen of a command; not a number where it makes nothing late."""
+        return float("nan")
+
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns beyond time, position and command that a log must have."""

@@ -42,6 +42,9 @@ class InputDelay(Effect):
         """Where rises and falls are late apart, either may be on time."""
         return values[1] == 0.0
 
+    def late(self, values: Sequence[float]) -> float:
+        return float(max(values[0], values[2] if values[1] else 0.0))
+
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of the delayed command over each step: the delayed impulse is exact for any delay."""
         return deliver_by_law((_late, _on_and_off), commands, values, values[1])

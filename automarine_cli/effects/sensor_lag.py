@@ -1,5 +1,7 @@
 """A heading that is read late: a floating compass card, a filter in the attitude reference."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from automarine_cli.effects.base import Effect, Parameter, Place
@@ -19,6 +21,9 @@ class SensorLag(Effect):
     separated_by = "{moving} the vehicle by hand, or a second {position} sensor"
     source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"
     remembers = True
+
+    def late(self, values: Sequence[float]) -> float:
+        return float(values[0])
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
         """Starts without lag at the run's first sample."""

@@ -1,6 +1,6 @@
 """Thrusters that take time to do what is commanded."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -10,6 +10,8 @@ from automarine_cli.effects.laws import deliver_by_law
 from automarine_cli.quantities import Floats
 
 SHORTEST = 1e-6  # s
+OWN_TIME = 4
+"""The law with a time constant of its own as the speed falls."""
 Advance = Callable[[Floats, Floats, Floats, tuple[Floats, ...]], tuple[Floats, Floats]]
 
 
@@ -83,6 +85,9 @@ class ThrusterLag(Effect):
             ("input-delay", "thrust-loss"),
         ),
     )
+
+    def late(self, values: Sequence[float]) -> float:
+        return float(values[0] * (max(values[3], 1.0) if values[1] == OWN_TIME else 1.0))
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean {force} over each step."""

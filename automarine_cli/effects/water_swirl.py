@@ -26,7 +26,7 @@ class WaterSwirl(Effect):
             "what stirs the water, and how it calms",
             "1",
             0.0,
-            5.0,
+            6.0,
             0.0,
             choices=(
                 "linear",
@@ -35,6 +35,7 @@ class WaterSwirl(Effect):
                 "by the jets",
                 "turbulent, calms as its square",
                 "own time to calm",
+                "by the jets, calms as its square",
             ),
         ),
         Parameter(
@@ -45,7 +46,7 @@ class WaterSwirl(Effect):
             float("inf"),
             1.0,
             reference="moment",
-            laws=(3,),
+            laws=(3, 6),
         ),
         Parameter(
             "calm", "time to calm, as a multiple of T_w", "1", 0.05, 20.0, 1.0, scan=(0.4, 2.5), log=True, laws=(5,)
@@ -86,6 +87,11 @@ class WaterSwirl(Effect):
             "Greenspan (1968), The Theory of Rotating Fluids (spin-up and spin-down)",
             ("tether-spring", "battery-sag"),
         ),
+        Law(
+            "T_w {water}' = chi {f}/tau_ref - (1 - chi) |{water}| {water}",
+            "Faltinsen (1990), Sea Loads on Ships and Offshore Structures (jets); Pope (2000) (decay as the square)",
+            ("tether-spring", "battery-sag", "thrust-loss"),
+        ),
     )
 
     states = ("water",)
@@ -112,5 +118,6 @@ class WaterSwirl(Effect):
             lambda: chi * state.delivered / largest - kept,
             lambda: chi * np.abs(slip) * slip - np.abs(water) * kept,
             own_time,
+            lambda: chi * state.delivered / largest - np.abs(water) * kept,
         )
         return (rate / lag,)

@@ -141,6 +141,9 @@ LAWS: Mapping[tuple[str, int], Lines] = {
     ("water-swirl", 2): Lines(state=("water_dot = ({chi} * abs({v}) * s - (1.0 - {chi}) * water) / {T_w}",)),
     ("water-swirl", 3): Lines(state=("water_dot = ({chi} * {F} / {tau_ref} - (1.0 - {chi}) * water) / {T_w}",)),
     ("water-swirl", 4): Lines(state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * abs(water) * water) / {T_w}",)),
+    ("water-swirl", 6): Lines(
+        state=("water_dot = ({chi} * {F} / {tau_ref} - (1.0 - {chi}) * abs(water) * water) / {T_w}",)
+    ),
     ("water-swirl", 5): Lines(
         state=(
             "pull = {chi} * s - (1.0 - {chi}) * water",

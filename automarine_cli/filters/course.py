@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
-from automarine_cli.filters.nodes import nodes_of, readings_of, step_of
+from automarine_cli.filters.nodes import least_noise, nodes_of, readings_of, step_of
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
@@ -26,8 +26,9 @@ class Course:
     `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
     lies in fine step `at` (R, K + 1), at the share `part` of it. `before` (D, R, 1) was held before, `start` (R,) is
     the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
-    readings, (R, K + 1) each, `still` (R,) says which runs begin at rest, `fastest` (D,) the largest velocities
-    [per s], as means over a second, and `noise` (C,) of each channel, estimated without a model.
+    readings that count as independent, (R, K + 1) each, `often` all readings of positions in their place, `still` (R,)
+    says which runs begin at rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise`
+    (C,) of each channel, estimated without a model.
     """
 
     motion: Motion
@@ -42,6 +43,7 @@ class Course:
     start: Floats
     signals: Mapping[str, Floats]
     channels: tuple[Channel, ...]
+    often: tuple[Channel, ...]
     still: NDArray[np.bool_]
     fastest: Floats
     noise: Floats
@@ -100,12 +102,15 @@ class Course:
             before=self.before[:, rows],
             start=self.start[rows],
             signals={name: column[rows] for name, column in self.signals.items()},
-            channels=tuple(
-                replace(one, values=one.values[rows, : steps + 1], seen=one.seen[rows, : steps + 1])
-                for one in self.channels
-            ),
+            channels=_rows(self.channels, rows, steps),
+            often=_rows(self.often, rows, steps),
             still=self.still[rows],
         )
+
+    @cached_property
+    def unthinned(self) -> "Course":
+        """The same with every reading: what a state is told from, which is no evidence on noise."""
+        return replace(self, channels=self.often)
 
     @cached_property
     def averaged_signals(self) -> dict[str, Floats]:
@@ -164,6 +169,13 @@ def make_course(
             )
             for c, (d, quantity, velocity) in enumerate(sensors)
         ),
+        often=tuple(
+            Channel(
+                quantity, d, velocity, padded([one.often[0, c] for one in laid], nodes),
+                padded([one.often[1, c] > 0.0 for one in laid], nodes),
+            )
+            for c, (d, quantity, velocity) in enumerate(sensors)
+        ),
         still=still,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
@@ -171,10 +183,16 @@ def make_course(
     )  # fmt: skip
 
 
+def _rows(channels: Sequence[Channel], rows: slice, steps: int) -> tuple[Channel, ...]:
+    """The readings of some runs over their first steps."""
+    at = rows, slice(steps + 1)
+    return tuple(replace(one, values=one.values[at], seen=one.seen[at]) for one in channels)
+
+
 @dataclass(frozen=True)
 class _Laid:
-    """One run on its own layout, as `Course` has it of all; `values` and `seen` (C, K + 1), `noise` (C,), not a number
-    where a channel was not read."""
+    """One run on its own layout, as `Course` has it of all; `values` and `seen` (C, K + 1), both without thinning in
+    `often` (2, C, K + 1), `noise` (C,), not a number where a channel was not read."""
 
     length: Floats
     held: Floats
@@ -185,6 +203,7 @@ class _Laid:
     signals: Mapping[str, Floats]
     values: Floats
     seen: NDArray[np.bool_]
+    often: Floats
     noise: Floats
 
 
@@ -195,14 +214,15 @@ def _lay(
     edges, mean = _fine(run)
     at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
     values, seen = np.zeros((len(sensors), len(node))), np.zeros((len(sensors), len(node)), dtype=bool)
-    noise = np.full(len(sensors), np.nan)
+    noise, often = np.full(len(sensors), np.nan), np.zeros((2, len(sensors), len(node)))
     for c, (d, quantity, velocity) in enumerate(sensors):
         read = run.channel(quantity)
         if read is None or (run.summed_up and quantity == run.dof.position):
             continue
-        floor = 0.0 if velocity else motion.dofs[d].limits.least_noise
-        here, found, noise[c] = readings_of(run.time, read, node, floor)
+        here, found, noise[c] = readings_of(run.time, read, node, least_noise(motion.dofs[d], velocity))
         values[c, here], seen[c, here] = found, True
+        here, found, _ = (here, found, 0.0) if velocity else readings_of(run.time, read, node, 0.0)
+        often[0, c, here], often[1, c, here] = found, 1.0
     return _Laid(
         length=np.diff(node),
         held=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
@@ -213,6 +233,7 @@ def _lay(
         signals={name: mean(signals_of([run], name)[0]) for name in signals},
         values=values,
         seen=seen,
+        often=often,
         noise=noise,
     )
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise
@@ -15,25 +16,33 @@ STEP, LEAST_STEP = 0.25, 0.1
 controller answers every reading, and the commands would tell of one that was left out."""
 APART = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
+SMOOTH_GYRO = 0.25
+"""Share of a compass' least noise [per s] below which a gyro was filtered, or its rate is derived from headings."""
 HELD = 0.2
 """Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
 FLAT = 3.0
 """Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
 
+def least_noise(dof: Dof, velocity: bool) -> float:
+    """Give the noise below which readings were filtered or derived [base units, per s of a velocity]; a gyro's may be
+    a share of that of a compass per second."""
+    return (SMOOTH_GYRO if velocity and dof.wraps else 1.0) * dof.limits.least_noise
+
+
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
-    """LEAST_STEP where the readings of positions are noisy, or there are velocities; else STEP."""
+    """LEAST_STEP where any readings are as noisy as sensors are, or there is a gyro; else STEP."""
     for dof, position in zip(motion.dofs, motion.positions):
-        if dof.velocity in quantities:
-            return LEAST_STEP
-        noises = []
-        for run in runs:
-            read = run.channel(position)
-            if position in quantities and read is not None:
-                fresh = _fresh(read)
-                noises.append(position_noise(run.time[fresh], read[fresh]))
-        if noises and np.median(noises) >= dof.limits.least_noise:
-            return LEAST_STEP
+        for quantity in (position, dof.velocity):
+            noises = []
+            for run in runs:
+                read = run.channel(quantity)
+                if quantity in quantities and read is not None:
+                    fresh = _fresh(read)
+                    noises.append(position_noise(run.time[fresh], read[fresh]))
+            gyro = dof.wraps and quantity == dof.velocity
+            if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
+                return LEAST_STEP
     return STEP
 
 
@@ -58,8 +67,16 @@ def nodes_of(run: Run, step: float, quantities: Sequence[str]) -> Floats:
     return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
 
 
+def averaged_over(period: float) -> int:
+    """Samples of a log with one each `period` [s] that make one reading: an odd number, of one LEAST_STEP."""
+    return 2 * int(0.4999 * LEAST_STEP / max(period, 1e-9)) + 1
+
+
 def readings_of(time: Floats, read: Floats, node: Floats, floor: float) -> tuple[NDArray[np.int64], Floats, float]:
-    """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's."""
+    """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's.
+
+    Of a sensor that is faster than the filter the samples about a node are averaged, at the time of the node.
+    """
     fresh = _fresh(read)
     noise = position_noise(time[fresh], read[fresh])
     apart = APART if noise < floor else 0.0
@@ -71,7 +88,25 @@ def readings_of(time: Floats, read: Floats, node: Floats, floor: float) -> tuple
         if time[i] - last > 0.999 * apart:
             kept.append(i)
             last = time[i]
-    return at[kept], read[kept], noise
+    if not kept:
+        return at[:0], read[:0], noise
+    values, size = _averaged(time[fresh], read[fresh], np.searchsorted(np.flatnonzero(fresh), kept))
+    return at[kept], values, noise / np.sqrt(size)
+
+
+def _averaged(time: Floats, read: Floats, at: NDArray[np.int64]) -> tuple[Floats, float]:
+    """Means of as many readings before the samples `at` as behind them, within half a LEAST_STEP, carried to the times
+    of these samples; and how many readings make one."""
+    half = 0.4999 * LEAST_STEP
+    back = at - np.searchsorted(time, time[at] - half)
+    reach = np.minimum(back, np.searchsorted(time, time[at] + half, side="right") - 1 - at)
+    low, high = at - reach, at + reach
+    count = high - low + 1
+    sums = [np.append(0.0, np.cumsum(x - x[0])) for x in (time, read)]
+    mean = [x[0] + (total[high + 1] - total[low]) / count for x, total in zip((time, read), sums)]
+    slope = (read[high] - read[low]) / np.where(reach > 0, time[high] - time[low], 1.0)
+    values = np.where(reach > 0, mean[1] + slope * (time[at] - mean[0]), read[at])
+    return values, float(np.median(count))
 
 
 def _fresh(read: Floats) -> NDArray[np.bool_]:

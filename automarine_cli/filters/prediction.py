@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.filters.course import Course
-from automarine_cli.filters.kalman import Noises, follow
+from automarine_cli.filters.kalman import Followed, Noises, follow
 from automarine_cli.filters.states import Step
 from automarine_cli.models.vehicle import Vehicle
 from automarine_cli.quantities import Floats
@@ -58,13 +58,15 @@ def predict(
     noises: Noises,
     horizons: Sequence[float] = HORIZONS,
     channel: int = 0,
+    followed: Followed | None = None,
 ) -> tuple[Predicted, ...]:
-    """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random."""
-    followed = follow(model, course, theta[None], noises, keep=True)
+    """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
+    that were `followed`."""
+    followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING))
-    targets = {h: _targets(of.seen, time, run, origin, h) for h in horizons}
+    targets = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
     path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
     rates = _rates(of, time, run, origin, targets)
@@ -86,9 +88,10 @@ def predict(
 
 
 def shown_channel(course: Course, channel: int = 0) -> Channel:
-    """The positions of a channel: its own readings, or the sum of its velocities by the trapezoidal rule."""
+    """The positions of a channel: its own readings, or the sum of its velocities by the trapezoidal rule; velocities in
+    axes that turn have none."""
     of = course.channels[channel]
-    if not of.velocity:
+    if not of.velocity or course.motion.turns:
         return of
     summed = np.zeros_like(of.values)
     for row, values, seen, time in zip(summed, of.values, of.seen, course.time):
@@ -101,7 +104,7 @@ def shown_channel(course: Course, channel: int = 0) -> Channel:
 def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0) -> Floats:
     """A channel of each run simulated from its first filtered state on, (R, K + 1), with the logged commands and no
     further reading; not a number before that."""
-    followed = follow(model, course, theta[None], noises, keep=True)
+    followed = follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
     late = of.seen & (time >= SETTLING)
@@ -115,7 +118,7 @@ def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, chan
     return out
 
 
-def _targets(
+def targets_of(
     seen: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
 ) -> NDArray[np.int64]:
     """The node with a reading nearest to `horizon` after each origin, (A,), -1 where none is within a fifth of it."""
@@ -148,21 +151,37 @@ def carried(
     A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
     the sum is at the origin.
     """
+    return carried_by(model, course, theta[None], noises, states, (channel,), run, origin, last)[0, 0]
+
+
+def carried_by(
+    model: Vehicle,
+    course: Course,
+    theta: Floats,
+    noises: Noises,
+    states: Floats,
+    channels: Sequence[Channel],
+    run: NDArray[np.int64],
+    origin: NDArray[np.int64],
+    last: NDArray[np.int64],
+) -> Floats:
+    """The same of C channels by each of P parameter sets (P, p): (C, P, A, longest + 1)."""
     longest = int(np.max(last - origin, initial=0))
     at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
-    step = Step(model, course, theta[None], noises.late)
+    step = Step(model, course, theta, noises.late)
     cut = replace(
         course,
         names=tuple(course.names[r] for r in run),
         length=course.length[run[:, None], at] * (origin[:, None] + np.arange(longest) < last[:, None]),
     )
     own = step.of_pieces(cut, course.time[run, origin], run, at)
-    mean = states[:, run, origin][:, None].copy()
-    spread = np.zeros((1, len(run), len(mean), len(mean)))
-    shown = np.zeros((len(run), longest + 1))
+    mean = np.repeat(states[:, run, origin][:, None], len(theta), axis=1)
+    spread = np.zeros((len(theta), len(run), len(mean), len(mean)))
+    shown = np.zeros((len(channels), len(theta), len(run), longest + 1))
     with np.errstate(over="ignore", invalid="ignore"):
         for m in range(longest + 1):
-            shown[:, m] = own.reading(channel, m, mean, spread)[0][0]
+            for c, channel in enumerate(channels):
+                shown[c, ..., m] = own.reading(channel, m, mean, spread)[0]
             if m == longest:
                 break
             fade = np.exp(-cut.length[:, m] / noises.time[:, :, None])
@@ -170,8 +189,9 @@ def carried(
             mean = own.moved(m, mean, ramp)
             for d, place in enumerate(own.places.pushed):
                 mean[place] = mean[place] * fade[d]
-    if not channel.counts:
-        shown += (channel.values[run, origin] - shown[:, 0])[:, None]
+    for path, channel in zip(shown, channels):
+        if not channel.counts:
+            path += (channel.values[run, origin] - path[..., 0])[..., None]
     return shown
 
 

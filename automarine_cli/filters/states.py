@@ -26,7 +26,7 @@ class States:
     """Places of the n states of a run. The first `dynamic` of them are advanced by the equation of motion: positions,
     velocities, states of the water, and what slow sensors show (`memory`, each with the position `remembered`). Then
     come the disturbing accelerations `pushed`, the log `gain`, what effects let vary (`own`), and each velocity
-    channel's `bias`, with its degree of freedom."""
+    channel's `bias`, with its degree of freedom, where its position is read too."""
 
     position: tuple[int, ...]
     velocity: tuple[int, ...]
@@ -54,9 +54,9 @@ def _places(dofs: int, terms: list[Bound], course: Course) -> States:
         if term.effect.varies(tuple(float(value.flat[0]) for value in term.values)):
             own[term.effect.name] = tuple(range(at, at + term.effect.per_run))
             at += term.effect.per_run
-    bias = {}
+    bias, read = {}, {channel.quantity for channel in course.channels}
     for channel in course.channels:
-        if channel.velocity:
+        if channel.velocity and course.motion.positions[channel.dof] in read:  # else nothing tells it from the velocity
             bias[channel.quantity] = (at, channel.dof)
             at += 1
     return States(
@@ -209,11 +209,11 @@ class Step:
         """What a channel shows at node m, (P, R), and its derivatives by the states that it depends on."""
         places, one = self.places, np.ones(mean.shape[1:])
         if channel.velocity:
-            place, bias = places.velocity[channel.dof], places.bias[channel.quantity][0]
-            shown = mean[place] + mean[bias]
+            at = [places.velocity[channel.dof], *places.bias.get(channel.quantity, ())[:1]]
+            shown = sum(mean[place] for place in at)
             if self.water_moves is not None:
                 shown = shown + in_body_axes(self.water_moves, mean[places.position[-1]])[channel.dof]
-            return shown, [(place, one), (bias, one)]
+            return shown, [(place, one) for place in at]
         place = next((k for k, of in places.remembered.items() if of == channel.dof), channel.dof)
         own = [term for term in self.sensors if term.dof == channel.dof]
         if not own:

@@ -1,6 +1,7 @@
 """Which sensors a result rests on, and how noisy each was."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +27,9 @@ def channel_noises(fit: Outcome, dof: Dof) -> dict[str, Estimate]:
     for name, noise in fit.noise_of.items():
         count = max(float(fit.read[name]) - len(fit.theta), 1.0)
         unit = dof.units.shown + "/s" * (name == dof.velocity)
-        found[name] = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
+        one = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
+        bound = f"noise.{name}" in fit.names and fit.names.index(f"noise.{name}") in fit.at_bound
+        found[name] = replace(one, at_bound=bound)
     return found
 
 
@@ -68,7 +71,11 @@ def noise_words(fit: Outcome, dof: Dof) -> str:
     """The noises of a fit in a line, such as "heading noise 1.00 deg"."""
     names = {dof.position: dof.words.position, dof.velocity: dof.words.rate}
     noises = channel_noises(fit, dof).items()
-    return ", ".join(f"{names[name]} noise {one.value:.2f} {one.unit}" for name, one in noises)
+    return ", ".join(f"{names[name]} noise {one.value:.2f} {one.unit}{_bound(one)}" for name, one in noises)
+
+
+def _bound(one: Estimate) -> str:
+    return ", at its bound" * one.at_bound
 
 
 def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
@@ -89,7 +96,7 @@ def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
     for one in sensors:
         name, noise = words.get(one.quantity, one.quantity), one.noise
         if one.used:
-            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit})")
+            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{_bound(noise)})")
         if one.why:
             lines.append(one.why if one.used else f"The {name} does not count. {one.why}")
     return [f"Sensors that count: {' and '.join(used)}.", *lines]

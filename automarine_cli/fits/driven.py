@@ -77,16 +77,20 @@ def wanted_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
 
 
 def base_starts(problem: DrivenProblem) -> Floats:
-    """Starts of a base model about its own values, (S, p)."""
+    """Starts of a base model about its own values, (S, p). One that answers within a step of the filter, whose
+    arithmetic would run away, is slowed down first."""
     model = problem.model
     assert isinstance(model, YawModel)
     starts, own = [], len(model.theta)
     middle = np.array([one.median for one in problem.random])
-    push = float(np.abs(problem.course.held).max()) / max(model.inertia, 1e-9)
+    linear, quadratic = model.drag()
+    slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
+    middling = max(model.inertia, float(problem.course.length.max()) * slope)
+    push = float(np.abs(problem.course.held).max()) / max(middling, 1e-9)
     for inertia, drag, size, unsteady in product(INERTIAS, DRAGS, SIZES, UNSTEADY):
         random = middle.copy()
         random[0], random[2] = size * push / inertia, unsteady
-        starts.append([inertia * model.theta[0], *(drag * model.theta[1:own]), *random])
+        starts.append([inertia * middling, *(drag * model.theta[1:own]), *random])
     return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
 

@@ -11,8 +11,11 @@ from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.prediction import HORIZONS, Predicted, predict
 from automarine_cli.fits.driven import base_starts, driven_problem, starts_near
+from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.known import Prior
+from automarine_cli.fits.outcome import natural_of, search_of
 from automarine_cli.fits.output_error import OutputErrorFit, estimate_of, run_covariance, run_dof
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
@@ -23,6 +26,11 @@ SLOWEST, QUICKEST = 600.0, 1e-3
 command."""
 HEAD_START = 10.0
 """Deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed."""
+BRIEF = 10
+"""Iterations of a fit of gains and noise alone."""
+COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
+"""Seconds ahead over which estimators are compared, and the shares by which the second one has to be better, or may be
+worse."""
 PROPOSED = ("input-delay", "dead-band")
 """Effects with which models of driven logs may begin, if the evidence asks."""
 
@@ -64,9 +72,15 @@ class Worth:
 
 
 def fit_driven(
-    course: Course, rough: YawModel, number: str, sided: bool = False, with_effects: Sequence[str] = ()
+    course: Course,
+    rough: YawModel,
+    number: str,
+    sided: bool = False,
+    with_effects: Sequence[str] = (),
+    known: Mapping[str, Prior] | None = None,
 ) -> OutputErrorFit:
-    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag.
+    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag, `known` what
+    is known beforehand.
 
     Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
     """
@@ -74,10 +88,49 @@ def fit_driven(
     largest = float(np.abs(course.held).max()) or 1.0
     for name in with_effects:
         model = model.with_effect(name, _start(name, largest))
-    problem = driven_problem(model, course)
+    problem = driven_problem(model, course).informed(known or {})
     found = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(found.of_model), found, course)
     return _outcome(problem, found, number, sided)
+
+
+def beside_forecasts(course: Course, likely: OutputErrorFit, sided: bool = False) -> OutputErrorFit:
+    """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
+    forecasts.
+
+    Judged are predictions of runs left out. Least squares have to be better by CLEARLY over each of COMPARED, or at
+    least as good but for LEVEL with an inertia that survives leaving runs out better: commands that answer a
+    disturbance tell of it, which flatters least squares over long horizons and biases them, innovations not.
+    """
+    found, dof = likely.mixed, likely.model.dof
+    assert isinstance(found, InnovationsFit)
+    problem = driven_problem(likely.model, course).informed(found.known)
+    starts = np.concatenate([found.theta[None], base_starts(problem)])
+    try:
+        plain = with_chance(problem, fit_forecasts(problem, found.phi, starts))
+        _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
+    except FitError:
+        return likely
+    errors = {
+        name: [one.rmse() for one in left_out_predictions(problem, fit) if one.horizon in COMPARED and len(one.error)]
+        for name, fit in (("least squares of forecasts", plain), ("innovations", found))
+    }
+    squares, likelihood = errors.values()
+    if not squares or not all(np.isfinite(squares)):
+        return likely
+    better = all(a < (1.0 - CLEARLY) * b for a, b in zip(squares, likelihood))
+    level = all(a < (1.0 + LEVEL) * b for a, b in zip(squares, likelihood))
+    surer = bool(run_covariance(plain)[0, 0] < run_covariance(found)[0, 0])
+    better = better or (level and surer)
+    names = list(errors) if better else list(errors)[::-1]
+    shown = [" and ".join(f"{dof.shown(one):.3g}" for one in errors[name]) for name in names]
+    ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
+    says = (
+        f"by {names[0]}: runs left out are predicted {ahead} s ahead to {shown[0]} {dof.units.shown}, by {names[1]} to "
+        f"{shown[1]}"
+    )
+    best = _outcome(problem, plain, likely.number, sided) if better else likely
+    return replace(best, estimator=says)
 
 
 def _start(name: str, largest: float) -> list[float]:
@@ -96,7 +149,7 @@ def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> 
         what = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
     elif not QUICKEST < slowness < SLOWEST:
         what = f"it would answer its thrusters within {slowness:.2g} s"
-    elif 0 in found.at_bound or deviation <= 0.0 or deviation > 1.5:
+    elif found.names[0] not in found.known and (0 in found.at_bound or deviation <= 0.0 or deviation > 1.5):
         what = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
@@ -125,11 +178,14 @@ def _outcome(problem: DrivenProblem, found: InnovationsFit, number: str, sided: 
         for role, name in zip(roles, names)
     }
     turn = None
-    if "quadratic" in roles and found.theta[at["quadratic"]] > 0 and at["quadratic"] not in found.at_bound:
+    quadratic = dof.parameter("quadratic")
+    stuck = at.get("quadratic") in found.at_bound and quadratic not in found.known
+    if "quadratic" in roles and found.theta[at["quadratic"]] > 0 and not stuck:
         turn = _ratio(found, covariance, at["inertia"], at["quadratic"], alone, dof)
     low, high = found.factor_interval("gain")
+    bound = found.names.index("gain-scatter") in found.at_bound
     none = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")
-    scatter = Estimate(found.factor("gain"), (high - low) / 3.92, (low, high), "1")
+    scatter = Estimate(found.factor("gain"), (high - low) / 3.92, (low, high), "1", at_bound=bound)
     return OutputErrorFit(
         number,
         base.with_theta(found.of_model),
@@ -163,6 +219,23 @@ def left_out_predictions(problem: DrivenProblem, found: InnovationsFit) -> tuple
     return tuple(_joined([pieces[i] for pieces in each]) for i in range(len(HORIZONS)))
 
 
+def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
+    """The same by a fit of runs that were simulated whole, beside which only gains and noise are random; none where no
+    filter follows the runs."""
+    problem, own = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
+    bounds, mixed = problem.bounds.copy(), fit.mixed
+    bounds[:own] = fit.model.theta[:, None]
+    start = np.append(fit.model.theta, [one.median for one in problem.random])
+    try:
+        found = fit_innovations(replace(problem, bounds=bounds), start[None], BRIEF, brief=True)
+    except FitError:
+        return ()
+    left_out = np.tile(found.phi, (len(course.names), 1))
+    without = natural_of(mixed.left_out[:, :own], mixed.positive[:own])
+    left_out[:, :own] = search_of(np.clip(without, *problem.bounds[:own].T), problem.positive[:own])
+    return left_out_predictions(problem, replace(found, left_out=left_out))
+
+
 def worth_of(predictions: Sequence[Predicted]) -> tuple[Worth, ...]:
     """What predictions are worth, by horizon; those of which there are none are left out."""
     return tuple(
@@ -182,7 +255,7 @@ def proposals(course: Course, fit: OutputErrorFit) -> Mapping[str, float]:
         if name in have:
             continue
         start = _start(name, largest)
-        wider = driven_problem(fit.model.with_effect(name, start), course)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(fit.mixed.known)
         theta = np.array([*fit.mixed.of_model, *start])
         found = fit_innovations(wider, starts_near(wider, [theta], fit.mixed.of_chance))
         gain = 2.0 * (found.log_likelihood - fit.mixed.log_likelihood)

@@ -1,6 +1,6 @@
 """Which runs are fitted as driven ones, and the three models on them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course
 from automarine_cli.fits.driven import disturbed, stepped
-from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.driven_fit import beside_forecasts, fit_driven
+from automarine_cli.fits.known import Prior
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.ways import by_way
 from automarine_cli.fits.whole_runs import rough_model
@@ -39,25 +40,26 @@ def is_driven(
 
 
 def fitted_driven(
-    runs: Sequence[Run], course: Course, each: Map, with_effects: Sequence[str]
-) -> dict[str, OutputErrorFit]:
-    """The models that driven runs can carry; with none, the first one's refusal."""
-    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects))
+    runs: Sequence[Run], course: Course, each: Map, with_effects: Sequence[str], known: Mapping[str, Prior]
+) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
+    """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
+    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), known=known)
     found = dict(zip("123", each(ask, ("1", "2", "3"))))
     kept = {number: one for number, one in found.items() if isinstance(one, OutputErrorFit)}
     if not kept:
         raise next(one for one in found.values() if isinstance(one, FitError))
-    return kept
+    return kept, {number: str(one) for number, one in found.items() if isinstance(one, FitError)}
 
 
 def _fit_driven_model(
-    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...]
+    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], known: Mapping[str, Prior]
 ) -> OutputErrorFit | FitError:
     """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
     batch, both = make_batch(runs, STEPS[0]), both_ways(runs)
 
     def fit(sided: bool) -> OutputErrorFit:
-        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects)
+        likely = fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, known)
+        return beside_forecasts(course, likely, sided)
 
     try:
         return by_way(fit, batch.dof, both)

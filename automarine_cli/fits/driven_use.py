@@ -10,28 +10,23 @@ from automarine_cli.dofs import Dof
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.prediction import Predicted, free_run
 from automarine_cli.fits.driven import driven_problem
-from automarine_cli.fits.driven_fit import Worth, left_out_predictions, proposals, worth_of
+from automarine_cli.fits.driven_fit import COMPARED, Worth, left_out_predictions, proposals, whole_predictions, worth_of
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.quantities import Floats
 
-JUDGED, PREFERRED = 5.0, 2.0
-"""Seconds ahead over which a model has to be of use, and over which one is preferred to another."""
+JUDGED = 5.0
+"""Seconds ahead over which a model has to be of use."""
+LARGE = 1.0
+"""Times the commands, both as root mean squares, from which on a disturbance is said to be as large as they are."""
 
 
 @dataclass(frozen=True)
-class Use:
-    """What the preferred model is worth on runs left out of its fit, by horizon; what the evidence would add to it
-    (`proposed`, the deviance gained, by effect). For people to look at: the `predictions` on the nodes of the `course`,
-    the `free` run of each from its first filtered state on (R, K + 1), not a number before that, and the `disturbance`
-    that the filter saw (R, K + 1), a moment or force."""
+class Judgement:
+    """What the preferred model is worth, by horizon, on each of so many `runs` by a fit to the others."""
 
     worth: tuple[Worth, ...]
-    proposed: Mapping[str, float]
-    course: Course = field(repr=False)
-    predictions: tuple[Predicted, ...] = field(repr=False)
-    free: Floats = field(repr=False)
-    disturbance: Floats = field(repr=False)
+    runs: int
 
     @property
     def judged(self) -> Worth | None:
@@ -48,7 +43,7 @@ class Use:
         one = self.judged
         if one is None:
             return "The runs are too short to judge predictions."
-        alone = len(self.course.names) == 1
+        alone = self.runs == 1
         of = "the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit"
         if one.of_use:
             return f"The model predicts {one.beside(dof)} ({of})."
@@ -59,7 +54,26 @@ class Use:
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
         """What a person must know first."""
-        found = () if self.of_use else (self.sentence(dof),)
+        return () if self.of_use else (self.sentence(dof),)
+
+
+@dataclass(frozen=True)
+class Use(Judgement):
+    """The same of driven runs, and what the evidence would add (`proposed`, the deviance gained, by effect). For people
+    to look at: the `predictions` on the nodes of the `course`, the `free` run of each from its first filtered state on
+    (R, K + 1), not a number before that, and the `disturbance` that the filter saw (R, K + 1), a moment or force;
+    `large` is a sentence where that is as large as the commands."""
+
+    proposed: Mapping[str, float]
+    course: Course = field(repr=False)
+    predictions: tuple[Predicted, ...] = field(repr=False)
+    free: Floats = field(repr=False)
+    disturbance: Floats = field(repr=False)
+    large: str = ""
+
+    def warnings(self, dof: Dof) -> tuple[str, ...]:
+        """What a person must know first."""
+        found = super().warnings(dof) + ((self.large,) if self.large else ())
         if not self.proposed:
             return found
         names = ",".join(self.proposed)
@@ -87,33 +101,67 @@ def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tu
 def prefer_driven(
     fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
 ) -> Preference | None:
-    """The model that predicts runs left out of its fit best, PREFERRED seconds ahead; of two that do not differ by two
-    standard errors over runs, the simpler. None where the runs are too short, or one alone, to tell.
+    """The model that predicts runs left out of its fit best, over COMPARED seconds; the best of those with the fewest
+    parameters if one of them does not differ by two standard errors over runs. None where the runs are too short, or
+    one alone, to tell.
 
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
     not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
     """
-    judged = {number: next((p for p in one if p.horizon == PREFERRED), None) for number, one in ahead.items()}
+    judged = {number: [p for p in one if p.horizon in COMPARED] for number, one in ahead.items()}
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
-    if runs < 2 or any(one is None or not len(one.error) for one in judged.values()):
+    if runs < 2 or any(not len(p.error) for one in judged.values() for p in one):
         return None
-    squares = {number: one.by_run(one.error, runs) for number, one in judged.items() if one is not None}
-    sizes = {number: one.rmse() for number, one in judged.items() if one is not None}
-    best = min(sizes, key=lambda number: sizes[number])
-    chosen = best
+    sizes = {number: np.array([p.rmse() for p in one]) for number, one in judged.items()}
+    least = np.min(list(sizes.values()), axis=0)
+    squares = {
+        number: np.mean([p.by_run(p.error, runs) / size**2 for p, size in zip(one, least)], axis=0)
+        for number, one in judged.items()
+    }
+    score = {number: float(np.mean((size / least) ** 2)) for number, size in sizes.items()}
+    best = min(score, key=lambda number: score[number])
     parameters = {number: len(fit.model.theta) for number, fit in fits.items()}
-    for number in sorted(sizes, key=lambda n: parameters[n]):
+
+    def level(number: str) -> bool:
         worse = squares[number] - squares[best]
         worse = worse[np.isfinite(worse)]
         error = float(np.std(worse, ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
-        if parameters[number] < parameters[chosen] and worse.mean() <= 2.0 * error:
-            chosen = number
-    told = [f"{dof.shown(sizes[chosen]):.3g} {dof.units.shown}"]
-    told += [f"model {number} {dof.shown(size):.3g}" for number, size in sorted(sizes.items()) if number != chosen]
+        return bool(worse.mean() <= 2.0 * error)
+
+    fewest = min(parameters[number] for number in score if number == best or level(number))
+    chosen = min((n for n in score if parameters[n] == fewest), key=lambda number: score[number])
+    told = [f"{_errors(sizes[chosen], dof)} {dof.units.shown}"]
+    told += [f"model {number} {_errors(size, dof)}" for number, size in sorted(sizes.items()) if number != chosen]
     how = "best" if chosen == best else "as well as any with more parameters"
+    over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
     return Preference(
-        chosen, f"Model {chosen} predicts runs left out of the fit {how} {PREFERRED:g} s ahead, to {', '.join(told)}."
+        chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {', '.join(told)}."
     )
+
+
+def _errors(sizes: Floats, dof: Dof) -> str:
+    return " and ".join(f"{dof.shown(size):.3g}" for size in sizes)
+
+
+def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
+    """A sentence where what pushes the vehicle is as large as the commands; else empty."""
+    found, dof = fit.mixed, fit.model.dof
+    assert isinstance(found, InnovationsFit)
+    size = fit.model.inertia * found.value(f"{dof.name}.disturbance")
+    commands = float(np.sqrt(np.sum(course.held[0] ** 2 * course.width) / np.sum(course.width)))
+    if size < LARGE * commands:
+        return ""
+    unit, force = fit.model.moment_unit, dof.words.force
+    return (
+        f"The disturbance is as large as the commands: a {force} of {size:.3g} {unit} where {commands:.3g} {unit} are "
+        f"commanded (root mean squares). Add runs with larger commands; {dof.words.inertia} and drag may be wrong by "
+        "more than their intervals."
+    )
+
+
+def judged_whole(course: Course, fit: OutputErrorFit) -> Judgement:
+    """Judge a fit of runs that were simulated whole, by the same predictions."""
+    return Judgement(worth_of(whole_predictions(course, fit)), len(course.names))
 
 
 def use_of(course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...]) -> Use:
@@ -125,9 +173,11 @@ def use_of(course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ..
     assert followed.states is not None
     return Use(
         worth_of(predictions),
+        len(course.names),
         proposals(course, fit),
         course,
         predictions,
         free_run(fit.model, course, found.of_model, problem.noises(found.theta[None])),
         fit.model.inertia * followed.states[followed.places.pushed[0], 0],
+        large_disturbance(course, fit),
     )

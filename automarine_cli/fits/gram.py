@@ -59,9 +59,11 @@ class Gram:
 
 @dataclass(frozen=True)
 class Grams:
-    """The same of every channel, linearised about one point."""
+    """The same of every channel, linearised about one point; `prior`, if anything is known beforehand, is how far the
+    parameters are expected from there (p,), and its precision (p, p)."""
 
     channels: tuple[Gram, ...]
+    prior: tuple[Floats, Floats] | None = None
 
     @property
     def is_finite(self) -> bool:
@@ -75,7 +77,8 @@ class Grams:
 
     def keep(self, free: NDArray[np.int64]) -> "Grams":
         """The same with only the parameters `free`."""
-        return Grams(tuple(channel.keep(free) for channel in self.channels))
+        prior = None if self.prior is None else (self.prior[0][free], self.prior[1][np.ix_(free, free)])
+        return Grams(tuple(channel.keep(free) for channel in self.channels), prior)
 
     def at(self, variances: Floats) -> Gram:
         """One sum over the channels, each sample counting by its channel's noise."""

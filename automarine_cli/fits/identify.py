@@ -1,6 +1,7 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators and the preferred model."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,11 +11,13 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.filters.course import make_course
+from automarine_cli.filters.nodes import averaged_over
 from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.driven_models import STEPS, both_ways, fitted_driven, is_driven
-from automarine_cli.fits.driven_use import left_out, prefer_driven, use_of
+from automarine_cli.fits.driven_use import Judgement, judged_whole, left_out, prefer_driven, use_of
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
-from automarine_cli.fits.step_response import NOTHING_KNOWN, Known, StepData, half_turn_data
+from automarine_cli.fits.step_response import StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.fits.ways import by_way
 from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed_cautions
@@ -51,9 +54,10 @@ def identify_turns(
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at
     least three at two sizes of moment serve and they are half of the runs or more, else whole runs. `known` is what
-    need not be estimated; `each` maps a function over the models (to use processes), `channels` says which sensors
-    count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails of the paper's method start, None: where
-    they are best. Raises RunError where too few runs are left, FitError where the data cannot carry a fit.
+    need not be estimated, or is known with an error, by qualified names; `each` maps a function over the models (to use
+    processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
+    of the paper's method start, None: where they are best. Raises RunError where too few runs are left, FitError where
+    the data cannot carry a fit.
     """
     each = each or (lambda function, models: [function(model) for model in models])
     runs = len(turns) + len(set_aside)
@@ -72,7 +76,7 @@ def identify_turns(
             f"{_counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    return _fit_whole(tuple(whole()), turns, fit_to, each, channels, with_effects)
+    return _fit_whole(tuple(whole()), turns, fit_to, known, each, channels, with_effects)
 
 
 def _counted(number: int, noun: str) -> str:
@@ -121,7 +125,9 @@ def _fit_steps(
         *fit_warnings(fits, preference, data.names, noise),
         *told(cautions, preference),
     )
-    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof, chosen)
+    return YawFit(
+        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof, chosen, known=known
+    )
 
 
 def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
@@ -152,7 +158,13 @@ def _fit_model(
 
 
 def _fit_whole(
-    runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map, channels: str, with_effects: Sequence[str]
+    runs: tuple[Run, ...],
+    turns: Sequence[HalfTurn],
+    fit_to: str,
+    known: Known,
+    each: Map,
+    channels: str,
+    with_effects: Sequence[str],
 ) -> YawFit:
     steered, undriven = without_undriven(runs)
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
@@ -170,12 +182,21 @@ def _fit_whole(
     driven = is_driven(moving, at_rest, chosen.names, with_effects)
     if driven:
         course = make_course(moving, at_rest, channels=chosen.names)
-        fits = fitted_driven(moving, course, each, with_effects)
+        fits, refused = fitted_driven(moving, course, each, with_effects, known.parameters)
     else:
-        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names)
+        refused = {}
+        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, known=known)
         fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     words = dof.words
-    how = "by the innovations of a filter" if driven else "by output error"
+    how = "by output error, for the evidence asks for no disturbance"
+    if driven:
+        how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
+        period = float(np.median([run.sample_period for run in moving]))
+        if averaged_over(period) > 1:
+            how += (
+                f"; readings at {1 / period:.3g} Hz were averaged over {averaged_over(period) * period:.2g} s, "
+                "commands count exactly"
+            )
     why = (
         f"The whole runs were fitted {how}, as asked ({'--with' if with_effects else '--fit-to whole-runs'}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
@@ -185,14 +206,22 @@ def _fit_whole(
     )
     ahead = left_out(course, fits) if driven else {}
     preference = (prefer_driven(fits, ahead, dof) if driven else None) or prefer(fits)
+    if estimator := fits[preference.number].estimator:
+        preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     cautions = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    number = preference.number
-    use = use_of(course, fits[number], ahead[number]) if driven else None
-    if use is not None:
+    number, use = preference.number, Judgement((), 0)
+    if not driven:
+        use = judged_whole(make_course(moving, at_rest, channels=chosen.names), fits[number])
         warnings = (*use.warnings(dof), *warnings)
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use)
+    else:
+        use = use_of(course, fits[number], ahead[number])
+        missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
+        warnings = (*use.warnings(dof), *missing, *warnings)
+    return YawFit(
+        unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use, known
+    )
 
 
 def _too_little(run: Run) -> str:
@@ -203,14 +232,14 @@ def _too_little(run: Run) -> str:
 
 
 def _fit_whole_model(
-    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
+    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, known: Known
 ) -> OutputErrorFit:
     """Fit, and fit again with finer steps where the model turns out to be faster than the first ones."""
     largest = max(float(np.abs(run.command).max()) for run in runs)
     both = both_ways(runs)
     for step in STEPS:
         batch = make_batch(runs, step, channels=channels)
-        fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.dof, both)
+        fit = by_way(partial(fit_whole_runs, batch, number, at_rest, known=known), batch.dof, both)
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit
     raise FitError(

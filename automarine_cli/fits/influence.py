@@ -45,6 +45,8 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
         return moved
     pull, stiffness = _pull_and_stiffness(problem, fit, variances, free)
     whole = stiffness.sum(axis=0)
+    if problem.prior is not None:
+        whole = whole + problem.prior[1][np.ix_(free, free)]
     scale = linear_mixed.curvature_scale(whole)
     if np.linalg.eigvals(whole / np.outer(scale, scale)).real.min() <= LEAST_STIFFNESS:
         return fit.left_out - fit.phi
@@ -120,4 +122,4 @@ def _pull_and_stiffness(
 def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
     """The problem linearised about (phi, b)."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
-    return problem.gram(by_phi, by_run, fitted, b)
+    return problem.gram(by_phi, by_run, fitted, b, phi)

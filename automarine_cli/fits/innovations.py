@@ -7,7 +7,7 @@ Fisher scoring on innovations and their variances (Ljung 1999, System Identifica
 16:551), damped; differences of all parameters and all trial steps are filtered together.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -182,7 +182,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
-    information += 0.0 if problem.known is None else problem.known / runs
+    information += 0.0 if problem.smooth is None else problem.smooth / runs
     every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
     assert every.states is not None
@@ -204,6 +204,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         read_of=tuple((one.quantity, int(one.seen.sum())) for one in problem.course.channels),
         parameters=count - len(problem.random),
         by_run=information,
+        known=problem.known,
     )
 
 
@@ -218,15 +219,15 @@ def random_estimates(found: InnovationsFit, covariance: Floats, dof: Dof) -> dic
     units = {"disturbance": f"{base}/s²", "disturbance-time": "s", "thrust-noise": "s^1/2", "gain-scatter": "1"}
     stored: dict[str, dict[str, object]] = {}
     for i, name in enumerate(found.names[found.parameters :], found.parameters):
-        kind = name.rpartition(".")[2]
+        kind, bound = name.rpartition(".")[2], i in found.at_bound
         if name == SWITCH:
             half = 1.96 * float(np.sqrt(max(covariance[i, i], 0.0)))
             value = float(found.theta[i])
             ends = (value - half, value + half)
-            stored[name] = Estimate(value, half / 1.96, ends, "sample interval").to_json()
+            stored[name] = Estimate(value, half / 1.96, ends, "sample interval", at_bound=bound).to_json()
             continue
         unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
         stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
         one = Estimate.from_log(float(found.theta[i]), stderr, max(len(found.left_out) - 1.0, 1.0), unit)
-        stored[name] = one.to_json()
+        stored[name] = replace(one, at_bound=bound).to_json()
     return stored

@@ -1,7 +1,7 @@
 """The likelihood of driven and disturbed runs, and what is random in it; see innovations.py for the method."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
+from automarine_cli.filters.nodes import least_noise
+from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import natural_of, search_of
 from automarine_cli.models.vehicle import Vehicle
@@ -37,7 +39,8 @@ class Randomness:
 class DrivenProblem:
     """Likelihood of a model on a course. theta is the model's parameters, then those of `random`, in the order that
     `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step.
-    `known` (p, p) is the precision about zero of what is known of parameters that are not positive, None for nothing.
+    `smooth` (p, p) is the precision about zero of parameters that are not positive, as of a smooth curve; `known` are
+    parameters that are known beforehand.
     """
 
     model: Vehicle
@@ -47,7 +50,12 @@ class DrivenProblem:
     positive: NDArray[np.bool_]
     scale: Floats
     random: tuple[Randomness, ...]
-    known: Floats | None = None
+    smooth: Floats | None = None
+    known: Mapping[str, Prior] = field(default_factory=dict)
+
+    def informed(self, known: Mapping[str, Prior]) -> "DrivenProblem":
+        """The same problem with parameters that are `known` beforehand, by name."""
+        return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -67,7 +75,9 @@ class DrivenProblem:
         for i, one in enumerate(self.random, count - len(self.random)):
             mean[i] = one.median if one.signed else np.log(one.median)
             precision[i, i] = one.spread**-2
-        return mean, precision if self.known is None else precision + self.known
+        if (known := prior_of(self.known, self.names, self.positive)) is not None:
+            mean, precision = mean + known[0], precision + known[1]
+        return mean, precision if self.smooth is None else precision + self.smooth
 
     @cached_property
     def prior_information(self) -> Floats:
@@ -96,11 +106,11 @@ class DrivenProblem:
         own = {one.name.partition(".")[0]: rest[i] for i, one in enumerate(self.random[at + channels :], at + channels)}
         return Noises(size, time, thrust, gain, late, np.array(rest[at : at + channels]), own)
 
-    def follow(self, phi: Floats, keep: bool = False) -> Followed:
-        """Filter the runs under phi (P, p)."""
+    def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> Followed:
+        """Filter the runs under phi (P, p), or those of another course."""
         theta = self.natural(phi)
         own = len(self.names) - len(self.random)
-        return follow(self.model, self.course, theta[:, :own], self.noises(theta), keep)
+        return follow(self.model, course or self.course, theta[:, :own], self.noises(theta), keep)
 
     def value(self, phi: Floats) -> Floats:
         """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
@@ -143,6 +153,7 @@ class Innovations:
     density: Floats
 
 
+@np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
 def innovations_of(found: Followed, part: slice, steps: Floats | float, base: Innovations | None = None) -> Innovations:
     """Innovations at a point, and how they change per step from there to the parameter sets `part` of what was
     filtered. The point is that of `base` if it is given, else the first of them."""
@@ -154,9 +165,8 @@ def innovations_of(found: Followed, part: slice, steps: Floats | float, base: In
         )
         error, variance = error[:, 1:], variance[:, 1:]
     step = np.broadcast_to(steps, error.shape[1])[:, None, None]
-    with np.errstate(over="ignore", invalid="ignore"):  # where a filter runs away
-        by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
-        spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
+    by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
+    spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
     sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
     return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
 
@@ -175,6 +185,7 @@ class Slopes:
         return total if np.isfinite(total) else -np.inf
 
     @classmethod
+    @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def of(cls, parts: Sequence[Innovations]) -> "Slopes":
         """From innovations about one point, with derivatives by different parameters, in their order."""
         base = parts[0]
@@ -187,8 +198,7 @@ class Slopes:
         gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.read, bounded * z - 1.0, 0.0), spreads)
         c, f, r, k = columns.shape
         flat, wide = (np.moveaxis(x, 2, 0).swapaxes(1, 2).reshape(r, f, c * k) for x in (columns, spreads))
-        with np.errstate(over="ignore", invalid="ignore"):  # where a filter runs away
-            information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
+        information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
         return cls(base.density, gradient, information)
 
 
@@ -213,8 +223,7 @@ def randomness(
     most = 0.0 if delayed else 0.5
     found.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
     for channel, noise in zip(course.channels, course.noise):
-        limits = course.motion.dofs[channel.dof].limits
-        floor = 0.1 * limits.least_noise if channel.velocity else limits.least_noise
+        floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
         found.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
     largest = float(np.abs(course.held).max())

@@ -145,9 +145,13 @@ def covariance_of(hessian: Floats) -> Floats:
     )
 
 
-def least_squares(weighted: Weighted, phi: Floats, bounds: Floats) -> Floats:
-    """Generalised least squares for phi within `bounds` (p, 2)."""
-    return bounded_solution(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), phi, bounds)
+def normal_equations(grams: Grams, weighted: Weighted) -> tuple[Floats, Floats]:
+    """H (p, p) and h (p,) of H phi = h, of all runs and of what is known beforehand."""
+    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
+    if grams.prior is None:
+        return hessian, gradient
+    expected, precision = grams.prior
+    return hessian + precision, gradient + precision @ expected
 
 
 def bounded_solution(hessian: Floats, gradient: Floats, phi: Floats, bounds: Floats) -> Floats:

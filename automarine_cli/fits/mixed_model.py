@@ -91,9 +91,10 @@ def fit_mixed(
         inside = point.gram.keep(np.flatnonzero(~_at_bound(point.phi, bounds)))
         variances = choose_variances(inside, problem.effects, variances)
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
-        change = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - point.phi[:, None])
+        hessian, gradient = linear_mixed.normal_equations(point.gram, weighted)
+        change = linear_mixed.bounded_solution(hessian, gradient, 0.0 * phi, bounds - point.phi[:, None])
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
-        spread = np.diagonal(linear_mixed.covariance_of(weighted.hessian.sum(axis=0)))
+        spread = np.diagonal(linear_mixed.covariance_of(hessian))
         precision = np.sqrt(np.maximum(spread, 1e-24))
         converged = bool(np.all(np.abs(change) <= settled * precision))
         share = share / 2.0 if change @ (last / precision**2) < 0 else min(1.0, 2.0 * share)
@@ -145,7 +146,7 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
 def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
     """The problem about (phi, b) as inner products, and the readings there."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
-    return _Point(phi, b, fitted, problem.gram(by_phi, by_run, fitted, b))
+    return _Point(phi, b, fitted, problem.gram(by_phi, by_run, fitted, b, phi))
 
 
 def _first(problem: Problem, phi: Floats, b: Floats) -> _Point:
@@ -158,7 +159,8 @@ def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
     scale = problem.effects.deviation(variances)
     penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
-    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum())
+    known = 0.0 if point.gram.prior is None else float(point.gram.prior[0] @ point.gram.prior[1] @ point.gram.prior[0])
+    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum()) + known
 
 
 def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Floats, new_b: Floats) -> _Point:
@@ -221,7 +223,7 @@ def _report(
 ) -> MixedFit:
     phi, gram = point.phi, point.gram
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
-    hessian = weighted.hessian.sum(axis=0)
+    hessian, whole = linear_mixed.normal_equations(gram, weighted)
     at_bound = _at_bound(phi, bounds)
     free = np.flatnonzero(~at_bound)
     grid = np.ix_(free, free)
@@ -230,9 +232,9 @@ def _report(
     push = weighted.gradient
     left_out = np.tile(phi, (len(problem.measured), 1))
     if len(left_out) > 1:
-        rest, pull = (hessian - weighted.hessian)[:, free][:, :, free], push.sum(axis=0) - push
+        rest, pull = (hessian - weighted.hessian)[:, free][:, :, free], whole - push
         left_out[:, free] += linear_mixed.solve_scaled(rest, pull[:, free])
-    onward = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - phi[:, None])
+    onward = linear_mixed.bounded_solution(hessian, whole, 0.0 * phi, bounds - phi[:, None])
     beyond = _at_bound(phi + onward, bounds)
     # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
@@ -258,4 +260,5 @@ def _report(
         slots=problem.slots,
         gram=gram.keep(free),
         effects=problem.effects,
+        known=problem.known,
     )

@@ -1,6 +1,6 @@
 """What a mixed regression is asked and what it answers: `Problem` and `MixedFit`; see mixed_model.py for the method."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ from scipy import optimize, special
 
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.gram import Gram, Grams
+from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.outcome import Outcome, natural_of, search_of
 from automarine_cli.fits.run_effects import RunEffects
@@ -75,7 +76,8 @@ class Problem:
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
     are formed, on the logarithm. `slots` are the channels, the first that counts first. Where runs were reduced (see
     nodes.py) `samples` (R, C) is how many each counted channel had and `left` (R, C) the part of their sums of squares
-    that no parameters change. Without `slopes` derivatives are differences.
+    that no parameters change. Without `slopes` derivatives are differences. `known` are parameters that are known
+    beforehand.
     """
 
     response: Response
@@ -89,6 +91,16 @@ class Problem:
     samples: NDArray[np.int64] | None = None
     left: Floats | None = None
     slopes: Slopes | None = None
+    known: Mapping[str, Prior] = field(default_factory=dict)
+
+    def informed(self, known: Mapping[str, Prior]) -> "Problem":
+        """The same problem with parameters that are `known` beforehand, by name."""
+        return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
+
+    @cached_property
+    def prior(self) -> tuple[Floats, Floats] | None:
+        """Mean (p,) and precision (p, p) of phi before the data; None where nothing is known."""
+        return prior_of(self.known, self.names, self.positive)
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
@@ -124,9 +136,11 @@ class Problem:
             found[slot.part] = 1.0 / noise
         return found
 
-    def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats) -> Grams:
-        """Inner products of the problem linearised about readings `fitted` (R, N) at run effects `b` (R, q)."""
-        return self.inner(by_phi, by_run, self.residual(fitted), b)
+    def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats, phi: Floats | None = None) -> Grams:
+        """Inner products of the problem linearised about readings `fitted` (R, N) at run effects `b` (R, q); what is
+        known beforehand is about phi (p,)."""
+        found, prior = self.inner(by_phi, by_run, self.residual(fitted), b), self.prior
+        return found if prior is None or phi is None else replace(found, prior=(prior[0] - phi, prior[1]))
 
     def inner(self, by_phi: Floats, by_run: Floats, residual: Floats, b: Floats | None = None) -> Grams:
         """The same of any residuals (R, N), zero in the padding; b zero where not given."""
@@ -247,9 +261,10 @@ def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
         return readings, by_theta[:, :, ~held], by_run
 
     names = tuple(name for name, h in zip(problem.names, held) if not h)
+    known = {name: one for name, one in problem.known.items() if name in names}
     return replace(
         problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names,
-        slopes=None if problem.slopes is None else slopes,
+        slopes=None if problem.slopes is None else slopes, known=known,
     )  # fmt: skip
 
 
@@ -267,5 +282,5 @@ def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> Mixed
     at_bound = tuple(sorted([*np.flatnonzero(held).tolist(), *(int(free[i]) for i in fit.at_bound)]))
     return replace(
         fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
-        left_out=left_out, at_bound=at_bound,
+        left_out=left_out, at_bound=at_bound, known=problem.known,
     )  # fmt: skip

@@ -1,11 +1,13 @@
 """What every maximum-likelihood fit returns, whichever likelihood it rests on, and the coordinates of its search."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.fits.known import Prior, prior_of
 from automarine_cli.quantities import Floats
 
 SMALLEST = 1e-9
@@ -19,7 +21,7 @@ class Outcome(ABC):
     `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
     the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
     `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
-    of the parameters that a bound stopped.
+    of the parameters that a bound stopped, `known` what was known beforehand, by name.
     """
 
     names: tuple[str, ...]
@@ -33,6 +35,7 @@ class Outcome(ABC):
     at_bound: tuple[int, ...]
     iterations: int
     converged: bool
+    known: Mapping[str, Prior] = field(default_factory=dict, kw_only=True)
 
     def value(self, name: str) -> float:
         """The fitted value of a parameter."""
@@ -82,6 +85,12 @@ class Outcome(ABC):
         count = len(self.left_out)
         spread = self.left_out - self.left_out.mean(axis=0)
         return (count - 1) / count * spread.T @ spread
+
+    @property
+    def error_of_known(self) -> Floats:
+        """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
+        prior = prior_of(self.known, self.names, self.positive)
+        return np.zeros_like(self.covariance) if prior is None else self.covariance @ prior[1] @ self.covariance
 
 
 def natural_of(phi: Floats, positive: NDArray[np.bool_]) -> Floats:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.nodes import COUNTS
 from automarine_cli.fits.outcome import Outcome
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
 from automarine_cli.fits.step_problem import step_problem
-from automarine_cli.fits.step_response import Known, StepData, density, instant
+from automarine_cli.fits.step_response import StepData, density, instant
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
@@ -42,7 +43,8 @@ class OutputErrorFit:
     `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
     instant [sample intervals], `gain_scatter` run to run (relative), `noise` of the positions [rad] (None where they do
     not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit, `start` (p,)
-    the theta that the search began with; `ways` the drag of each way where that was asked.
+    the theta that the search began with; `ways` the drag of each way where that was asked. `estimator` says by what the
+    parameters were estimated, and of driven runs why.
     """
 
     number: str
@@ -56,6 +58,7 @@ class OutputErrorFit:
     covariance: Floats
     start: Floats
     ways: Ways | None = None
+    estimator: str = ""
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,9 @@ def _fit_at_nodes(data: StepData, number: str, known: Known, begin: Floats, side
     return whole, fit_mixed(whole, theta, **start)
 
 
-def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False) -> OutputErrorFit:
+def fit_whole_runs(
+    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, known: Known = NOTHING_KNOWN
+) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
     One run alone cannot tell its gain from the vehicle's, so none is taken to scatter. Raises FitError where no start
@@ -121,7 +126,7 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_], sided:
     """
     alone = len(batch.names) == 1
     rough, dof = rough_model(number, batch, sided), batch.dof
-    problem = whole_run_problem(rough, batch, at_rest)
+    problem = whole_run_problem(rough, batch, at_rest).informed(known.parameters)
     pooled = without_gain(problem)
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
@@ -130,11 +135,12 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_], sided:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
         return _outcome(number, pooled, only, begin, batch.moment_unit, dof, sided, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
+    little = 0.2 if known.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
         problem,
         first.theta,
         noise=first.noises,
-        factors=np.array([0.02 if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
+        factors=np.array([little if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
         run_effects=first.run_effects,
     )
     return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)
@@ -152,6 +158,7 @@ def run_covariance(mixed: Outcome, problem: Problem | None = None) -> Floats:
     jackknife = mixed.jackknife_covariance
     if problem is not None and isinstance(mixed, MixedFit):
         jackknife = covariance_of_changes(left_out_changes(problem, mixed))
+    jackknife = jackknife + mixed.error_of_known
     if runs >= ENOUGH_RUNS:
         return jackknife
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, jackknife))
@@ -170,7 +177,9 @@ def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: floa
     """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
-    return form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+    found = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+    known = mixed.names[i] in mixed.known
+    return replace(found, known=known, at_bound=i in mixed.at_bound and not known)
 
 
 def _outcome(
@@ -195,7 +204,8 @@ def _outcome(
         for role, name in zip(roles, names)
     }
     turn = None
-    if "quadratic" in roles and at["quadratic"] not in mixed.at_bound:
+    stuck = at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.known
+    if "quadratic" in roles and not stuck:
         i, k = at["inertia"], at["quadratic"]
         stderr = float(np.sqrt(covariance[i, i] + covariance[k, k] - 2 * covariance[i, k]))
         freedom = alone or run_dof(mixed, axes[i] - axes[k])

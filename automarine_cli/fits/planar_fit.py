@@ -1,7 +1,7 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -9,6 +9,8 @@ import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
+from automarine_cli.fits.output_error import run_dof
 from automarine_cli.fits.planar_structure import Assumption, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.planar_use import PlanarUse
 from automarine_cli.models.planar import PlanarModel
@@ -24,6 +26,11 @@ from automarine_cli.runs.run import Run, SetAside
 
 FULLY = 3
 """Neighbours of a structure that are fitted, at most."""
+LIKELIHOOD, FORECASTS = "innovations", "forecasts"
+WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}
+"""How a structure is fitted."""
+AS_LARGE = 0.5
+"""Share of the commands from which on a disturbance may answer for what they do."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +73,8 @@ class Estimator(Protocol):
         """The gain in log likelihood to be expected of each group of free parameters of `wide` beside those of an
         estimate `near` it, of which it has the values."""
 
-    def use(self, found: Estimated) -> PlanarUse | None:
-        """Of what use an estimate is; None where that cannot be told."""
+    def choose(self, tried: Sequence["Tried"]) -> "Choice":
+        """What is preferred of the structures that were tried, the best one first."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,17 @@ class Tried:
     def criterion(self) -> float:
         """That of the estimate."""
         return self.found.criterion
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is preferred: a structure with its estimate, which of the WAYS that was made (`way`), of what `use` it is
+    (None where that cannot be told), and the sentence that says why."""
+
+    best: Tried
+    way: str = LIKELIHOOD
+    use: PlanarUse | None = None
+    because: str = ""
 
 
 def search(runs: Sequence[Run], seen: Observed, estimator: Estimator) -> tuple[Tried, ...]:
@@ -127,25 +145,31 @@ def _promising(
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The structures that were `tried` on `runs`, the best one first, and of what `use` that is; what was set aside;
-    sentences on what thrusters at their `limits` did not give."""
+    """The structures that were `tried` on `runs`, the best one first, and what was the `choice`; what was set aside;
+    sentences on what thrusters at their `limits` did not give; what was `known` beforehand."""
 
     tried: tuple[Tried, ...]
+    choice: Choice
     runs: tuple[Run, ...]
     seen: Observed
     set_aside: tuple[SetAside, ...] = ()
-    use: PlanarUse | None = None
     limits: tuple[str, ...] = ()
+    known: Known = NOTHING_KNOWN
 
     @property
     def found(self) -> Estimated:
-        """What the estimator found for the best structure."""
-        return self.tried[0].found
+        """What the estimator found for the preferred structure."""
+        return self.choice.best.found
 
     @property
     def structure(self) -> Structure:
-        """The best structure."""
-        return self.tried[0].structure
+        """The preferred structure."""
+        return self.choice.best.structure
+
+    @property
+    def use(self) -> PlanarUse | None:
+        """Of what use that is."""
+        return self.choice.use
 
     @property
     def model(self) -> PlanarModel:
@@ -162,12 +186,30 @@ class PlanarFit(Shown):
         """Every parameter that was identified or follows one, by qualified name."""
         spread, names = self.found.model.spread, self.model.parameter_names
         deviation = np.sqrt(np.einsum("pf,fg,pg->p", spread, self.found.covariance, spread))
-        told, free = units(self.model), self.found.readings - len(self.found.model.free)
-        return {
-            name: Estimate.from_stderr(value, error, free, told[name])
-            for name, value, error, row in zip(names, self.model.theta, deviation, spread)
-            if row.any()
-        }
+        told, found = units(self.model), {}
+        for name, value, error, row in zip(names, self.model.theta.tolist(), deviation.tolist(), spread):
+            if not row.any():
+                continue
+            freedom, positive = self._freedom(int(np.argmax(np.abs(row))))
+            one = (
+                Estimate.from_log(value, error / value, freedom, told[name])
+                if positive
+                else Estimate.from_stderr(value, error, freedom, told[name])
+            )
+            found[name] = replace(one, known=name in self.known.parameters, at_bound=self._at_bound(name, row))
+        return found
+
+    def _at_bound(self, name: str, row: Floats) -> bool:
+        """Whether a bound stopped a parameter, or what it follows."""
+        stopped = () if self.found.fit is None else self.found.fit.at_bound
+        return int(np.argmax(np.abs(row))) in stopped and name not in self.known.parameters
+
+    def _freedom(self, i: int) -> tuple[float, bool]:
+        """Degrees of freedom of the variance of a free parameter, and whether it is searched on its logarithm."""
+        fit = self.found.fit
+        if fit is None or len(self.runs) < 2:
+            return float(self.found.readings - len(self.found.model.free)), fit is not None and bool(fit.positive[i])
+        return run_dof(fit, np.eye(len(fit.theta))[i]), bool(fit.positive[i])
 
     @property
     def because(self) -> str:
@@ -175,10 +217,11 @@ class PlanarFit(Shown):
         count = len(self.tried)
         if count == 1:
             return "No other structure was tried."
-        lead = self.tried[1].found.criterion - self.found.criterion
+        first, second = self.tried[:2]
+        which = "this one" if first.structure == self.structure else f"{first.structure}"
         return (
-            f"Of {count} structures this one has the best evidence (Bayesian information criterion); the next, "
-            f"{self.tried[1].structure}, is {lead:.1f} behind."
+            f"Of {count} structures {which} has the best evidence (Bayesian information criterion); the next, "
+            f"{second.structure}, is {second.criterion - first.criterion:.1f} behind."
         )
 
     @cached_property
@@ -209,6 +252,8 @@ class PlanarFit(Shown):
             "fitted_to": "whole runs",
             "structure": str(self.structure),
             "structure_because": self.because,
+            "estimated": WAYS[self.choice.way],
+            "estimated_because": self.choice.because,
             "assumptions": [asdict(one) for one in self.assumptions],
             "channels": list(self.seen.channels),
             "noises": dict(found.noises),
@@ -223,9 +268,30 @@ class PlanarFit(Shown):
         }
 
     @property
+    def disturbed(self) -> tuple[str, ...]:
+        """A sentence where what the filter takes for a disturbance is as large as the commands."""
+        large = []
+        for dof, inertia in zip(PLANAR.dofs, np.diagonal(self.model.inertia.matrix)):
+            commands = np.concatenate([run.command_of(dof) for run in self.runs])
+            usual = float(np.sqrt(np.mean(commands**2)))
+            size = inertia * self.found.disturbance.get(dof.name, {}).get("size", 0.0)
+            if usual > 0 and size > AS_LARGE * usual:
+                unit = "N m" if dof.wraps else "N"
+                large.append(f"{dof.name} {size:.3g} of {usual:.3g} {unit}")
+        if not large:
+            return ()
+        then = (
+            "Masses and inertia rest on forecasts over seconds, not on single readings."
+            if self.choice.way == FORECASTS
+            else "It may answer for what they do; masses and inertia are then too large."
+        )
+        return (f"The disturbance is more than half as large as the commands: {', '.join(large)}. {then}",)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What a user must not miss."""
         found = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
+        found += self.disturbed
         if not self.found.converged:
             found.append("The fit did not converge; give more or longer runs.")
         loose = [

@@ -1,6 +1,7 @@
 """The likelihood of planar models: which parameters are searched how, where fits start, and what an estimate is."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -10,13 +11,17 @@ import numpy as np
 from automarine_cli import effects
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.fits.innovations import ITERATIONS, fit_innovations
+from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
+from automarine_cli.fits.innovations import ITERATIONS, InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem, Randomness, randomness
+from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import bounded_solution
-from automarine_cli.fits.planar_fit import Estimated
-from automarine_cli.fits.planar_structure import Observed, rough_sizes
-from automarine_cli.fits.planar_use import PlanarUse, planar_use
+from automarine_cli.fits.output_error import run_covariance
+from automarine_cli.fits.planar_fit import FORECASTS, LIKELIHOOD, WAYS, Choice, Estimated, Tried
+from automarine_cli.fits.planar_structure import Observed, Structure, rough_sizes
+from automarine_cli.fits.planar_use import HEADING, Forecasts, forecasts_of, planar_use
 from automarine_cli.models.planar import FORCES, VELOCITIES
 from automarine_cli.models.tied import Tied
 from automarine_cli.quantities import Floats
@@ -28,6 +33,8 @@ SIZES = (0.02, 0.2)
 """Disturbances, as shares of the acceleration of the largest command, to start from."""
 BRIEF = 6
 """Iterations of a brief fit."""
+WORTH_IT = 0.02
+"""Share of the errors of predictions that is worth another estimator or structure."""
 FASTEST_WATER = 5.0
 """m/s; no tidal current of a place where vehicles are tested is faster."""
 
@@ -42,10 +49,12 @@ class Promise:
 
 @dataclass(frozen=True)
 class PlanarLikelihood:
-    """Fits of planar models to `runs`, of which the logs hold what is `seen`."""
+    """Fits of planar models to `runs`, of which the logs hold what is `seen`; `known` are parameters that are known
+    beforehand, by qualified name."""
 
     runs: tuple[Run, ...]
     seen: Observed
+    known: Mapping[str, Prior] = field(default_factory=dict)
     rough: Mapping[str, float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -70,7 +79,7 @@ class PlanarLikelihood:
             np.array([*positive, *[True] * len(random)]),
             np.array([*scale, *[1.0] * len(random)]),
             random,
-        )
+        ).informed(self.known)
 
     def starts(self, problem: DrivenProblem, near: Estimated | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""
@@ -96,13 +105,25 @@ class PlanarLikelihood:
         no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
         iterations = BRIEF if brief else ITERATIONS
-        found = fit_innovations(problem, self.starts(problem, near), iterations, brief)
+        return self._estimated(model, fit_innovations(problem, self.starts(problem, near), iterations, brief))
+
+    def by_forecasts(self, near: Estimated) -> Estimated:
+        """The model of an estimate fitted to forecasts over seconds, from states that are smoothed `near` it. Raises
+        FitError where no run is long enough."""
+        assert near.fit is not None
+        problem = self.problem(near.model)
+        starts = np.concatenate([near.fit.theta[None], self.starts(problem, None)])
+        found = fit_forecasts(problem, near.fit.phi, starts)
+        return self._estimated(near.model, with_chance(problem, found))
+
+    def _estimated(self, model: Tied, found: InnovationsFit) -> Estimated:
+        """The estimate of a fit, with the run as the unit of its errors."""
         own = slice(0, found.parameters)
         slopes = np.where(found.positive[own], found.theta[own], 1.0)
         random = found.of_chance
         return Estimated(
             model.with_theta(found.of_model),
-            found.covariance[own, own] * np.outer(slopes, slopes),
+            run_covariance(found)[own, own] * np.outer(slopes, slopes),
             found.log_likelihood,
             sum(found.read.values()),
             found.noise_of,
@@ -119,11 +140,30 @@ class PlanarLikelihood:
             found,
         )
 
-    def use(self, found: Estimated) -> PlanarUse | None:
-        """Of what use an estimate is on runs left out of it."""
-        if found.fit is None:
-            return None
-        return planar_use(self.runs, self.problem(found.model), found.fit)
+    def choose(self, tried: Sequence[Tried]) -> Choice:
+        """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
+        left out best. The best structure by innovations is left for what predicts better by a share of WORTH_IT.
+
+        Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
+        little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
+        """
+        simplest = Structure.simplest(self.seen)
+        fitted: list[tuple[Tried, str, Forecasts]] = []
+        for one in dict.fromkeys((0, next((i for i, t in enumerate(tried) if t.structure == simplest), 0))):
+            for way in WAYS:
+                with suppress(FitError):
+                    own = tried[one]
+                    found = own.found if way == LIKELIHOOD else self.by_forecasts(own.found)
+                    assert found.fit is not None
+                    judged = forecasts_of(self.problem(found.model), found.fit, way == FORECASTS)
+                    if np.isfinite(judged.score) or not fitted:
+                        fitted.append((replace(own, found=found), way, judged))
+        best = min(fitted, key=lambda each: each[2].score)
+        chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
+        found = chosen[0].found
+        assert found.fit is not None
+        use = planar_use(self.runs, self.problem(found.model), found.fit, chosen[2])
+        return Choice(chosen[0], chosen[1], use, _because(chosen, fitted, simplest))
 
     def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
         """The gain in log likelihood to be expected of each group of free parameters of `wide` beside those of an
@@ -174,6 +214,22 @@ class PlanarLikelihood:
         found = randomness(self.course, pushes.tolist(), (), quiet=False)
         unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.seen.dofs)
         return tuple(replace(one, upper=one.lower) if one.name.startswith(unread) else one for one in found)
+
+
+def _because(
+    chosen: tuple[Tried, str, Forecasts], fitted: Sequence[tuple[Tried, str, Forecasts]], simplest: Structure
+) -> str:
+    """Which fit is preferred, and by how much."""
+    more = []
+    for one, way, judged in fitted:
+        share = float(np.expm1(judged.score - chosen[2].score))
+        if judged is not chosen[2]:
+            which = "for the simplest structure " if one.structure == simplest != chosen[0].structure else ""
+            more.append(f"{100 * abs(share):.0f} % {'larger' if share >= 0 else 'smaller'} {which}{WAYS[way]}")
+    own = f"Fitted {WAYS[chosen[1]]}"
+    if not more or not chosen[2].worth[HEADING]:
+        return f"{own}."
+    return f"{own}. Errors on runs left out, 2 to 15 s ahead, would be {', '.join(more)}."
 
 
 def _usual(rough: Mapping[str, float], dof: str) -> float:

@@ -24,6 +24,8 @@ LAWS = (("quadratic-drag",), ("linear-drag",), ("linear-drag", "quadratic-drag")
 COUPLINGS = ("Y_r", "N_v", "N_ur", "Y_uv")
 """Forces by the velocities of others that a hull alike on both sides has: sway force by turning, moment by drifting,
 turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
+OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
+"""Qualified names of inertias and drags, which are above zero."""
 SETTLES = 1.0
 """s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)."""
 WINDOW = 1.0
@@ -104,6 +106,12 @@ class Structure:
         sideways = SWAY in self.observed.dofs
         laws = dict.fromkeys(self.laws, LAWS[-1])
         return replace(self, laws=laws, couplings=couplings, skewed=sideways, current=self.observed.over_ground)
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Qualified names of the parameters that structures of these logs may have, by what users write."""
+        free = self.widest.model(dict.fromkeys(OWN, 1.0)).free
+        return {name if name.startswith("current") else name.partition(".")[2]: name for name in free}
 
     def neighbours(self) -> Iterator["Structure"]:
         """Structures one step away: another law of one drag, one more coupling, a shared inertia, a current."""

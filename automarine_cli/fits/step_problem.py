@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_problem import SWITCH, Problem
 from automarine_cli.fits.nodes import Nodes
 from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
-from automarine_cli.fits.step_response import MOST_OFFSET, NOTHING_KNOWN, Known, StepData, density, instant
+from automarine_cli.fits.step_response import MOST_OFFSET, StepData, density, instant
 from automarine_cli.models.closed_form import response, slopes
 from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.quantities import Floats
@@ -56,7 +57,7 @@ def step_problem(
         measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels)))
         return Problem(
             steps.readings, measured, seen, steps.blocks, bounds, positive, names, slots, slopes=steps.slopes
-        )
+        ).informed(known.parameters)
     at = np.cumsum([0, *(one.time.shape[1] for one in nodes)]).tolist()
     slots = tuple(replace(slot, part=slice(i, j)) for slot, i, j in zip(slots, at, at[1:]))
     counted = [c for c, channel in enumerate(channels) if channel.counts]
@@ -72,7 +73,7 @@ def step_problem(
         np.stack([channels[c].seen.sum(axis=1) for c in counted], axis=1),
         np.stack([nodes[c].left for c in counted], axis=1),
         steps.slopes,
-    )
+    ).informed(known.parameters)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Half-turn steps as arrays, and what may be known of them; step_problem.py holds their likelihood."""
+"""Half-turn steps as arrays; step_problem.py holds their likelihood."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -94,18 +94,6 @@ class StepData:
             position_counts=None if self.position_counts is None else self.position_counts[drawn],
             _nodes={},
         )
-
-
-@dataclass(frozen=True)
-class Known:
-    """What an experimenter may know of the runs: then it is not estimated."""
-
-    start_heading: bool = False
-    switch_instant: bool = False
-    gain: bool = False
-
-
-NOTHING_KNOWN = Known()
 
 
 def instant(z: Floats) -> Floats:

@@ -65,9 +65,17 @@ class Judge(ABC, Generic[Model, Round]):
         """Models with one effect more that are beyond chance and may stand, the best first; `first` was the first look
         of the search."""
 
+    def full(self, model: Model) -> bool:
+        """Whether nothing more may be added to a model."""
+        return False
+
     def added(self, model: Model) -> tuple[str, ...]:
-        """The effects that were added to a model."""
+        """The effects that were added to a model, those that are to be reconsidered."""
         return ()
+
+    def alone(self, model: Model) -> bool:
+        """Whether what was added competed with all others in the first look."""
+        return len(self.added(model)) < 2
 
     def without(self, model: Model, name: str) -> Model | None:
         """The model with one effect taken out, fitted again; None where there is no such fit."""
@@ -107,7 +115,7 @@ def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Ro
     """Add the best while there is one."""
     looks: list[Round] = []
     others: list[Model] = []
-    while len(looks) < judge.most:
+    while len(looks) < judge.most and not judge.full(current):
         try:
             look = judge.look(current, len(looks))
         except FitError:
@@ -128,7 +136,7 @@ def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Ro
 def _reconsidered(judge: Judge[Model, Round], current: Model, first: Round) -> tuple[Model, dict[str, Round]]:
     """Take each effect out in turn and look again: what was found first may mimic two effects at once, and is then
     better replaced when the other is known. In the place of a single effect competes what the first look found."""
-    if len(judge.added(current)) < 2:
+    if judge.alone(current):
         return current, dict.fromkeys(judge.added(current), first)
     around: dict[str, Round] = {}
     waiting, steps = list(judge.added(current)), 0
@@ -147,6 +155,6 @@ def _reconsidered(judge: Judge[Model, Round], current: Model, first: Round) -> t
             around[name] = look
         else:
             current, around, waiting = best, {}, list(judge.added(best))
-    if len(judge.added(current)) == 1:
+    if judge.alone(current):
         around = dict.fromkeys(judge.added(current), first)
     return current, around

@@ -12,6 +12,7 @@ from automarine_cli.fits.linear_mixed import (
     bounded_solution,
     covariance_of,
     curvature_scale,
+    normal_equations,
     solve_scaled,
     weigh,
 )
@@ -46,10 +47,15 @@ def scored_deviance(
     derivatives are tr(R^-1 dR R^-1 dR), those of phi fixed.
     """
     weighted = weigh(grams, effects, variances)
-    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
+    hessian, gradient = normal_equations(grams, weighted)
     phi = solve_scaled(hessian, gradient)
-    misfit = weighted.square.sum() - gradient @ phi
-    value = weighted.log_det.sum() + misfit
+    misfit, known, own = weighted.square.sum() - gradient @ phi, 0.0, hessian
+    if grams.prior is not None:  # which no noise scales
+        expected, precision = grams.prior
+        own = hessian - precision
+        misfit = weighted.square.sum() - (2.0 * (gradient - precision @ expected) - own @ phi) @ phi
+        known = float((phi - expected) @ precision @ (phi - expected))
+    value = weighted.log_det.sum() + misfit + known
     means = weighted.means - weighted.by_phi @ phi
     of_effect = 1.0 - weighted.left - means**2
     of_noise = grams.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
@@ -60,7 +66,7 @@ def scored_deviance(
         covariance = covariance_of(hessian)
         taken = (weighted.by_phi @ covariance * weighted.by_phi).sum(axis=2)
         of_effect -= taken
-        of_noise += taken.sum() - len(phi)
+        of_noise += taken.sum() - (len(phi) if grams.prior is None else float((own * covariance).sum()))
     noises = [of_noise]
     if len(grams.channels) > 1:
         noises = _of_noises(grams, effects, variances, weighted, phi, means, covariance)

@@ -162,8 +162,10 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
         raise FitError(
             batch.dof.fill(
                 "the {positions} {move} against the {force}: {inertia} and drag would be negative. If the {position} "
-                "counts {other_way}, or the {force} does, map it with sign = -1 in the --columns file"
+                "counts {other_way}, or the {force} does, map it with sign = -1 in the --columns file "
+                "or the campaign: under [columns] "
             )
+            + f'{batch.dof.column(batch.dof.position, batch.dof.units.log)} = {{ from = "NAME", sign = -1 }}'
         )
     scale = float(np.abs(batch.force).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)

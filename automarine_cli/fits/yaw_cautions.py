@@ -59,7 +59,7 @@ def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> list[Caution]:
         dof = fit.model.dof
         for role in EVERY:
             estimate = fit.estimates.get(dof.parameters[role])
-            if estimate is not None:
+            if estimate is not None and not estimate.known:
                 stuck = _stuck(fit, role)
                 sentence = stuck or _negative(role, estimate, dof) or _wide(role, estimate, dof)
                 if sentence:

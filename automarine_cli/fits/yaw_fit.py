@@ -10,13 +10,14 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
-from automarine_cli.fits.driven_use import Use
+from automarine_cli.fits.driven_use import Judgement, Use
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
-from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
+from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of, run_dof
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
-from automarine_cli.fits.yaw_cautions import Caution
+from automarine_cli.fits.yaw_cautions import DRAG, Caution
 from automarine_cli.models.store import model_json
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
@@ -37,7 +38,8 @@ class YawFit(Shown):
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
     where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count; `use` is what the model predicts, of driven runs.
+    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `known` is what was known
+    beforehand.
     """
 
     moment_unit: str
@@ -53,7 +55,8 @@ class YawFit(Shown):
     cautions: tuple[Caution, ...]
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
-    use: Use | None = None
+    use: Judgement | None = None
+    known: Known = NOTHING_KNOWN
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -62,9 +65,23 @@ class YawFit(Shown):
 
     @property
     def inertial_turn_angle(self) -> Estimate | None:
-        """Inertia over quadratic drag of the preferred model, of model 3 where that has no quadratic drag."""
-        other = self.output_error.get("3")
-        return self.preferred.inertial_turn_angle or (None if other is None else other.inertial_turn_angle)
+        """Inertia over quadratic drag of the preferred model; None where that has linear drag alone."""
+        return self.preferred.inertial_turn_angle
+
+    @property
+    def time_constant(self) -> Estimate | None:
+        """Inertia over linear drag [s] of model 1, where that is preferred."""
+        fit, own = self.preferred, self.dof.symbols
+        if fit.number != "1" or own.linear not in fit.estimates:
+            return None
+        found, direction = fit.mixed, np.zeros(len(fit.mixed.theta))
+        at = [found.names.index(self.dof.parameter(role)) for role in ("inertia", "linear")]
+        if not (found.theta[at] > 0).all() or set(at) & set(found.at_bound):
+            return None
+        direction[at] = np.where(found.positive[at], 1.0, 1.0 / found.theta[at]) * np.array([1.0, -1.0])
+        stderr = float(np.sqrt(max(float(direction @ fit.covariance @ direction), 0.0)))
+        value = float(found.theta[at[0]] / found.theta[at[1]])
+        return Estimate.from_log(value, stderr, run_dof(found, direction), "s")
 
     @property
     def used(self) -> int:
@@ -99,6 +116,7 @@ class YawFit(Shown):
                 effects=_effects_json(fit),
             ),
             **self._driven_json(),
+            **({} if self.time_constant is None else {"time_constant_s": self.time_constant.to_json()}),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
             f"{dof.words.position}_noise_{dof.units.key}": None
@@ -111,18 +129,31 @@ class YawFit(Shown):
         }  # fmt: skip
 
     @property
+    def told_of_known(self) -> tuple[str, ...]:
+        """What was known beforehand, in sentences."""
+        dof = self.dof
+        units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
+        found = self.known.sentences(units, self.preferred.mixed.names)
+        paper = ("The velocity errors of the paper do not use it.",) if found and self.seed_method else ()
+        return (*found, *paper)
+
+    @property
     def buoyancy(self) -> "Buoyancy | None":
         """The constant force of the preferred model; None for motions without one."""
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     def _driven_json(self) -> dict[str, object]:
-        """What only driven runs have: what is random, and what the model predicts of runs left out."""
+        """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
         found, use = self.preferred.mixed, self.use
-        if use is None or not isinstance(found, InnovationsFit):
+        if use is None:
             return {}
+        random: dict[str, object] = {}
+        if isinstance(found, InnovationsFit):
+            random = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
+        if isinstance(use, Use):
+            random["proposed"] = dict(use.proposed)
         return {
-            "driven": True,
-            "random": random_estimates(found, self.preferred.covariance, self.dof),
+            **random,
             "prediction": {
                 "left_out_runs": [one.to_json(self.dof) for one in use.worth],
                 "of_use": use.of_use,
@@ -144,6 +175,7 @@ class YawFit(Shown):
             f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
             "covariance": covariance_json(list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance),
             "converged": fit.mixed.converged,
+            **({"estimator": fit.estimator} if fit.estimator else {}),
         }
         if own := _effects_json(fit):
             content["effects"] = own
@@ -181,18 +213,25 @@ class YawFit(Shown):
 
 def _effects_json(fit: OutputErrorFit) -> list[dict[str, object]]:
     """The effects beside drag that a fit was asked to have, as an extended model holds them."""
-    found: list[dict[str, object]] = []
-    model = fit.model
+    return [
+        {"name": effect, "parameters": {name: one.to_json() for name, one in own.items()}}
+        for effect, own in effect_estimates(fit).items()
+    ]
+
+
+def effect_estimates(fit: OutputErrorFit) -> dict[str, dict[str, Estimate]]:
+    """Estimates of the effects beside drag that a fit was asked to have, by effect and parameter; standard errors of
+    zero are of what is not fitted."""
+    found, model = {}, fit.model
     for term in model.terms:
         if term.own:
             continue
         names = effects.get(term.name).names_in(model.dof)
         card = effects.get(term.name).card(model.dof, model.moment_unit)
-        own = {
-            name: estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit).to_json()
+        found[term.name] = {
+            name: estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit)
             for name, parameter in zip(names, card.parameters)
         }
-        found.append({"name": term.name, "parameters": own})
     return found
 
 

@@ -13,6 +13,14 @@ PICTURE = re.compile(r'!\[([^\]]*)\]\([^)]+\)|<img [^>]*alt="([^"]*)"[^>]*>')
 HEADING = re.compile(r"(#+) (.*)")
 ITEM = re.compile(r"(- |\d+\. )")
 EMPHASIS = re.compile(r"\*\*|(?<![\w*])\*(?=\S)([^*]+)(?<=\S)\*(?![\w*])")
+FORMULA = re.compile(r"(?<![\\`$\w])\$([^$`]+)\$(?!\w)")
+LETTERS = {
+    "tau": "τ", "psi": "ψ", "varepsilon": "ε", "delta": "δ", "Phi": "Φ", "pi": "π", "sigma": "σ", "infty": "∞",
+    "le": "≤", "ge": "≥", "to": "→", "sum": "Σ", "cdot": "·", "times": "×", "approx": "≈", "pm": "±", "mp": "∓",
+    "circ": "°", "vert": "|", "chi": "χ", "omega": "ω", "Delta": "Δ", "theta": "θ", "beta": "β", "alpha": "α",
+    "lambda": "λ", "int": "∫", "neq": "≠", "sim": "~", "quad": " ", "qquad": " ", "phi": "φ", "rho": "ρ", "mu": "µ",
+    "gamma": "γ",
+}  # fmt: skip
 ESCAPED = re.compile(r"\\([][|*_])")
 
 
@@ -43,7 +51,8 @@ def _parted(lines: list[str]) -> Iterator[list[str]]:
 def _shown(block: Sequence[str], width: int, heading: Callable[[str], str]) -> list[str]:
     first = block[0]
     if first.startswith("```"):
-        return [f"{INDENT}{line}".rstrip() for line in block[1:-1]]
+        inner = [formula(" ".join(block[1:-1]))] if first == "```math" else block[1:-1]
+        return [f"{INDENT}{line}".rstrip() for line in inner]
     if found := HEADING.match(first):
         text = _inline(found[2])
         return [heading(text), heading(("=" if len(found[1]) == 1 else "-") * len(text))]
@@ -79,8 +88,33 @@ def _table(block: Sequence[str], width: int) -> list[str]:
     return text_table(grid, [side.endswith(":") for side in sides], (), width)
 
 
+def formula(tex: str) -> str:
+    """A formula in letters that a terminal has: k_r|r| ṙ², √(x), (a)/(b)."""
+    text = re.sub(r"\\(?:left|right|mathrm|text)(?![a-z])|\\[,!]", "", tex).replace(r"\quad", "  ")
+    for name, letter in LETTERS.items():
+        text = re.sub(rf"\\{name}(?![a-z])", letter, text)
+    text = re.sub(r"\\(ln|cosh|sinh|tanh|exp|max|min|log|arctan|sin|cos)(?![a-z])", r"\1 ", text)
+    text = re.sub(r"\\dot\s*\{?(\w)\}?", "\\1\N{COMBINING DOT ABOVE}", text)
+    text = re.sub(r"([_^])\{(\w|-\w)\}", r"\1\2", re.sub(r"_\{([^{}]*)\}", r"_\1", text))
+    before = ""
+    while before != text:  # from the inside out
+        before = text
+        text = re.sub(r"\\frac\s*\{([^{}]*)\}\s*\{([^{}]*)\}", _fraction, text)
+        text = re.sub(r"\\sqrt\s*\{([^{}]*)\}", r"√(\1)", text)
+        text = re.sub(r"\^\{([^{}]*)\}", r"^(\1)", text)
+    text = re.sub(r"\{([^{}]*)\}", r"\1", text).replace("\\ ", " ")
+    text = re.sub(r"\^([234])", lambda found: "²³⁴"[int(found[1]) - 2], text)
+    return re.sub(r"\s+", " ", text).replace("( ", "(").replace(" (", " (").strip()
+
+
+def _fraction(found: re.Match[str]) -> str:
+    above, below = (one if re.fullmatch(r"[^\s/]+", one) else f"({one})" for one in found.groups())
+    return f"({above}/{below})"
+
+
 def _inline(text: str) -> str:
     """Links as words and where they lead; emphasis and escapes as the words alone."""
+    text = FORMULA.sub(lambda found: formula(found[1]), text)
     plain = EMPHASIS.sub(lambda found: found[1] or "", LINK.sub(_followed, text))
     return ESCAPED.sub(r"\1", plain)
 

@@ -1,13 +1,16 @@
 """One request to a vehicle at a time, each on a connection of its own: what is cut is asked for again."""
 
+import hashlib
 import http.client
-import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
-from typing import Any
 from urllib.parse import quote, urlsplit
 
 from automarine_cli.errors import SettingError
+from automarine_cli.link.answers import Listing, State
+from automarine_cli.pipeline.codec import Codec
+from automarine_cli.pipeline.plain_data import Document, read_plain
 from automarine_cli.pipeline.words import printable
 
 CONNECT_S, STALL_S = 1.0, 10.0
@@ -21,8 +24,16 @@ class LinkCut(Exception):
     """No contact, or the contact was lost; to be tried again."""
 
 
-class WrongAnswer(Exception):
-    """An answer that is none of ours."""
+class WrongAnswer(SettingError):
+    """An answer that makes no sense: it is believed after so many `tries` in a row, for a link may spoil or cut it."""
+
+    tries = 20
+
+
+class Refusal(WrongAnswer):
+    """An answer that is whole, and refuses: only the request may have been spoilt."""
+
+    tries = 3
 
 
 @dataclass(frozen=True)
@@ -48,58 +59,80 @@ class Client:
             raise SettingError("the token holds letters that no token has; copy it as serve printed it")
         return cls(host, port, token)
 
-    def state(self) -> dict[str, Any]:
-        """What the vehicle is at. Raises LinkCut, SettingError."""
-        return self._json("GET", "/state")
+    @property
+    def url(self) -> str:
+        """Its address."""
+        return f"http://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
 
-    def logs(self) -> list[dict[str, Any]]:
-        """Its logs. Raises LinkCut, SettingError."""
-        return list(self._json("GET", "/runs")["runs"])
+    def state(self) -> State:
+        """What the vehicle is at. Raises LinkCut, WrongAnswer."""
+        return _codec("state").read(State, self._json("GET", "/state"))
 
-    def stop(self) -> bool:
-        """Stop it; whether it is silent. Raises LinkCut, SettingError."""
-        return bool(self._json("POST", "/stop")["quiet"])
+    def listing(self) -> Listing:
+        """Its logs. Raises LinkCut, WrongAnswer."""
+        return _codec("list of logs").read(Listing, self._json("GET", "/runs"))
+
+    def stop(self, ids: Sequence[str]) -> bool:
+        """Stop some campaigns; whether it is silent. Raises LinkCut, WrongAnswer."""
+        return self._json("POST", f"/stop/{','.join(ids)}").get("quiet") is True
 
     def put_campaign(self, name: str, content: bytes) -> None:
-        """Hand it a campaign; twice is as good as once. Raises LinkCut, SettingError with the vehicle's refusal."""
+        """Hand it a campaign; twice is as good as once. Raises LinkCut, WrongAnswer with the vehicle's refusal."""
         self._json("PUT", f"/campaigns/{name}", content)
 
     def piece(self, name: str, first: int, size: int) -> bytes:
-        """Bytes of a log from `first` on, as many as came before the link was cut. Raises LinkCut where none came."""
+        """Bytes of a log from `first` on, as many as came before the link was cut. Raises LinkCut, WrongAnswer."""
         headers = {"Range": f"bytes={first}-{min(first + PIECE, size) - 1}"}
-        status, content = self._ask("GET", f"/runs/{quote(name)}", None, headers)
-        if status != HTTPStatus.PARTIAL_CONTENT:
-            raise LinkCut(f"status {status}")
-        return content
+        answer = self._ask("GET", f"/runs/{quote(name)}", None, headers)
+        if answer.status != HTTPStatus.PARTIAL_CONTENT or not answer.content:
+            raise WrongAnswer(f"the vehicle lists {name} and does not hand it out (status {answer.status})")
+        return answer.content
 
-    def _json(self, method: str, path: str, body: bytes | None = None) -> dict[str, Any]:
-        status, content = self._ask(method, path, body, {})
-        try:
-            data = json.loads(content)
-        except ValueError:  # cut short
-            raise LinkCut("half an answer") from None
-        if not isinstance(data, dict):
-            raise SettingError(f"http://{self.host}:{self.port} is no vehicle of ours; check the address")
-        if status == HTTPStatus.UNAUTHORIZED:
-            raise SettingError(
-                f"http://{self.host}:{self.port} refuses the token; give the one that serve printed with --token"
+    def _json(self, method: str, path: str, body: bytes | None = None) -> dict[str, object]:
+        answer = self._ask(method, path, body, {})
+        if answer.is_cut:
+            raise LinkCut("half an answer")
+        if answer.tag != f'"{hashlib.sha256(answer.content).hexdigest()}"':
+            raise WrongAnswer(
+                f"{self.url} does not answer as a vehicle of ours; check the address, and that both sides have the "
+                "same automarine"
             )
-        if status >= HTTPStatus.BAD_REQUEST:
-            raise SettingError(f"the vehicle refuses: {printable(str(data.get('error')))[:600]}")
+        data = read_plain(Document("the vehicle's answer", answer.content), "JSON", WrongAnswer, most=MOST_ANSWER)
+        if answer.status == HTTPStatus.UNAUTHORIZED:
+            raise Refusal(f"{self.url} refuses the token; give the one that serve printed with --token")
+        if answer.status >= HTTPStatus.BAD_REQUEST:
+            raise Refusal(f"the vehicle refuses: {printable(str(data.get('error')))[:600]}")
         return data
 
-    def _ask(self, method: str, path: str, body: bytes | None, headers: dict[str, str]) -> tuple[int, bytes]:
+    def _ask(self, method: str, path: str, body: bytes | None, headers: dict[str, str]) -> "_Answer":
         connection = http.client.HTTPConnection(self.host, self.port, timeout=CONNECT_S)
         try:
             connection.connect()
             connection.sock.settimeout(self.stall_s)
             connection.request(method, path, body, headers | {"Authorization": f"Bearer {self.token}"})
             answer = connection.getresponse()
-            return answer.status, _whole_or_part(answer)
-        except (OSError, http.client.HTTPException) as problem:
-            raise LinkCut(getattr(problem, "strerror", None) or str(problem) or type(problem).__name__) from None
+            content = _whole_or_part(answer)
+            return _Answer(answer.status, answer.getheader("ETag"), content, bool(answer.length))
+        except (OSError, http.client.IncompleteRead) as problem:
+            raise LinkCut(getattr(problem, "strerror", None) or printable(str(problem)) or "cut") from None
+        except (http.client.HTTPException, ValueError) as problem:
+            raise WrongAnswer(f"{self.url} does not speak HTTP ({printable(str(problem))[:60]}); check it") from None
         finally:
             connection.close()
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """One answer; `is_cut` where not all came that was announced."""
+
+    status: int
+    tag: str | None
+    content: bytes
+    is_cut: bool
+
+
+def _codec(what: str) -> Codec:
+    return Codec(f"the vehicle's {what}", refuse=WrongAnswer, writer="serve")
 
 
 def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:

@@ -1,16 +1,15 @@
 """The surface's side: on contact state, stop, campaign, then logs; goes on after any cut where it was."""
 
-import json
-import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.client import PIECE, Client, LinkCut
-from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.answers import Log, State
+from automarine_cli.link.client import PIECE, Client, LinkCut, WrongAnswer
+from automarine_cli.link.document import SHORT, LinkCampaign
 from automarine_cli.pipeline import staging
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.one_file import write_whole
@@ -22,8 +21,6 @@ LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
 POLL_S = 1.0
 TRIES = 3
 """How often a log with a wrong hash is fetched again."""
-LARGEST_LOG = 1 << 32
-LOG_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,140}\.csv")
 
 Answer = TypeVar("Answer")
 
@@ -50,28 +47,35 @@ class Collector:
     poll_s: float = POLL_S
     crossing: Crossing = field(default_factory=Crossing)
 
-    def collect(self, campaign: LinkCampaign | None, stop: bool) -> dict[str, Any]:
+    def collect(self, campaign: LinkCampaign | None, stop: bool) -> State:
         """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
 
-        Raises SettingError for no contact, a wrong token, a refused campaign and a log that is not what it was
-        closed as, OutputError for a folder that cannot be written.
+        Raises SettingError for no contact, a wrong token, a refused campaign, an answer that makes no sense and a log
+        that is not what it was closed as, OutputError for a folder that cannot be written.
         """
         with staging.one_sentence(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-        self._until_done(self.client.state)
-        if stop and not self._until_done(self.client.stop):
+        going = [one.id for one in self._until_done(self.client.state).campaigns if not one.over]
+        if stop and going and not self._until_done(lambda: self.client.stop(going)):
             raise SettingError(
                 "the vehicle has stopped its campaigns but is not silent yet; check the vehicle, and stop it by hand"
             )
         if campaign is not None:
             content = campaign.text.encode()
             self._until_done(lambda: self.client.put_campaign(campaign.id, content))
+        ledger, here = self.ledger(), set[Log]()
         while True:
             state = self._until_done(self.client.state)
-            for log in sorted(self._until_done(self.client.logs), key=lambda one: str(one.get("name"))):
-                if log.get("closed"):
-                    self._fetch(*_checked(log))
-            if campaign is None or _is_over(state, campaign):
+            logs = {log for log in self._until_done(self.client.listing).runs if log.closed}
+            for log in sorted(logs - here, key=lambda one: one.name):
+                self._fetch(log, ledger)
+            here |= logs
+            if campaign is None:
+                return state
+            if (found := state.of(campaign.id)) is None:
+                why = "".join(f"; {trouble}" for trouble in state.troubles)
+                raise SettingError(f"the vehicle does not know campaign {campaign.id[:SHORT]} any more{why}")
+            if found.over:
                 return state
             time.sleep(self.poll_s)
 
@@ -85,9 +89,9 @@ class Collector:
             raise SettingError(f"{LEDGER}: no table of runs; rename the file, and the logs are looked at again")
         return {str(name): str(found) for name, found in data.items()}
 
-    def _fetch(self, name: str, size: int, wanted: str) -> None:
+    def _fetch(self, log: Log, ledger: dict[str, str]) -> None:
         """One log, whole and with its hash, under its name; nothing to do where it is here."""
-        ledger, target = self.ledger(), self.folder / name
+        name, wanted, target = log.name, str(log.sha256), self.folder / log.name
         if ledger.get(name, wanted) != wanted:
             raise SettingError(
                 f"{name} is another log now than when it was fetched; compare both, for logs never change"
@@ -96,9 +100,10 @@ class Collector:
         if changed and not self.overwrite:
             raise SettingError(f"{name} was changed here since it was fetched; move it away, or give --overwrite")
         if changed or not target.exists():
-            self._fetch_whole(target, size, wanted)
+            self._fetch_whole(target, log.size, wanted)
         if name not in ledger:
-            runs = dict(sorted((ledger | {name: wanted}).items()))
+            ledger[name] = wanted
+            runs = dict(sorted(ledger.items()))
             write_whole(self.folder / LEDGER, json_text({"schema": LEDGER_SCHEMA, "runs": runs}))
 
     def _fetch_whole(self, target: Path, size: int, wanted: str) -> None:
@@ -131,29 +136,21 @@ class Collector:
                 self.progress(f"fetching {name}", have + len(came), size)
 
     def _until_done(self, ask: Callable[[], Answer]) -> Answer:
-        """The answer, however often the link is cut before it comes; SettingError after `wait_s` without any."""
-        ends = None if self.wait_s is None else time.monotonic() + self.wait_s
+        """The answer, however often the link is cut before it comes; SettingError after `wait_s` without any, and for
+        one that makes no sense, or refuses, again and again."""
+        ends, wrong = None if self.wait_s is None else time.monotonic() + self.wait_s, 0
         while True:
             try:
                 return ask()
+            except WrongAnswer as answer:
+                wrong += 1
+                if wrong >= answer.tries:
+                    raise
             except LinkCut as cut:
-                self.crossing.cuts += 1
                 if ends is not None and time.monotonic() >= ends:
                     raise SettingError(
-                        f"no contact with http://{self.client.host}:{self.client.port} for {self.wait_s:g} s ({cut}); "
+                        f"no contact with {self.client.url} for {self.wait_s:g} s ({cut}); "
                         "what came is kept, run the same command again to go on"
                     ) from None
-                time.sleep(min(self.poll_s, 0.2))
-
-
-def _is_over(state: Mapping[str, Any], campaign: LinkCampaign) -> bool:
-    return any(one.get("id") == campaign.id and one.get("over") for one in state.get("campaigns", ()))
-
-
-def _checked(log: Mapping[str, Any]) -> tuple[str, int, str]:
-    """Name, size and hash of a log as listed, if they can be what they say. Raises SettingError."""
-    name, size, wanted = log.get("name"), log.get("size"), log.get("sha256")
-    sound = isinstance(name, str) and LOG_NAME.fullmatch(name)
-    if not (sound and isinstance(size, int) and 0 <= size < LARGEST_LOG and isinstance(wanted, str)):
-        raise SettingError(f"the vehicle lists a log that cannot be one: {json.dumps(log)[:200]}; look at its folder")
-    return str(name), size, wanted
+            self.crossing.cuts += 1
+            time.sleep(min(self.poll_s, 0.2))

@@ -25,6 +25,8 @@ SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
 WHOLE, STOPPED, INTERRUPTED = "", "_stopped", "_interrupted"
 ENDS = (WHOLE, STOPPED, INTERRUPTED)
 """What the names of logs end with, by how their runs ended."""
+MOST_HZ, LONGEST_LINE, HEAD = 100.0, 200, 4096
+"""Lines of a log in a second, and bytes of one line and of its head, at most."""
 SHORT = 8
 """So many letters of a campaign's id begin the names of its logs."""
 
@@ -122,6 +124,11 @@ class LinkCampaign:
     def log_name(self, run: PlannedRun) -> str:
         """Name of a run's log, without what marks its end."""
         return f"{self.id[:SHORT]}_{run.name}"
+
+    def room(self, run: PlannedRun) -> int:
+        """Bytes that a run's log has at most, unless its vehicle speaks more, or more often, than any we know."""
+        lines = max(MOST_HZ, self.rate_hz) * (self.rest_s + run.driven + 1.0)
+        return int(lines * LONGEST_LINE) + HEAD
 
     def begins(self, number: int) -> float:
         """When a run's log begins on the campaign's clock [s]."""

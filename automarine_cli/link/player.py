@@ -5,9 +5,9 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from automarine_cli.errors import AutomarineError
+from automarine_cli.errors import AutomarineError, OutputError
 from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
 from automarine_cli.link.store import Store, waiting
 from automarine_cli.link.vehicles.base import Vehicle
@@ -50,10 +50,13 @@ class Player:
     vehicle: Vehicle
     speed: float
     lives: Callable[[], bool]
+    _ended: set[str] = field(default_factory=set)
+    """Campaigns that ended here, whatever the disk says of them."""
 
     def play(self) -> None:
         """Play all that comes until the server is gone."""
-        self.store.close_leftovers()
+        with contextlib.suppress(OSError):  # a log that stays open is never begun again
+            self.store.close_leftovers()
         while self.lives():
             for campaign, number, _ in waiting(self.store):
                 if not self._waited(campaign, number):
@@ -72,7 +75,7 @@ class Player:
         return not over
 
     def _over(self, campaign: LinkCampaign) -> bool:
-        return self.store.is_stopped(campaign) or not self.lives()
+        return campaign.id in self._ended or self.store.is_stopped(campaign) or not self.lives()
 
     def _run(self, campaign: LinkCampaign, number: int) -> None:
         name = campaign.log_name(campaign.runs[number])
@@ -83,17 +86,30 @@ class Player:
             halted = halted or self._over(campaign)
             return halted
 
-        file = self.store.begin(name)
         try:
-            for line in self.vehicle.drive(campaign, number, over):
-                os.write(file, line.encode())  # what was sent is known to the system before the next command
-        except AutomarineError as why:  # nobody is asked: what the vehicle refuses now it refuses in the next run
-            self.store.stop(str(why), campaign)
+            file = self.store.begin(name, campaign.room(campaign.runs[number]))
+        except OutputError as why:
+            self._end(campaign, why)
+            return
+        try:
+            with contextlib.closing(self.vehicle.drive(campaign, number, over)) as lines:
+                for line in lines:
+                    self.store.write(file, name, line)
+        except (AutomarineError, OSError) as why:  # nobody is asked: what is refused now is refused in the next run
+            self._end(campaign, why)
             halted = True
         finally:
             os.close(file)
-        stopped = halted and self.store.is_stopped(campaign)
-        self.store.close(name, STOPPED if stopped else INTERRUPTED if halted else WHOLE)
+        stopped = halted and (campaign.id in self._ended or self.store.is_stopped(campaign))
+        try:
+            self.store.close(name, STOPPED if stopped else INTERRUPTED if halted else WHOLE)
+        except OSError as why:
+            self._end(campaign, why)
+
+    def _end(self, campaign: LinkCampaign, why: Exception) -> None:
+        self._ended.add(campaign.id)
+        with contextlib.suppress(AutomarineError, OSError):
+            self.store.stop(str(why), [campaign.id])
 
 
 def play(store: Store, vehicle: Vehicle, speed: float, word: str) -> None:

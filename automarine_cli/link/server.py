@@ -1,6 +1,7 @@
 """The vehicle's HTTP server, and the loop that keeps its lease and its player alive."""
 
 import contextlib
+import hashlib
 import hmac
 import json
 import multiprocessing
@@ -8,10 +9,11 @@ import os
 import re
 import secrets
 import socket
+import stat
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -19,23 +21,27 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from automarine_cli.errors import AutomarineError, SettingError
-from automarine_cli.link.document import MOST_BYTES, campaign_in
+from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.link.answers import SHA256, State
+from automarine_cli.link.document import MOST_BYTES, SHORT
 from automarine_cli.link.player import LEASE_S, play
-from automarine_cli.link.store import Store
+from automarine_cli.link.store import ASKED, Store
 from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.pipeline.lock import HeldElsewhereError, held
 from automarine_cli.pipeline.one_file import write_whole
 from automarine_cli.pipeline.parallel import deaf_to_interrupts
+from automarine_cli.pipeline.staging import sync_folder
 
 BEAT_S = 0.5
 QUIET_S = 5.0
 """A request to stop is answered when the vehicle is silent, after this at the latest."""
 PATIENCE_S = 30.0
+HEADER_S, MOST_STRANGERS = 10.0, 64
+"""So long, and so many at a time, may who has not shown the token yet stay; the first who came goes first."""
 SEND_BUFFER = 1 << 16  # what lies in it when the link is cut has crossed for nothing
 BLOCK = 1 << 15
 RANGE = re.compile(r"bytes=(\d+)-(\d*)")
-RUNS_SCHEMA = "automarine/link-runs/1"
+STOP = re.compile(r"/stop(?:/([0-9a-f]{64}(?:,[0-9a-f]{64})*))?")
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -55,13 +61,12 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """`/state`, `/runs` and `/runs/NAME`."""
-        store = self.server.store
         if not self._is_allowed():
             return
         if self.path == "/state":
-            self._answer(HTTPStatus.OK, store.state())
+            self._answer(HTTPStatus.OK, asdict(self.server.state()))
         elif self.path == "/runs":
-            self._answer(HTTPStatus.OK, {"schema": RUNS_SCHEMA, "runs": [log.to_json() for log in store.logs()]})
+            self._answer(HTTPStatus.OK, asdict(self.server.store.listing()))
         elif self.path.startswith("/runs/"):
             self._send_log(unquote(self.path.removeprefix("/runs/")))
         else:
@@ -73,7 +78,7 @@ class Handler(BaseHTTPRequestHandler):
         if not self._is_allowed():
             return
         size = self.headers.get("Content-Length", "")
-        if not re.fullmatch("[0-9a-f]{64}", name) or name == self.path:
+        if not SHA256.fullmatch(name) or name == self.path:
             self._refuse(HTTPStatus.NOT_FOUND, "a campaign is put to /campaigns/SHA-256 of its document")
         elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MOST_BYTES:
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"give a Content-Length of {MOST_BYTES} at most")
@@ -88,26 +93,28 @@ class Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.CREATED if is_new else HTTPStatus.OK, {"accepted": name, "new": is_new})
 
     def do_POST(self) -> None:
-        """`/stop`: neutral, silence, the run closed; answered when that is so."""
+        """`/stop`, or `/stop/ID,ID`: neutral, silence, the run closed; answered when that is so."""
         if not self._is_allowed():
             return
-        if self.path == "/stop":
-            self._answer(HTTPStatus.OK, {"stopped": True, "quiet": self.server.stop()})
+        if found := STOP.fullmatch(self.path):
+            only = None if found[1] is None else found[1].split(",")
+            self._answer(HTTPStatus.OK, {"stopped": True, "quiet": self.server.stop(only)})
         else:
-            self._refuse(HTTPStatus.NOT_FOUND, "only /stop is posted to")
+            self._refuse(HTTPStatus.NOT_FOUND, "only /stop and /stop/ID are posted to")
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing: who asked is nobody's business."""
 
     def _is_allowed(self) -> bool:
         given = self.headers.get("Authorization", "").encode("utf-8", "replace")
-        if hmac.compare_digest(given, f"Bearer {self.server.token}".encode()):
+        if hmac.compare_digest(given, f"Bearer {self.server.token}".encode()) and self.server.token:
+            self.server.know(self.connection)
             return True
         self._refuse(HTTPStatus.UNAUTHORIZED, "the token is missing or wrong")
         return False
 
     def _send_log(self, name: str) -> None:
-        log = next((one for one in self.server.store.logs() if one.name == name), None)
+        log = self.server.store.log(name)
         if log is None or log.sha256 is None:
             status = HTTPStatus.NOT_FOUND if log is None else HTTPStatus.CONFLICT
             self._refuse(status, "there is no such log" if log is None else "this run is still driven; ask later")
@@ -118,15 +125,15 @@ class Handler(BaseHTTPRequestHandler):
         if asked and (first >= log.size or last < first):
             self._refuse(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, f"the log has {log.size} bytes")
             return
-        self.send_response(HTTPStatus.PARTIAL_CONTENT if asked else HTTPStatus.OK)
-        self.send_header("Content-Type", "text/csv; charset=utf-8")
-        self.send_header("Accept-Ranges", "bytes")
-        self.send_header("ETag", f'"{log.sha256}"')
-        if asked:
-            self.send_header("Content-Range", f"bytes {first}-{last}/{log.size}")
-        self.send_header("Content-Length", str(last + 1 - first))
-        self.end_headers()
-        with (self.server.store.runs / name).open("rb") as file:
+        with self.server.store.open_log(name) as file:
+            self.send_response(HTTPStatus.PARTIAL_CONTENT if asked else HTTPStatus.OK)
+            self.send_header("Content-Type", "text/csv; charset=utf-8")
+            self.send_header("Accept-Ranges", "bytes")
+            self.send_header("ETag", f'"{log.sha256}"')
+            if asked:
+                self.send_header("Content-Range", f"bytes {first}-{last}/{log.size}")
+            self.send_header("Content-Length", str(last + 1 - first))
+            self.end_headers()
             file.seek(first)
             left = last + 1 - first
             while left and (block := file.read(min(BLOCK, left))):
@@ -141,38 +148,107 @@ class Handler(BaseHTTPRequestHandler):
         content = json.dumps(data).encode()
         self.send_response(status)
         self.send_header("Content-Type", "application/json")
+        self.send_header("ETag", f'"{hashlib.sha256(content).hexdigest()}"')  # a spoilt byte must not be believed
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
         self.wfile.write(content)
 
 
 class LinkServer(ThreadingHTTPServer):
-    """Answers requests on one address, each in a thread."""
+    """Answers requests on one address, each in a thread; `tell` hears what it accepts and refuses.
+
+    Where the disk refuses to keep a stop, `silenced` says so, and nothing is driven any more.
+    """
 
     daemon_threads = True
+    request_queue_size = MOST_STRANGERS
 
-    def __init__(self, address: tuple[str, int], store: Store, vehicle: Vehicle, token: str) -> None:
+    def __init__(
+        self,
+        address: tuple[str, int],
+        store: Store,
+        vehicle: Vehicle,
+        token: str,
+        tell: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         super().__init__(address, Handler)
-        self.store, self.vehicle, self.token = store, vehicle, token
-        self._one_at_a_time = threading.Lock()
+        self.store, self.vehicle, self.token, self.silenced = store, vehicle, token, ""
+        self._one_at_a_time, self._door = threading.Lock(), threading.Lock()
+        self._strangers: dict[socket.socket, float] = {}
+        self._tell, self._refused = tell, ""
 
     def accept(self, content: bytes, name: str) -> bool:
-        """Keep a campaign that the vehicle can drive; False where it is here already. Raises SettingError."""
+        """Keep a campaign that the vehicle can drive; False where it is here already. Raises AutomarineError."""
         with self._one_at_a_time:
-            self.vehicle.refuse(campaign_in(content))
-            return self.store.accept(content, name)
+            try:
+                if self.silenced:
+                    raise SettingError(self.silenced)
+                is_new = self.store.accept(content, name, self.vehicle.refuse)
+            except AutomarineError as problem:
+                if self._refused != (said := f"campaign {name[:SHORT]} is refused: {problem}"):  # it is sent again
+                    self._tell(said)
+                self._refused = said
+                raise
+            if is_new:
+                self._tell(f"campaign {name[:SHORT]} is accepted")
+            return is_new
 
-    def stop(self) -> bool:
-        """Stop all campaigns; whether the vehicle is silent."""
+    def stop(self, only: list[str] | None = None) -> bool:
+        """Stop all campaigns, or `only` those with some ids; whether the vehicle is silent."""
         with self._one_at_a_time:
-            self.store.stop()
+            try:
+                self.store.stop(ASKED, only)
+            except (OSError, OutputError) as problem:
+                self.silence(problem)
         ends = time.monotonic() + QUIET_S
         while self.store.is_playing() and time.monotonic() < ends:
             time.sleep(0.02)
         return not self.store.is_playing()
 
+    def silence(self, problem: Exception) -> None:
+        """End the lease, as the disk is of no use: the player sends neutral and ends."""
+        self.silenced = f"nothing is driven until `automarine serve` is started again, for its disk failed ({problem})"
+        with contextlib.suppress(OSError):
+            self.store.lease.unlink(missing_ok=True)
+
+    def state(self) -> State:
+        """That of the store, and what silenced it."""
+        found = self.store.state()
+        return replace(found, troubles=(*found.troubles, self.silenced)) if self.silenced else found
+
+    def know(self, connection: socket.socket) -> None:
+        """Who is at the other end has shown the token."""
+        with self._door:
+            self._strangers.pop(connection, None)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin a thread for a connection, after one that has said nothing for longest gave way if there are many."""
+        with self._door:
+            if len(self._strangers) >= MOST_STRANGERS:
+                self._hang_up(next(iter(self._strangers)))
+            self._strangers[request] = time.monotonic()
+        super().process_request(request, client_address)
+
+    def service_actions(self) -> None:
+        """Hang up on who takes too long to show the token."""
+        with self._door:
+            latest = time.monotonic() - HEADER_S
+            for one in [one for one, since in self._strangers.items() if since < latest]:
+                self._hang_up(one)
+
+    def shutdown_request(self, request: Any) -> None:
+        """Forget a connection."""
+        self.know(request)
+        super().shutdown_request(request)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Nothing: a link that is cut is no error."""
+
+    def _hang_up(self, connection: socket.socket) -> None:
+        del self._strangers[connection]
+        with contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
 
 
 @dataclass(frozen=True)
@@ -184,21 +260,36 @@ class Serving:
 
 
 def token_of(folder: Path) -> str:
-    """The vehicle's token, made at the first start, for its owner's eyes only."""
+    """The vehicle's token, made at the first start, for its owner's eyes only. Raises SettingError, OSError."""
     file = folder / "token"
-    if not file.exists():
+    if not os.path.lexists(file):
         new = folder / ".token"
         new.unlink(missing_ok=True)
         with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as stream:
             stream.write(secrets.token_urlsafe(24) + "\n")
+            stream.flush()
+            os.fsync(stream.fileno())
         new.replace(file)
-    return file.read_text(encoding="ascii").strip()
+        sync_folder(folder)
+    mode = file.lstat().st_mode
+    if not stat.S_ISREG(mode):
+        raise SettingError(f"{file} is a link or a folder; remove it, and a new token is made")
+    if os.name != "nt" and mode & 0o077:
+        raise SettingError(
+            f"others may read or change {file} (mode {mode & 0o777:o}); remove it, and a new token is made, or "
+            f"`chmod 600` it"
+        )
+    token = file.read_text(encoding="utf-8", errors="replace").strip()
+    if not token or not token.isascii() or not token.isprintable():
+        raise SettingError(f"{file} holds no token; remove it, and a new one is made")
+    return token
 
 
 def serve(
-    folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[[Serving], object]
+    folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[[Serving | str], object]
 ) -> None:
-    """Serve a folder until interrupted; `tell` hears the address. Raises SettingError, OutputError."""
+    """Serve a folder until interrupted; `tell` hears the address, then a sentence when a campaign is accepted, refused
+    or over, and of what in the folder is not right. Raises SettingError, OutputError."""
     store = Store(folder)
     store.prepare()
     try:
@@ -209,30 +300,57 @@ def serve(
 
 
 def _serve(
-    store: Store, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[[Serving], object]
+    store: Store, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[[Serving | str], object]
 ) -> None:
     word = secrets.token_hex(8)
+    try:
+        token = token_of(store.folder)
+    except OSError as problem:
+        raise OutputError(f"{store.folder} has no room for a token ({problem.strerror}); give another folder") from None
     write_whole(store.lease, word)
     try:
-        server = LinkServer(address, store, vehicle, token_of(store.folder))
+        server = LinkServer(address, store, vehicle, token, tell)
     except OSError as problem:
         raise SettingError(
             f"cannot listen on {address[0]}:{address[1]} ({problem.strerror}); give another --address"
         ) from None
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    tell(Serving(f"http://{address[0]}:{server.server_address[1]}", server.token))
-    start = partial(multiprocessing.get_context("spawn").Process, target=play, args=(store, vehicle, speed, word))
+    host = f"[{address[0]}]" if ":" in address[0] else address[0]
+    old = {one.id for one in server.state().campaigns if one.over}
+    tell(Serving(f"http://{host}:{server.server_address[1]}", token))
+    threading.Thread(target=_tell_news, args=(server, tell, old), daemon=True).start()  # the lease waits for no disk
+    # without what the store remembers: that would cross to the process
+    start = partial(
+        multiprocessing.get_context("spawn").Process, target=play, args=(Store(store.folder), vehicle, speed, word)
+    )
     player = None
     try:
         while True:
-            store.lease.touch()
-            if player is None or not player.is_alive():  # a player that died begins with the next run
-                player = start(name="player")
+            if not server.silenced:
+                try:
+                    store.lease.touch()
+                except OSError as problem:
+                    server.silence(problem)
+            if not server.silenced and (player is None or not player.is_alive()):
+                player = start(name="player")  # one that died begins with the next run
                 with deaf_to_interrupts():
                     player.start()
             time.sleep(BEAT_S)
     finally:
-        store.lease.unlink(missing_ok=True)  # the player sends neutral and closes its run
+        with contextlib.suppress(OSError):
+            store.lease.unlink(missing_ok=True)  # the player sends neutral and closes its run
         server.server_close()
         if player is not None:
             player.join(LEASE_S)
+
+
+def _tell_news(server: LinkServer, tell: Callable[[Serving | str], object], old: set[str]) -> None:
+    """Tell for ever which campaigns are over and what is not right in the folder, beside the `old` news."""
+    while True:
+        with contextlib.suppress(OSError):
+            state = server.state()
+            news = {one.id: one.says for one in state.campaigns if one.over} | {one: one for one in state.troubles}
+            for key in sorted(set(news) - old):
+                tell(news[key])
+            old = old | set(news)
+        time.sleep(BEAT_S)

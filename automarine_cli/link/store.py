@@ -1,37 +1,36 @@
 """The vehicle's folder: campaigns that were accepted, logs that were closed, and the marks between its two processes.
 
 Nothing here is ever changed once it has its name: a file is written beside its place, sent to the disk, and
-renamed. What is known of a campaign is told by which logs there are, so a power cut loses no count.
+renamed. What is known of a campaign is told by which logs there are, so a power cut loses no count. What must work
+on a full disk is a rename. Links are not followed, and what is none of ours is passed over, and told.
 """
 
+import ctypes
+import errno
 import hashlib
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+import stat
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from automarine_cli.errors import OutputError, SettingError
+from automarine_cli.link.answers import LOG_NAME, RUNS_SCHEMA, SHA256, STATE_SCHEMA, CampaignState, Listing, Log, State
 from automarine_cli.link.document import ENDS, INTERRUPTED, SHORT, LinkCampaign, PlannedRun, campaign_in
-from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.one_file import write_whole
 from automarine_cli.pipeline.staging import sync_folder
+from automarine_cli.pipeline.words import printable
 
-STATE_SCHEMA = "automarine/link-state/1"
 ASKED = "asked to stop"
-
-
-@dataclass(frozen=True)
-class Log:
-    """A log in the folder; one that is still written has no hash."""
-
-    name: str
-    size: int
-    sha256: str | None
-
-    def to_json(self) -> dict[str, object]:
-        """As it is listed."""
-        return {"name": self.name, "size": self.size, "sha256": self.sha256, "closed": self.sha256 is not None}
+LONGEST_WHY = 1000
+"""Bytes that a campaign's reason to stop has room for from the beginning."""
+DEATHS = 3
+"""So often may the player's process end before a run's log has a line; after that the run is not begun again."""
+NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
+KEEP_SIZE = 1  # Linux, linux/falloc.h
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,8 @@ class Store:
     """A folder of campaigns and runs."""
 
     folder: Path
+    _memory: dict[tuple[str, int, int], Any] = field(default_factory=dict, compare=False, repr=False)
+    """What files of that name, time and size were read as: they never change."""
 
     @property
     def runs(self) -> Path:
@@ -64,129 +65,302 @@ class Store:
             raise OutputError(f"{self.folder} cannot be written to ({problem.strerror}); give another folder") from None
 
     def accepted(self) -> list[LinkCampaign]:
-        """Every campaign, the first first."""
-        return [campaign_in(path.read_bytes()) for path in sorted(self.campaigns.glob("*.json"))]
+        """Every campaign that is not over, the first first."""
+        return [one for one in self._documents() if isinstance(one, LinkCampaign)]
 
-    def accept(self, content: bytes, name: str) -> bool:
+    def accept(self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None) -> bool:
         """Keep a campaign whose document has the hash `name`; False where it is here already.
 
-        For one caller at a time. Raises SettingError for another hash, a document that is none, and a campaign that
-        the battery does not carry.
+        For one caller at a time. Raises SettingError for another hash, a document that is none, a campaign that
+        the battery does not carry, and what `refuse` does; OutputError where there is no room for it.
         """
         if (found := hashlib.sha256(content).hexdigest()) != name:
             raise SettingError(f"the campaign has the SHA-256 {found[:12]}..., not {name[:12]}...; try again")
-        campaign = campaign_in(content)
-        if campaign.text.encode() != content:
-            raise SettingError("the campaign is not written as `automarine collect` writes it; use that to send it")
-        campaign.refuse_beyond_reserve()
         there = sorted(self.campaigns.glob("*.json"))
         if any(path.stem.endswith(f"_{name}") for path in there):
             return False
+        campaign = campaign_in(content)
+        if campaign.text.encode() != content:
+            raise SettingError("the campaign is not written as `automarine collect` writes it; use that to send it")
+        refuse(campaign)
+        campaign.refuse_beyond_reserve()
         if any(path.stem.partition("_")[2][:SHORT] == name[:SHORT] for path in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
-        write_whole(self.campaigns / f"{len(there) + 1:04d}_{name}.json", campaign.text)
+        write_whole(self._ready(campaign), " " * LONGEST_WHY)
+        document = self.campaigns / f"{len(there) + 1:04d}_{name}.json"
+        write_whole(document, campaign.text)
         sync_folder(self.campaigns)
+        self._memory[_key(document.name, document.lstat())] = campaign
         return True
 
-    def stop(self, why: str = ASKED, *only: LinkCampaign) -> None:
-        """Mark every campaign here, or `only` some, as stopped, for good."""
-        for campaign in only or self.accepted():
-            if not self.is_stopped(campaign) and self.next_run(campaign) is not None:
-                write_whole(self._stop_mark(campaign), why)
+    def stop(self, why: str = ASKED, only: Collection[str] | None = None) -> None:
+        """Mark every campaign here, or `only` those with some ids, as stopped, for good.
+
+        That is a rename of a file that was made with the campaign. Raises OSError, OutputError where the disk refuses
+        even that.
+        """
+        for campaign in self.accepted():
+            if (only is None or campaign.id in only) and not self.is_stopped(campaign):
+                ready, mark = self._ready(campaign), self._stop_mark(campaign)
+                with suppress(OSError), _opened(ready, os.O_WRONLY) as file:
+                    file.write(why.encode()[:LONGEST_WHY].ljust(LONGEST_WHY))
+                    file.flush()
+                    os.fsync(file.fileno())
+                try:
+                    ready.replace(mark)
+                except FileNotFoundError:  # accepted by an earlier version
+                    write_whole(mark, why)
         sync_folder(self.campaigns)
 
     def is_stopped(self, campaign: LinkCampaign) -> bool:
         """Whether it was stopped."""
         return self._stop_mark(campaign).exists()
 
-    def ended(self, name: str) -> str | None:
-        """How a run ended, its mark; None where it was not played, or is being played."""
-        return next((mark for mark in ENDS if (self.runs / f"{name}{mark}.csv").exists()), None)
-
     def next_run(self, campaign: LinkCampaign) -> int | None:
         """Which run is the first without a closed log; None after the last."""
-        played = (self.ended(campaign.log_name(run)) is not None for run in campaign.runs)
+        names = self._names()
+        played = (_end_of(campaign.log_name(run), names) is not None for run in campaign.runs)
         return next((number for number, is_played in enumerate(played) if not is_played), None)
 
     def part(self, name: str) -> Path:
         """The log that is being written."""
         return self.runs / f"{name}.part"
 
-    def begin(self, name: str) -> int:
-        """Open a run's log, known to the disk before anything is commanded: the run will never be begun again."""
-        number = os.open(self.part(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
-        sync_folder(self.runs)
+    def begin(self, name: str, room: int) -> int:
+        """Open a run's log with room for so many bytes, known to the disk before anything is commanded: the run will
+        never be begun again. Raises OutputError where that cannot be, or where players died before this log began."""
+        if _deaths(name, self._names()) >= DEATHS:
+            raise OutputError(
+                f"the driving process ended {DEATHS} times before {name} had a line in its log; look at the vehicle's "
+                "computer and its supply"
+            )
+        with _one_sentence(name):
+            number = os.open(self.part(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            try:
+                _reserve(number, room)
+                sync_folder(self.runs)
+            except OSError:
+                os.close(number)
+                self.part(name).unlink()
+                raise
         return number
+
+    def write(self, number: int, name: str, line: str) -> None:
+        """Add a line to an open log; the system knows it before the next command. Raises OutputError."""
+        content = line.encode()
+        with _one_sentence(name):
+            if os.write(number, content) < len(content):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def close(self, name: str, mark: str) -> None:
         """Close a run's log: its hash beside it, then its name, which nothing changes after that.
 
-        A run that was cut before its log had a line is forgotten: nothing was commanded.
+        A run that was cut before its log had a line is forgotten: nothing was commanded. Raises OSError.
         """
         part, log = self.part(name), self.runs / f"{name}{mark}.csv"
-        if mark and not part.stat().st_size:
-            part.unlink()
-            sync_folder(self.runs)
-            return
-        content = part.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]  # a power cut may leave half a line
-        with part.open("r+b") as file:
-            file.truncate(len(whole))
+        with _opened(part, os.O_RDWR) as file:
+            content = file.read()
+            whole = content[: content.rfind(b"\n") + 1]  # a power cut may leave half a line
+            file.truncate(len(whole))  # also gives back the room that was not needed
             os.fsync(file.fileno())
-        write_whole(_hash_file(log), f"{hashlib.sha256(whole).hexdigest()}  {log.name}\n")
-        part.replace(log)
+        if mark and not content:
+            part.unlink()
+        else:
+            with suppress(OutputError):  # without room for it the hash is worked out when it is asked for
+                write_whole(_hash_file(log), f"{hashlib.sha256(whole).hexdigest()}  {log.name}\n")
+            part.replace(log)
         sync_folder(self.runs)
 
     def close_leftovers(self) -> None:
-        """Close what a player that was killed, or a power cut, left open; for who alone plays."""
-        for part in sorted(self.runs.glob("*.part")):
-            self.close(part.stem, INTERRUPTED)
+        """Close what a player that was killed, or a power cut, left open; for who alone plays.
 
-    def logs(self) -> Iterator[Log]:
-        """Every log, closed ones with the hash that they were closed with."""
-        for path in sorted((*self.runs.glob("*.csv"), *self.runs.glob("*.part"))):
-            try:
-                yield Log(path.name, path.stat().st_size, self._hash_of(path) if path.suffix == ".csv" else None)
-            except FileNotFoundError:  # closed meanwhile; the next list has it
-                continue
+        An empty log is put aside, and counts as a death.
+        """
+        while (name := _playing(names := self._names())) is not None:
+            if self.part(name).stat().st_size:
+                self.close(name, INTERRUPTED)
+            else:
+                self.part(name).replace(self.runs / f"{name}.died{_deaths(name, names) + 1}")
+                sync_folder(self.runs)
+
+    def log(self, name: str) -> Log | None:
+        """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
+        with suppress(OSError, SettingError):  # also a file that is too large for a log
+            if (found := self._status(name)) is not None:
+                closed = name.endswith(".csv")
+                return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
+        return None
+
+    def listing(self) -> Listing:
+        """Every log."""
+        names = sorted(name for name in self._names() if name.endswith((".csv", ".part")))
+        return Listing(RUNS_SCHEMA, tuple(log for name in names if (log := self.log(name)) is not None))
+
+    def open_log(self, name: str) -> BinaryIO:
+        """The bytes of a log. Raises OSError."""
+        return _opened(self.runs / name)
 
     def is_playing(self) -> bool:
         """Whether a log is open."""
-        return any(self.runs.glob("*.part"))
+        return _playing(self._names()) is not None
 
-    def state(self) -> dict[str, Any]:
-        """What the vehicle is at: schema automarine/link-state/1."""
-        playing = next((path.stem for path in self.runs.glob("*.part")), None)
-        campaigns = [self._campaign_state(one) for one in self.accepted()]
-        return {"schema": STATE_SCHEMA, "playing": playing, "campaigns": campaigns}
+    def state(self) -> State:
+        """What the vehicle is at."""
+        documents, names = self._documents(), self._names()
+        campaigns = (self._state_of(one) if isinstance(one, LinkCampaign) else one for one in documents)
+        odd = [one for one in documents if isinstance(one, str)]
+        for name, is_file in sorted(names.items()):
+            if name.endswith((".csv", ".part")) and not (is_file and LOG_NAME.fullmatch(name)):
+                odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
+        found = tuple(one for one in campaigns if isinstance(one, CampaignState))
+        return State(STATE_SCHEMA, found, _playing(names), tuple(odd))
 
-    def _campaign_state(self, campaign: LinkCampaign) -> dict[str, object]:
-        ends = [self.ended(campaign.log_name(run)) for run in campaign.runs]
-        played, stopped = sum(end is not None for end in ends), self.is_stopped(campaign)
-        names = [campaign.log_name(run) for run in campaign.runs]
-        open_run = any(self.part(name).exists() for name in names)
-        return {
-            "id": campaign.id,
-            "runs": len(ends),
-            "played": played,
-            "interrupted": ends.count(INTERRUPTED),
-            "over": (stopped and not open_run) or played == len(ends),
-            "why_stopped": (self._stop_mark(campaign).read_text(encoding="utf-8") or ASKED) if stopped else None,
-            "battery_left_Ah": round(campaign.left(played), 3) if played else campaign.battery.charge_Ah,
-        }
+    def _status(self, name: str) -> os.stat_result | None:
+        """Of a log; None where there is none of that name."""
+        if LOG_NAME.fullmatch(name):
+            with suppress(FileNotFoundError):
+                found = (self.runs / name).lstat()
+                return found if stat.S_ISREG(found.st_mode) else None
+        return None
+
+    def _documents(self) -> list[LinkCampaign | CampaignState | str]:
+        """Each campaign; of one that is over its last state, of a document that is none a sentence."""
+        found = list[LinkCampaign | CampaignState | str]()
+        with os.scandir(self.campaigns) as entries:
+            documents = sorted((one for one in entries if one.name.endswith(".json")), key=lambda one: one.name)
+        for entry in documents:
+            try:
+                status = entry.stat(follow_symlinks=False)
+                key = _key(entry.name, status)
+                known = self._memory.get(key) or _campaign_at(Path(entry), status)
+                if isinstance(known, LinkCampaign) and (state := self._state_of(known)).over:
+                    known = state
+                self._memory[key] = known
+            except FileNotFoundError:
+                continue
+            except OSError as problem:  # may be over soon
+                known = f"campaigns/{printable(entry.name)} cannot be read ({problem.strerror or problem})"
+            found.append(known)
+        return found
+
+    def _state_of(self, campaign: LinkCampaign) -> CampaignState:
+        why = None
+        if self.is_stopped(campaign):
+            why = ASKED
+            with suppress(OSError), _opened(self._stop_mark(campaign)) as file:
+                why = file.read(LONGEST_WHY).decode("utf-8", "replace").strip() or ASKED
+        names = self._names()  # after the mark: what is begun after it commands nothing
+        logs = [campaign.log_name(run) for run in campaign.runs]
+        ends = [_end_of(log, names) for log in logs]
+        played = sum(end is not None for end in ends)
+        return CampaignState(
+            campaign.id,
+            len(ends),
+            played,
+            ends.count(INTERRUPTED),
+            over=played == len(ends) or (why is not None and not any(f"{log}.part" in names for log in logs)),
+            battery_left_Ah=round(campaign.left(played), 3) if played else campaign.battery.charge_Ah,
+            why_stopped=why,
+        )
+
+    def _names(self) -> dict[str, bool]:
+        """What is in the folder of logs, and whether it is a file."""
+        with os.scandir(self.runs) as entries:
+            return {entry.name: entry.is_file(follow_symlinks=False) for entry in entries}
 
     def _stop_mark(self, campaign: LinkCampaign) -> Path:
         return self.campaigns / f"{campaign.id}.stopped"
 
-    def _hash_of(self, log: Path) -> str:
+    def _ready(self, campaign: LinkCampaign) -> Path:
+        """What becomes the mark, with room for a reason."""
+        return self.campaigns / f"{campaign.id}.ready"
+
+    def _hash_of(self, log: Path, found: os.stat_result) -> str:
+        key = _key(log.name, found)
+        if key not in self._memory:
+            text = ""
+            with suppress(OSError), _opened(_hash_file(log)) as file:
+                text = file.read(64).decode("ascii", "replace")
+            if not SHA256.fullmatch(text):  # a log that somebody put there, or whose hash is damaged
+                digest = hashlib.sha256()
+                with _opened(log) as file:
+                    while block := file.read(1 << 20):
+                        digest.update(block)
+                text = digest.hexdigest()
+            self._memory[key] = text
+        return str(self._memory[key])
+
+
+def _key(name: str, status: os.stat_result) -> tuple[str, int, int]:
+    return name, status.st_mtime_ns, status.st_size
+
+
+def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
+    """The campaign of a document, or a sentence on one that is none. Raises OSError."""
+    why = "it is no file"
+    if stat.S_ISREG(status.st_mode):
         try:
-            return _hash_file(log).read_text(encoding="ascii")[:64]
-        except FileNotFoundError:  # a log that somebody put there
-            return sha256(log)
+            with _opened(path) as file:
+                campaign = campaign_in(file.read())
+            if path.stem.endswith(f"_{campaign.id}"):
+                return campaign
+            why = "its bytes are not those that it was accepted with"
+        except SettingError as problem:
+            why = str(problem)
+    return f"campaigns/{printable(path.name)} is passed over ({why[:300]}); move it away"
+
+
+def _end_of(name: str, names: Collection[str]) -> str | None:
+    """How a run ended, its mark; None where it was not played, or is being played."""
+    return next((mark for mark in ENDS if f"{name}{mark}.csv" in names), None)
+
+
+def _deaths(name: str, names: Collection[str]) -> int:
+    return sum(one.startswith(f"{name}.died") for one in names)
+
+
+def _playing(names: Mapping[str, bool]) -> str | None:
+    """The open log."""
+    parts = (name for name in sorted(names) if name.endswith(".part") and names[name] and LOG_NAME.fullmatch(name))
+    return next((name.removesuffix(".part") for name in parts), None)
 
 
 def _hash_file(log: Path) -> Path:
     return log.with_name(f"{log.name}.sha256")
+
+
+def _opened(path: Path, flags: int = os.O_RDONLY) -> BinaryIO:
+    """A file that is there, and no link."""
+    number = os.open(path, flags | NO_LINKS | getattr(os, "O_BINARY", 0))
+    return os.fdopen(number, "rb" if flags == os.O_RDONLY else "wb" if flags == os.O_WRONLY else "r+b")
+
+
+@contextmanager
+def _one_sentence(name: str) -> Iterator[None]:
+    """Trouble with the disk becomes an OutputError that names the log."""
+    try:
+        yield
+    except OSError as problem:
+        why = problem.strerror or str(problem)
+        raise OutputError(f"{name} cannot be logged ({why}); make room on the vehicle's disk, then plan anew") from None
+
+
+def _reserve(number: int, size: int) -> None:
+    """Keep room on the disk for `size` bytes of an open file, whose length stays. Raises OSError where there is none.
+
+    Source: fallocate(2). Where the system or the disk cannot keep any, there must be so much now.
+    """
+    if sys.platform == "linux":
+        library = ctypes.CDLL(None, use_errno=True)
+        allocate = getattr(library, "fallocate64", None) or library.fallocate
+        if allocate(number, KEEP_SIZE, ctypes.c_longlong(0), ctypes.c_longlong(size)) == 0:
+            return
+        if (code := ctypes.get_errno()) not in (errno.EOPNOTSUPP, errno.ENOSYS):
+            raise OSError(code, os.strerror(code))
+    if hasattr(os, "fstatvfs"):
+        disk = os.fstatvfs(number)
+        if disk.f_bavail * disk.f_frsize < size:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def waiting(store: Store) -> Iterator[tuple[LinkCampaign, int, PlannedRun]]:

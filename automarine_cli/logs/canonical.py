@@ -155,8 +155,8 @@ def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Dof:
 # Words by which people call a quantity; only for suggestions, nothing is ever read by them.
 _WORDS: Mapping[str, Sequence[str]] = {
     "time": ("t", "time", "timestamp", "seconds", "secs", "clock", "stamp", "times", "millis", "times_s"),
-    "n": ("n", "cmd", "command", "rpm", "pwm", "n_rev_s", "effort", "control", "throttle", "thruster_input"),
-    "force": ("force", "thrust", "load", "newtons", "force_n", "thrust_n", "pull"),
+    "n": ("n", "cmd", "command", "n_rev_s", "effort", "control", "throttle", "thruster_input", "pwm", "rpm"),
+    "force": ("force", "thrust", "load", "newtons", "force_n", "thrust_n", "pull", "mean_force", "total_force"),
     "voltage": ("voltage", "volts", "battery", "vbat", "bat", "nominal_voltage_v"),
     **{
         quantity: [word for one in DOFS.values() for word in one.nicknames.get(quantity, ())]
@@ -171,15 +171,24 @@ def names_of(quantity: str) -> tuple[str, ...]:
     return tuple(name for name, canonical in CANONICAL.items() if canonical.quantity == quantity)
 
 
+RATES = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
+"""Words in names of columns that are how fast something changes, and so no position."""
+
+
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
-    """The column that may be meant by a quantity, for a suggestion; None where nothing comes near."""
+    """The column that may be meant by a quantity, for a suggestion; None where nothing comes near. Of several that come
+    as near it is the one of which the word is the usual one."""
     words = (*_WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
+    position = any(quantity == dof.position for dof in DOFS.values())
     best, score = None, 0.75
     for name in islice(names, MOST_LOOKED_AT):
         if len(name) > LONGEST_GUESSED:
             continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        likeness = max(difflib.SequenceMatcher(None, plain, word).ratio() for word in words)
+        if position and set(plain.split("_")) & set(RATES):
+            continue
+        alike = [difflib.SequenceMatcher(None, plain, word).ratio() for word in words]
+        likeness = max(alike) - 1e-6 * alike.index(max(alike))
         if any(len(word) > 2 and plain.startswith(word + "_") for word in words):
             likeness = max(likeness, 0.9)
         if plain and likeness > score:
@@ -203,6 +212,6 @@ def likely_canonical(quantity: str, column: str) -> str:
     ):
         if word in plain:
             for choice in choices:
-                if choice.endswith(ending):
+                if choice.endswith((ending, f"{ending}_s")):
                     return choice
     return choices[0]

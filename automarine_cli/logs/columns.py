@@ -1,18 +1,20 @@
 """`--columns FILE.toml`: the user's names, units and signs for the canonical columns."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN
+from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, ROTATIONS, RUN
 from automarine_cli.logs.join import Join, matches
 from automarine_cli.pipeline.codec import Codec
-from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 KNOWN_DEFAULTS = ("thrusters_per_test", "arm_m")
+TURNING = {quantity for dof in ROTATIONS for quantity in (dof.position, dof.velocity)}
 LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
 TABLES = ("columns", "columns_of", "logs", "defaults", "can")
 TAKEN = ("from", "unit", "sign", "scale", "offset", "subtract", "sign_from", "day_first")
@@ -93,19 +95,19 @@ class ColumnMap:
         return self.columns[name].source if name in self.columns else name
 
 
-def given_columns(columns: "str | Path | ColumnMap | None") -> ColumnMap:
+def given_columns(columns: "str | Source | ColumnMap | None") -> ColumnMap:
     """The map that a command was given: itself, its file, or none, for logs in the tool's own names."""
     if isinstance(columns, ColumnMap):
         return columns
     return read_column_map(columns) if columns else ColumnMap()
 
 
-def read_column_map(path: str | Path) -> ColumnMap:
+def read_column_map(path: str | Source) -> ColumnMap:
     """Read a column map (TOML with `[columns]`, `[[columns_of]]`, `[logs]`, `[defaults]` and `[can]`).
 
     Raises LogError with the key's path for an unknown key, a wrong type or a unit that does not fit.
     """
-    path = Path(path)
+    path = Path(path) if isinstance(path, str) else path
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)
     for key in data:
@@ -125,7 +127,7 @@ def read_column_map(path: str | Path) -> ColumnMap:
         columns=column_rules(columns, name),
         defaults={key: _default(name, key, value) for key, value in defaults.items()},
         source=name,
-        dbc=database(can, path),
+        dbc=database(can, path if isinstance(path, Path) else Path(path.name)),
         columns_of=columns_of(data.get("columns_of", ()), name),
         join=joins(logs.get("join", ()), f"{name}: logs.join"),
     )
@@ -193,6 +195,11 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
         if inner not in TAKEN:
             raise LogError(f"{where}.{printable(inner)} is not known; a column takes {', '.join(TAKEN)}")
     source = _source(where, value)
+    if "unit" not in value and "scale" not in value and (unit := _other_angle(key, source)):
+        raise LogError(
+            f"{where} takes {quoted(source)}, whose name says {unit}, for {CANONICAL[key].unit}; write "
+            f'{{ from = "{printable(source)}", unit = "{unit}{CANONICAL[key].unit[3:]}" }}'
+        )
     if key in LABELS and len(value) > 1:
         what = {RUN: "names runs", BY: "names what each row is of"}.get(key, "is a state")
         raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply; leave them out")
@@ -214,6 +221,14 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
         _sign_from(where, value.get("sign_from")),
         day_first,
     )
+
+
+def _other_angle(key: str, source: str) -> str:
+    """The unit of angles that the name of a column tells, where that is not the key's own; else ""."""
+    own = CANONICAL[key].unit[:3] if key in CANONICAL and CANONICAL[key].quantity in TURNING else ""
+    words = set(re.split(r"[^a-z]+", source.lower()))
+    others = {"deg": ("rad", "radians"), "rad": ("deg", "degrees")}
+    return "" if own not in others or not words & set(others[own]) else others[own][0]
 
 
 def _source(where: str, value: Mapping[str, object]) -> str:

@@ -100,7 +100,7 @@ def _table(raw: RawLog, columns: ColumnMap, source: str, layout: _Layout) -> Log
         run_names=runs.names if runs else (),
         run_code=runs.code if runs else None,
         moment_unit=moment,
-        units={use.canonical.quantity: _unit(use) for use in uses},
+        units={use.canonical.quantity: _unit(use, found[use.canonical.quantity]) for use in uses},
         extras=extras,
         names=raw.names,
         notes=(*raw.notes, *notes),
@@ -190,9 +190,11 @@ def _floats(raw: RawLog, index: int) -> bool:
     return bool(pa.types.is_floating(raw.arrays[index].type))
 
 
-def _unit(use: _Use) -> str:
-    """The unit of a column: for a control signal the one that its rule or its name tells."""
-    return use.canonical.unit or use.rule.unit or unit_in(use.rule.source)
+def _unit(use: _Use, values: Floats) -> str:
+    """The unit of a column: for a control signal the one that its rule or its name tells; no pulse is negative."""
+    told = use.canonical.unit or use.rule.unit or unit_in(use.rule.source)
+    signed = use.rule.subtract == 0.0 and bool(np.any(values < 0) and np.any(values > 0))
+    return "" if told == "us" and use.rule.unit is None and signed else told
 
 
 def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:

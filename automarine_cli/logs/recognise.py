@@ -41,7 +41,7 @@ SPEED = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "k
 EXACT = {
     "time": ("t", "time", "timestamp", "seconds", "clock", "stamp", "millis", "zeit", "uhrzeit", "datetime"),
     "n": ("n", "cmd", "command", "rpm", "pwm", "esc", "pulse", "n_rev_s", "throttle", "effort", "thruster_input"),
-    "force": ("force", "thrust", "load", "pull", "newtons"),
+    "force": ("force", "thrust", "load", "pull", "newtons", "mean_force", "total_force"),
     "voltage": ("voltage", "volts", "vbat", "battery_voltage"),
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
@@ -207,6 +207,9 @@ def _moment(quantity: str, source: str, span: Span) -> Recognised:
     if "nm" in words or words[-2:] == ["n", "m"]:
         return Recognised(_name(quantity, "N m"), source, _range(span))
     metres, normalised = _name(quantity, "N m"), _name(quantity, NORMALISED)
+    if any(word.startswith("rudder") for word in words):
+        why = f'a rudder acts as a moment up to its scale: write "{source}"; drag and inertia are then in its own unit'
+        return Recognised(normalised, source, _range(span), open=why)
     why = f'a {quantity} in newton metres (then {metres} = "{source}") or normalised (then {normalised} = "{source}")?'
     return Recognised(normalised, source, _range(span), open=why)
 

@@ -6,11 +6,18 @@ from typing import TypeVar
 Item = TypeVar("Item")
 
 Progress = Callable[[str, int, int], None]
-"""Called as `progress(stage, done, total)`; `done == total` ends the stage."""
+"""Called as `progress(stage, done, total)`; `done == total` ends the stage. A `total` of 0 is no stage, but a sentence
+that people are to read."""
 
 
 def silent(stage: str, done: int, total: int) -> None:
     """The progress that says nothing: the default everywhere outside the command line."""
+
+
+def foretell(progress: Progress, what: str, seconds: float) -> None:
+    """Say that something will take about so many `seconds`, where that is a minute or more."""
+    if seconds >= 60.0:
+        progress(f"{what} takes about {round(seconds / 60.0)} min", 0, 0)
 
 
 def counted(progress: Progress, stage: str, items: Sequence[Item] | Iterable[Item], total: int) -> Iterator[Item]:

@@ -36,6 +36,11 @@ from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.specification import SCHEMA
 
+DISTURBED = (
+    "The intervals allow for the disturbance and the unsteady thrust that the model's own runs had. In still water "
+    "they would be narrower."
+)
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -133,7 +138,7 @@ def plan_campaign(
         plan=curve_of("this plan", fitting, slots, per_run, before, limits),
         grid=curve_of("the paper's grid", fitting, grid, of_grid, before, limits),
         more=one_more(fitting, choice, slots, per_run, before, limits),
-        notes=(*known.notes, *_short_of(outcome, limits)),
+        notes=(*known.notes, *((DISTURBED,) if fitting.random else ()), *_short_of(outcome, limits)),
     )
 
 
@@ -165,6 +170,7 @@ def fitting_of(known: PriorResults, limits: Limits) -> Fitting:
         limits.battery.volts if electric else None,
         base,
         None if rate_noise is None else float(np.deg2rad(rate_noise)),
+        known.random if given is None else {**known.random, "gain-scatter": given} if known.random else {},
     )
 
 

@@ -4,8 +4,8 @@ made.
 Noise, scatter and what differs from run to run are those that the fits estimate; here they are given.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Literal
 
@@ -13,7 +13,10 @@ import numpy as np
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import Dof
+from automarine_cli.filters.course import make_course
+from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.fits.identify import starts_at_rest
+from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.fits.run_effects import GAIN, SWITCHES
 from automarine_cli.fits.step_problem import step_problem
@@ -26,8 +29,8 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.trimmed import MOST_REST
-from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.rollout import step_for
+from automarine_cli.simulation.batch import WINDOW, Batch, make_batch
+from automarine_cli.simulation.rollout import Start, simulate, step_for
 
 Fit = Literal["whole-runs", "half-turns", "diagnosis"]
 
@@ -48,6 +51,11 @@ class Logger:
     rest: float
     voltage: float | None
     channels: tuple[str, ...] | None
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The columns beside position and command."""
+        return () if self.voltage is None else ("voltage",)
 
     def run(self, candidate: Candidate) -> Run:
         """The run that the logger would bring home; its heading, still to be measured, stands still.
@@ -83,7 +91,8 @@ class Fitting:
     `noise` of the heading [rad], `scatter` of the thrust from run to run, `rate` [Hz] of the logger, `rest` [s] before
     each run, `voltage` [V] of the supply where the logs have that column. `frame` is the drag about which runs are laid
     out, by default the model's own: given, it is the same for models that are tried one after the other. `rate_noise`
-    [per s] is that of a velocity sensor, None where the logs have none.
+    [per s] is that of a velocity sensor, None where the logs have none. Where something is `random` (disturbance, noise
+    of the thrust: by the names of driven fits, in base units), runs are fitted by the innovations of a filter.
     """
 
     model: YawModel
@@ -95,6 +104,7 @@ class Fitting:
     voltage: float | None = None
     frame: YawModel | None = None
     rate_noise: float | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...] | None:
@@ -134,6 +144,46 @@ class Fitting:
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.channels)
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
+
+    def driven(self, candidates: Sequence[Candidate]) -> tuple[DrivenProblem, Floats]:
+        """The likelihood of the candidates' runs where something is random, and its phi; the readings are one draw of
+        it, for a filter learns from what it did not expect too."""
+        dof, runs = self.model.dof, [self.logger.run(one) for one in candidates]
+        largest, drawn = max(float(np.abs(run.command).max()) for run in runs), np.random.default_rng(0)
+        batch = make_batch(runs, min(0.1, step_for(self.model, largest)), self.logger.signals)
+        shown = simulate(self.model, batch, start=self._drawn(batch, drawn))
+        states = dict(zip(dof.channels, (shown.position[0], shown.velocity[0])))
+        sizes, noisy = dict(zip(dof.channels, (self.noise, self.rate_noise or 0.0))), []
+        for i, run in enumerate(runs):
+            read = {
+                name: states[name][i, : len(run)] + sizes[name] * drawn.standard_normal(len(run))
+                for name in self.channels or (dof.position,)
+            }
+            noisy.append(replace(run, position=read.pop(dof.position), extras={**run.extras, **read}))
+        at_rest = np.array([starts_at_rest(run) for run in runs])
+        course = make_course(noisy, at_rest, self.logger.signals, channels=self.channels)
+        problem = driven_problem(self.model, course)
+        return problem, problem.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
+
+    def _drawn(self, batch: Batch, drawn: np.random.Generator) -> Start:
+        """What differs from run to run, drawn by the sizes of what is `random`, held over the batch's windows."""
+        size, lasting, thrust = (
+            self.random.get(f"{self.model.dof.name}.{name}", least)
+            for name, least in (("disturbance", 0.0), ("disturbance-time", 1.0), ("thrust-noise", 0.0))
+        )
+        runs, windows = len(batch.names), batch.windows
+        held = batch.length[..., None] * (batch.window[..., None] == np.arange(windows))
+        pushed = np.einsum("rm,rmw->rw", np.abs(batch.force[0]), held) / np.maximum(held.sum(axis=1), 1e-9)
+        keep = np.exp(-WINDOW / lasting)
+        fresh = size * drawn.standard_normal((runs, windows))
+        for w in range(1, windows):
+            fresh[:, w] = keep * fresh[:, w - 1] + np.sqrt(1.0 - keep**2) * fresh[:, w]
+        uneven = thrust * pushed / np.sqrt(WINDOW) * drawn.standard_normal((runs, windows))
+        return Start(
+            batch.position[:, 0],
+            log_gain=self.scatter * drawn.standard_normal((1, runs)),
+            disturbance=(self.model.inertia * fresh + uneven)[None],
+        )
 
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
@@ -182,7 +232,6 @@ class Fitting:
 @lru_cache(maxsize=64)
 def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> Study:
     """The candidates as a diagnosis would have them; kept, since many models are tried on the same runs."""
-    signals = () if logger.voltage is None else ("voltage",)
     base = YawModel(*drag, logger.unit, logger.dof)
     runs = tuple(logger.run(one) for one in candidates)
-    return Study(runs, base, False, signals, channels=logger.channels)
+    return Study(runs, base, False, logger.signals, channels=logger.channels)

@@ -17,6 +17,7 @@ from automarine_cli import effects
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.influence import runs_that_carry
 from automarine_cli.fits.mixed_model import Problem, derivatives
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.output_error import ENOUGH_RUNS
 from automarine_cli.fits.run_effects import SWITCHES
 from automarine_cli.planning.candidates import Candidate
@@ -62,11 +63,42 @@ def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
     Where a share of the runs is held out of the fit, each counts for what it tells on average.
     """
     free = np.flatnonzero(free_in(fitting))
+    if fitting.random:
+        return fitting.fitted * _by_innovations(fitting, candidates, free)
     found = np.zeros((len(candidates), len(free), len(free)))
     for places in alike(candidates).values():
         problem = fitting.problem([candidates[i] for i in places])
         found[places] = _of_problem(problem, fitting, free)
     return fitting.fitted * found
+
+
+def _by_innovations(fitting: Fitting, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
+    """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
+    these (the efficient score), so that it adds up over runs."""
+    own, each = len(fitting.model.theta), []
+    for places in alike(candidates).values():
+        problem, phi = fitting.driven([candidates[i] for i in places])
+        (slopes,) = problem.slopes(phi[None])
+        each.append((places, slopes.information))
+    runs = np.zeros((len(candidates), *each[0][1].shape[1:]))
+    for places, told in each:
+        runs[places] = told
+    names = [problem.names[i] for i in problem.free]
+    at = [names.index(name) for name in (*fitting.model.parameter_names, SWITCH) if name in names]
+    rest = [i for i in range(len(names)) if i not in at]
+    total = runs.sum(axis=0) + problem.prior_information
+    project = -np.linalg.solve(total[np.ix_(rest, rest)], total[np.ix_(rest, at)]).T
+    back = np.zeros((len(at), len(names)))
+    back[np.arange(len(at)), at] = 1.0
+    back[:, rest] = project
+    natural = phi[: own + 1].copy()
+    natural[-1] = 1.0
+    positive = np.append(problem.positive[:own], False)
+    scale = np.where(np.array(fitting.on_log) & ~positive, natural, 1.0)[free]
+    back *= scale[:, None]
+    found = back @ runs @ back.T
+    found[:, -1, :-1] = found[:, :-1, -1] = 0.0  # such fits confine the switches to their interval
+    return np.asarray(found)
 
 
 def _of_problem(problem: Problem, fitting: Fitting, free: NDArray[np.int64]) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from automarine_cli import effects
+from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError
 from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
@@ -36,7 +37,8 @@ class Doubt:
 class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
     where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
-    fit rests on."""
+    fit rests on; what is `random` in driven runs, by name, in base units, empty for a pool; effects that the fit
+    `proposed` and no diagnosis has judged, with the deviance that each gains."""
 
     stored: StoredModels
     model: YawModel
@@ -47,6 +49,8 @@ class PriorResults:
     doubts: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = ()
     rate_noise_deg_s: float | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
+    proposed: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -92,9 +96,11 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         notes = (*notes, f"{term.name} is left out: it acts by {by}, which planned runs, on the spot, do not have.")
     rates = (one.noise for one in file.channels if one.used and one.quantity == stored.dof.velocity)
     rate = next((noise.value for noise in rates if noise is not None), None)
+    random = {name: given.value for name, given in file.random.items() if given.value is not None}
     return PriorResults(
-        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate)
-    )
+        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate), random,
+        {} if diagnosis is not None else file.proposed,
+    )  # fmt: skip
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
@@ -194,12 +200,14 @@ def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
                 raise ModelError(f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate")
         named.append((name, tuple(values)))
         for j, rival in enumerate(entry.rivals):
+            if rival.name.startswith(PREFIX):  # a curve that was not fitted has no size to look for
+                continue
             doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
     base = _some({name: moved.after for name, moved in file.base.items()})
     return Diagnosed(tuple(named), _some(estimates), base, tuple(doubts))
 
 
 def _known(name: str, where: str) -> str:
-    if name not in effects.names():
+    if name not in effects.names() and not name.startswith(PREFIX):
         raise ModelError(f"{where}: name: found {told(name)}, expected one of {', '.join(effects.names())}")
     return name

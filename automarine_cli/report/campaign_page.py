@@ -9,10 +9,10 @@ from automarine_cli.fits.channel_noise import sentences_of
 from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
 from automarine_cli.report.campaign_steps import StepResult, Steps, folder_of
-from automarine_cli.report.campaign_summary import missing_sentence, summary
+from automarine_cli.report.campaign_summary import added_by, missing_sentence, refusals, summary
 from automarine_cli.report.diagnosis_page import escape
 from automarine_cli.report.tables import Table, interval
-from automarine_cli.results.judged import CheckFile, ValidationFile
+from automarine_cli.results.judged import CheckFile, DiagnosisFile, StepDone, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
 from automarine_cli.results.records import ResultRecord
 
@@ -36,7 +36,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "of both methods",
         "collapse": f"{position} against time times the root of the {words.force}: all runs on one curve if model 3 "
         "holds",
-        "whole_runs": f"Measured {words.position} of each whole run, and that of the model",
+        "whole_runs": f"What the model leaves of the {words.position} of whole runs, beside the noise",
         "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
         "out",
         "why": f"Evidence for each effect of the library, and how the runs' own drag and {words.inertia} drift",
@@ -46,11 +46,17 @@ def alternatives(dof: Dof) -> dict[str, str]:
     }
 
 
-def document(steps: Steps, title: str, cautions: Sequence[str] = (), also: Mapping[str, str] | None = None) -> str:
+def document(
+    steps: Steps,
+    title: str,
+    cautions: Sequence[str] = (),
+    also: Mapping[str, str] | None = None,
+    done: Sequence[StepDone] = (),
+) -> str:
     """The whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
 
     `cautions` are sentences about what does not fit together between the thruster tests and the vehicle; `also` are
-    pages of other commands, by heading.
+    pages of other commands, by heading; `done` is what `run` says of its steps.
     """
     sections = {
         "Thruster map": _thrusters(steps, cautions),
@@ -62,7 +68,7 @@ def document(steps: Steps, title: str, cautions: Sequence[str] = (), also: Mappi
         NEXT: _next(steps),
         "How this was made": _made(steps),
     }
-    parts = [f"# {escape(title)}", *summary(steps), missing_sentence(steps)]
+    parts = [f"# {escape(title)}", *refusals(done), *summary(steps), missing_sentence(steps, done)]
     for heading, blocks in sections.items():
         parts += [f"## {heading}", *blocks] if blocks else []
     return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
@@ -89,7 +95,7 @@ def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
 def _together(steps: Steps) -> Iterator[tuple[str, list[str]]]:
     """The sections of surge, sway and yaw together."""
     if (step := steps.get("planar", PlanarFile)) is not None:
-        shown = "Of each run the heading with predictions, and the track"
+        shown = "Of each run the heading with predictions"
         yield "Planar model", [step.text("planar.md"), picture(step, "planar_runs", shown)]
     yield "Planar validation", _validation(steps, "planar_validation")
     yield "Planar diagnosis", _diagnosis(steps, "planar_diagnosis")
@@ -116,7 +122,13 @@ def _thrusters(steps: Steps, cautions: Sequence[str]) -> list[str]:
 def _model(steps: Steps, dof: Dof) -> list[str]:
     if (step := steps.get(dof.name, ModelFile)) is None:
         return []
-    blocks = [escape(step.file.preferred_because)]
+    names = added_by(steps.get(folder_of(dof, "diagnosis"), DiagnosisFile))
+    blocks = (
+        [f"This is the model without {names}, which the diagnosis added: the final numbers are at the top."]
+        if names
+        else []
+    )
+    blocks.append(escape(step.file.preferred_because))
     if step.file.ratio is not None:
         length, own = escape(interval(step.known(step.file.ratio, dof.ratio_key))), dof.symbols
         blocks.append(
@@ -191,7 +203,7 @@ def _set_aside(steps: Steps) -> list[str]:
         for run in step.file.runs.set_aside:
             rows.setdefault((run.file, run.run, run.why), []).append(step.name)
     if not rows:
-        return ["None: every run was used in every step."]
+        return []
     table = Table(
         "", ("log", "run", "why", "left out of"), tuple((*key, ", ".join(names)) for key, names in rows.items())
     )
@@ -199,17 +211,23 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _next(steps: Steps) -> list[str]:
+    """What the diagnoses ask for, and warnings of preferred models that ask for runs."""
     fits = [fit for name in DOFS if (fit := steps.get(name, ModelFile)) is not None]
-    warnings = [line for fit in fits for line in fit.file.warnings]
-    said = [escape(line) for line in warnings if re.search(r"\badd\b", line, flags=re.IGNORECASE)]
-    diagnoses = [folder_of(dof, "diagnosis") for dof in DOFS.values()]
-    blocks = [_bullets(said), *(_without_next(steps.found[name])[1] for name in diagnoses if name in steps.found)]
+    of_others = re.compile(r"Model (\d) ")
+    said = [
+        escape(line)
+        for fit in fits
+        for line in fit.file.warnings
+        if re.search(r"\badd\b", line, flags=re.IGNORECASE)
+        and not ((other := of_others.match(line)) and other[1] != fit.file.preferred)
+    ]
+    diagnoses = [step for step in steps.found.values() if isinstance(step.file, DiagnosisFile)]
+    blocks = [_bullets(said), *(_without_next(step)[1] for step in diagnoses)]
     lines = [block.strip() for block in blocks if block.strip()]
-    return (
-        ["\n".join(lines)]
-        if lines
-        else ["No further runs are suggested; a diagnosis would say what these runs cannot show."]
-    )
+    if lines:
+        return ["\n".join(lines)]
+    without = "" if diagnoses else "; a diagnosis would say what these runs cannot show"
+    return [f"No further runs are suggested{without}."]
 
 
 def _bullets(lines: Sequence[str]) -> str:

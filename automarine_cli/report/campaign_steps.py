@@ -22,9 +22,10 @@ def folder_of(dof: Dof, step: str) -> str:
 
 @dataclass(frozen=True)
 class StepFolder:
-    """The folder of a step, what kind of result it holds, and whether every campaign has it."""
+    """The folder of a step, its name, what kind of result it holds, and whether every campaign has it."""
 
     name: str
+    step: str
     kind: ResultKind[ResultRecord]
     always: bool
 

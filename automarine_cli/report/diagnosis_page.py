@@ -27,11 +27,13 @@ from automarine_cli.report.diagnosis_page_tables import (
 from automarine_cli.report.diagnosis_tables import (
     counting,
     gains_instead,
+    headline_gap,
+    of_held_out,
     outlook_table,
     parameter_cell,
     verdict_sentence,
 )
-from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.report.tables import MISSING, Table, code_again, interval, number
 
 LARGE_MOVE = 2.0
 """A base parameter that moved by more than this many of its standard errors had been absorbing something."""
@@ -64,7 +66,7 @@ def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float
 
 def escape(text: str) -> str:
     """Text that came from a file, on one line, without meaning to Markdown or HTML."""
-    return re.sub(r"([\\`*_{}\[\]<>#|!])", r"\\\1", " ".join(text.split()))
+    return code_again(re.sub(r"([\\`*_{}\[\]<>#|!])", r"\\\1", " ".join(text.split())))
 
 
 def _summary(diagnosis: Diagnosis) -> str:
@@ -74,9 +76,7 @@ def _summary(diagnosis: Diagnosis) -> str:
     runs = f"{len(diagnosis.study.runs)} runs were fitted"
     if diagnosis.held_out is not None:
         runs += f" and {len(diagnosis.held_out.runs)} held out"
-    before, after, floor = (
-        f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
-    )
+    before, after, floor = headline_gap(diagnosis)
     said = diagnosis.said
     if said.word == NAMED:
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
@@ -84,6 +84,7 @@ def _summary(diagnosis: Diagnosis) -> str:
         gap = f"gap between simulated and measured {position}"
         if diagnosis.study.driven:
             gap = f"error of the {position} predicted {JUDGED:g} s ahead from the filtered state"
+        gap += of_held_out(diagnosis)
         falls = gains_instead(diagnosis) or (
             f"the {gap} falls from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}"
         )
@@ -95,14 +96,15 @@ def _summary(diagnosis: Diagnosis) -> str:
         return f"Suspected is {names}, and not added to the model. {said.why} {runs}."
     if said.word == UNEXPLAINED:
         return (
-            f"Something is missing, and no effect of the library explains it: the gap is {before} {units} where the "
-            f"noise of the {position} is {floor} {units}. {escape(said.why)} Nothing is named. {runs}."
+            f"Something is missing, and no effect of the library explains it: the gap{of_held_out(diagnosis)} is "
+            f"{before} {units} where the noise of the {position} is {floor} {units}. {escape(said.why)} "
+            f"Nothing is named. {runs}."
         )
     if diagnosis.study.driven:
         return f"{verdict_sentence(diagnosis)} {runs}."
     return (
-        f"Nothing is missing that these runs could show: the gap is {before} {units}, the noise of the {position} "
-        f"{floor} {units}. {runs}."
+        f"Nothing is missing that these runs could show: the gap{of_held_out(diagnosis)} is {before} {units}, the "
+        f"noise of the {position} {floor} {units}. {runs}."
     )
 
 
@@ -222,7 +224,8 @@ def _moves(diagnosis: Diagnosis) -> str:
         if moved
         else "No base parameter moved by more than its uncertainty."
     )
-    return table.to_markdown() + "\n" + said
+    anew = f"The base model is fitted anew to these {len(diagnosis.study.runs)} runs: it is not quite that of the file."
+    return table.to_markdown() + "\n" + f"{said} {anew}"
 
 
 def _called(name: str, dof: Dof) -> str:

@@ -7,7 +7,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
-from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED
+from automarine_cli.diagnosis.verdict import EVEN, NAMED, SUSPECTED, UNEXPLAINED, NamedEffect
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
@@ -23,13 +23,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence with its numbers."""
     dof = diagnosis.study.base.dof
     unit, position = dof.units.shown, dof.words.position
-    before, after, floor = (
-        f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
-    )
-    names = " and ".join(effect.name for effect in diagnosis.effects)
+    before, after, floor = headline_gap(diagnosis)
+    counted = diagnosis.found.final.counted
+    names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
+    if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
+        names += f", where {' and '.join(drag)} puts the drag of the base right"
     gains = gains_instead(diagnosis)
     noise = f"noise of the {position} {floor} {unit}"
     gap = "gap" if not diagnosis.study.driven else f"error of predictions {JUDGED:g} s ahead"
+    gap += of_held_out(diagnosis)
     said = diagnosis.said
     if said.word == NAMED:
         falls = gains or f"the {gap} falls from {before} to {after} {unit} ({_beside(diagnosis, noise)})"
@@ -37,13 +39,36 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if said.word == SUSPECTED:
         return f"Suspected, not named: {names}. {said.why}"
     if said.word == UNEXPLAINED:
-        return f"Unexplained: the gap is {before} {unit}, the {noise}. {said.why}"
+        return f"Unexplained: the {gap} is {before} {unit} ({_beside(diagnosis, noise)}). {said.why}"
     if diagnosis.study.driven:
         return (
             f"Nothing missing that these runs could show beside their disturbances: {gap} {before} {unit} "
             f"({_beside(diagnosis, noise)})."
         )
-    return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
+    return f"Nothing missing that these runs could show: {gap} {before} {unit}, {noise}."
+
+
+def headline_gap(diagnosis: Diagnosis) -> tuple[str, str, str]:
+    """The gap before and after and the noise, as people see them: of the runs held out, where there are some."""
+    gap, outlook = diagnosis.gap, diagnosis.outlook
+    if diagnosis.held_out_gap is not None:
+        gap, outlook = diagnosis.held_out_gap, diagnosis.held_out_outlook
+    judged = None if outlook is None else outlook.judged
+    sizes = (gap.before, gap.after) if judged is None else (judged.before, judged.after)
+    before, after, floor = (f"{diagnosis.study.base.dof.shown(x):.2f}" for x in (*sizes, gap.floor))
+    return before, after, floor
+
+
+def of_held_out(diagnosis: Diagnosis) -> str:
+    """Which runs a gap is of, where some were held out."""
+    runs = 0 if diagnosis.held_out is None else len(diagnosis.held_out.runs)
+    return f" of the {runs} run{'s' * (runs > 1)} held out" if runs else ""
+
+
+def _or_rivals(effect: NamedEffect) -> str:
+    """An effect's name; of one that is less likely than its rivals together those too."""
+    rivals = effect.few_rivals if effect.confidence < EVEN else ()
+    return " or ".join([effect.name, *(rival.name for rival in rivals)])
 
 
 def gains_instead(diagnosis: Diagnosis) -> str:
@@ -67,12 +92,17 @@ def curve_cell(curve: LearnedCurve) -> str:
 
 
 def _beside(diagnosis: Diagnosis, noise: str) -> str:
-    """What the gap is to be compared with: the noise, and of driven runs what a constant rate misses by."""
-    judged = None if diagnosis.outlook is None else diagnosis.outlook.judged
+    """What the gap is to be compared with: the noise, and of driven runs what constants miss by."""
+    outlook = diagnosis.outlook if diagnosis.held_out_gap is None else diagnosis.held_out_outlook
+    judged = None if outlook is None else outlook.judged
     if judged is None:
         return noise
     dof = diagnosis.study.base.dof
-    return f"a constant {dof.words.speed} misses by {dof.shown(judged.constant_rate):.2f} {dof.units.shown}, {noise}"
+    rate, still = (f"{dof.shown(x):.2f}" for x in (judged.constant_rate, judged.constant))
+    return (
+        f"a constant {dof.words.speed} misses by {rate} and a constant {dof.words.position} by {still} "
+        f"{dof.units.shown}, {noise}"
+    )
 
 
 def outlook_table(diagnosis: Diagnosis) -> Table | None:

@@ -25,24 +25,41 @@ def of_thrusters(file: ThrusterFile) -> str:
 
 
 def of_model(file: ModelFile) -> str:
-    """The preferred model and its parameters."""
+    """The preferred model and its parameters; first that it is not usable, where so."""
     values = [f"{name} {number(given.value)}" for name, given in file.main_parameters()]
-    return f"model {file.preferred}: {', '.join(values)}"
+    return f"{_unusable(file)}model {file.preferred}: {', '.join(values)}"
+
+
+def of_final(file: ModelFile, found: DiagnosisFile) -> str:
+    """The model with what a diagnosis named, its parameters without that behind; empty where nothing was named."""
+    keys = {file.dof.symbols.quadratic_print: file.dof.symbols.quadratic}
+    moved = {name: found.base.get(keys.get(name, name)) for name, _ in file.main_parameters()}
+    if found.verdict != "named" or found.of_thrusters or not all(moved.values()):
+        return ""
+    values = [f"{name} {number(one.after.value)}" for name, one in moved.items() if one is not None]
+    alone = ", ".join(number(given.value) for _, given in file.main_parameters())
+    names = ", ".join(effect.name for effect in found.effects)
+    return f"{_unusable(file)}model {file.preferred} with {names}: {', '.join(values)} (without: {alone})"
+
+
+def _unusable(file: ModelFile | PlanarFile) -> str:
+    return "not usable: " if file.prediction.refusal else ""
 
 
 def of_planar(file: PlanarFile) -> str:
     """What the model is made of."""
-    return file.structure
+    return f"{_unusable(file)}{file.structure}"
 
 
 def of_validation(file: ValidationFile) -> str:
     """How far the best model is from what was measured."""
     best, unit = file.models[file.best], file.dof.units.key
+    unusable = "no model is of use: " if file.use.refusal else ""
     if file.motion == PLANAR.name:
         return f"heading {number(best.rmse, 3)} deg free run"
     return (
-        f"model {file.best}: {number(best.rmse, 3)} {unit} free run, {number(best.restarted, 3)} {unit} restarted, "
-        f"noise {number(file.noise_floor, 2)} {unit}"
+        f"{unusable}model {file.best}: {number(best.rmse, 3)} {unit} free run, "
+        f"{number(best.restarted, 3)} {unit} restarted, noise {number(file.noise_floor, 2)} {unit}"
     )
 
 

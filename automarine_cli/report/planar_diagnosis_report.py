@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.outlook import Outlook
-from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch
+from automarine_cli.diagnosis.planar import ERRORS, HEAD_START, PlanarSearch
 from automarine_cli.diagnosis.planar_candidates import Candidate
+from automarine_cli.diagnosis.verdict import UNEXPLAINED, stretch
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -50,12 +51,24 @@ def split_by(one: Candidate) -> str:
 
 
 def why(search: PlanarSearch) -> str:
-    """Why effects are suspected only; empty where none is."""
+    """Why effects are suspected only, or where the gap stands out that no effect explains; empty where neither is."""
     names = [label(one.candidate) for one in search.suspected]
-    if not names:
+    if names:
+        asks = f"The fitted runs ask for {' or '.join(names)}"
+        return f"{asks}, but the likelihood of held-out runs does not improve with it."
+    if search.verdict != UNEXPLAINED or search.where is None:
         return ""
+    return f"The error is beyond chance {stretch(search.where.regions[0])}. {_passed_over(search)}"
+
+
+def _passed_over(search: PlanarSearch) -> str:
+    """Why the candidate that gains most was not taken."""
+    most = search.passed_over
+    if most is None:
+        return "No candidate gains more than chance."
     return (
-        f"The fitted runs ask for {' or '.join(names)}, but the likelihood of held-out runs does not improve with it."
+        f"The best candidate, {label(most.candidate)}, gains {most.surplus:.0f} in deviance, but not in the mean of "
+        f"runs by {ERRORS:g} standard errors."
     )
 
 
@@ -63,6 +76,8 @@ def verdict_sentence(search: PlanarSearch) -> str:
     """The verdict in one sentence with its numbers."""
     if search.verdict == "nothing-missing":
         return "Nothing is missing that the runs could show."
+    if search.verdict == "unexplained":
+        return f"Unexplained. {why(search)}"
     if search.verdict == "suspected":
         return f"Suspected: {in_words(search).removeprefix('suspected ')}. {why(search)}"
     held_out = search.outlook(True)
@@ -95,6 +110,7 @@ def _evidence(search: PlanarSearch) -> Table:
             added = each.candidate.added
             word = "named" if added == best else "rival" if added in rivals else MISSING
             word = "suspected" if each in search.suspected else word
+            word = "some runs only" if word == MISSING and each is search.passed_over else word
             rows.append((str(i), label(each.candidate), number(each.surplus, 4), number(each.held_out, 4), word))
     header = ("look", "effect", "deviance gained", "held-out log likelihood gained", "is")
     rest = sum(len(one.promised) - len(one.tried) for one in search.rounds)

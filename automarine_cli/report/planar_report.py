@@ -1,14 +1,15 @@
 """The tables and sentences of `fit-planar`."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.driven_fit import Worth
 from automarine_cli.fits.planar_fit import PlanarFit
-from automarine_cli.fits.planar_use import PlanarUse
+from automarine_cli.fits.planar_use import HEADING, UNITS, PlanarUse, shown
+from automarine_cli.models.planar_store import units
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.planar_runs import planar_runs_figure
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.estimate import Estimate
 
 WORDS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
@@ -37,11 +38,13 @@ def prediction_table(use: PlanarUse) -> Table:
     """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
     alone = {one.horizon: number(float(YAW.shown(one.error)), 3) for one in use.yaw_only}
     rows = [
-        ("heading, deg", f"{one.horizon:g}", *_errors(one, YAW.shown), alone.get(one.horizon, MISSING), str(one.count))
-        for one in use.heading
-    ]
-    rows += [
-        ("place, m", f"{one.horizon:g}", *_errors(one, float), MISSING, str(one.count)) for one in use.place
+        (
+            f"{name}, {UNITS[name]}", f"{one.horizon:g}",
+            *(number(shown(name, x), 3) for x in (one.error, one.constant_rate, one.constant)),
+            alone.get(one.horizon, MISSING) if name == HEADING else MISSING, str(one.count),
+        )
+        for name, each in use.forecasts.worth.items()
+        for one in each
     ]  # fmt: skip
     header = ("of", "s ahead", "model", "constant rate", "constant", "yaw alone", "predictions")
     whose = (
@@ -54,16 +57,11 @@ def prediction_table(use: PlanarUse) -> Table:
     return Table("Predictions", header, tuple(rows), notes=notes)
 
 
-def _errors(one: Worth, shown: Callable[[float], object]) -> list[str]:
-    return [number(float(str(shown(x))), 3) for x in (one.error, one.constant_rate, one.constant)]
-
-
 def parameter_table(fit: PlanarFit) -> Table:
     """One row a parameter that was identified."""
     rows = [
         (
-            name, WORDS.get(name, ""), number(one.value, 4), number(one.stderr, 2),
-            f"{number(one.ci95[0], 4)} to {number(one.ci95[1], 4)}", one.unit,
+            name, WORDS.get(name, ""), number(one.value, 4), *_spread(one), one.unit,
         )
         for name, one in fit.estimates.items()
     ]  # fmt: skip
@@ -75,25 +73,41 @@ def parameter_table(fit: PlanarFit) -> Table:
     return Table("Surge, sway and yaw together", header, tuple(rows), notes=notes)
 
 
+def _spread(one: Estimate) -> tuple[str, str]:
+    """The standard error and the interval, or why there are none."""
+    if one.at_bound:
+        return MISSING, "at its bound"
+    if one.known and not one.stderr:
+        return MISSING, "known"
+    return number(one.stderr, 2), f"{number(one.ci95[0], 4)} to {number(one.ci95[1], 4)}{' (known)' * one.known}"
+
+
 def structure_table(fit: PlanarFit) -> Table:
     """One row a structure that was tried, the best first."""
     rows = [
         (
             str(one.structure), str(len(one.found.model.free)), number(one.found.log_likelihood, 7),
-            number(one.found.criterion - fit.found.criterion, 4),
+            number(one.criterion - fit.tried[0].criterion, 4),
         )
         for one in fit.tried
     ]  # fmt: skip
     return Table("Structures", ("structure", "parameters", "log likelihood", "BIC less the best"), tuple(rows))
 
 
+def first_sentences(fit: PlanarFit) -> tuple[str, ...]:
+    """Of what use it is, a disturbance as large as the commands, and how it was fitted."""
+    use = () if fit.use is None else fit.use.sentences
+    return (*use[:1], *(f"Warning: {one}" for one in fit.disturbed), *use[1:], *filter(None, [fit.choice.because]))
+
+
 def sentences(fit: PlanarFit) -> Iterator[str]:
     """Of what use it is, structure and why, assumptions, sensors, warnings."""
-    if fit.use is not None:
-        yield from fit.use.sentences
+    yield from first_sentences(fit)
     yield f"Structure: {fit.structure}. {fit.because}"
+    yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
     yield from (f"Assumed: {one}." for one in fit.assumptions)
     noises = fit.found.noises
     told = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(told)}."
-    yield from (one for one in fit.warnings if fit.use is None or one not in fit.use.sentences)
+    said = (*(() if fit.use is None else fit.use.sentences), *fit.disturbed)
+    yield from (one for one in fit.warnings if one not in said)

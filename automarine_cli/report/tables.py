@@ -41,9 +41,11 @@ class Math:
 
     plain: str
     latex: str
+    after: str = ""
+    """Words behind the symbol, as they stand."""
 
     def __str__(self) -> str:
-        return self.plain
+        return self.plain + self.after
 
 
 Cell = str | Math
@@ -88,7 +90,7 @@ class Table:
         """A `table` environment with booktabs rules; everything but Math cells is escaped."""
         sides = "".join("r" if right else "l" for right in self._right())
         lines = [r"\begin{table}", r"\centering"]
-        lines += [rf"\caption{{{_latex(self.title)}}}"] if self.title else []
+        lines += _captioned(self.title) if self.title else []
         lines += [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", _latex_row(self.header), r"\midrule"]
         for i, row in enumerate(self.rows):
             lines += [r"\midrule"] if i in self.rules and i > 0 else []
@@ -115,6 +117,13 @@ class Table:
         ]
 
 
+def _captioned(title: str) -> list[str]:
+    """The caption without a number of ours, which LaTeX gives, and a label to refer to it by."""
+    caption = re.sub(r"^Table \d+\. ", "", title)
+    name = re.sub(r"[^a-z0-9]+", "-", caption.partition("[")[0].lower()).strip("-")
+    return [rf"\caption{{{_latex(caption)}}}", rf"\label{{tab:{name}}}"]
+
+
 def number(x: float | None, digits: int = 4) -> str:
     """`x` to `digits` significant digits, without an exponent where readable; a dash for None and NaN."""
     if x is None or not math.isfinite(x):
@@ -130,19 +139,22 @@ def number(x: float | None, digits: int = 4) -> str:
 
 
 def interval(estimate: HasInterval | None) -> str:
-    """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need."""
+    """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
+    was known before the fit; a value at its bound has no interval."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
-    low, high = estimate.ci95
+    (low, high), known = estimate.ci95, " (known)" * getattr(estimate, "known", False)
+    if getattr(estimate, "at_bound", False) and not known:
+        return f"{number(estimate.value)} (at its bound)"
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
-        return number(estimate.value)
+        return f"{number(estimate.value)}{known}"
     decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))
     if decimals > 8:
-        return f"{number(estimate.value)} [{number(low)}, {number(high)}]"
-    return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+        return f"{number(estimate.value)} [{number(low)}, {number(high)}]{known}"
+    return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]{known}"
 
 
-_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?$")
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")
 
 _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%",
@@ -171,7 +183,12 @@ def _markdown(text: str) -> str:
     """Text without meaning to Markdown or HTML: k_r stays k_r, but no `_x_`, `$x$`, `~~x~~` or `&lt;`."""
     text = re.sub(r"([\\|`*<>\[\]$~])", r"\\\1", _one_line(text))
     text = re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\_", text)
-    return re.sub(r"&(?=#?\w+;)", "&amp;", text)
+    return code_again(re.sub(r"&(?=#?\w+;)", "&amp;", text))
+
+
+def code_again(escaped: str) -> str:
+    """Escaped Markdown in which the commands that our own sentences name stay code."""
+    return re.sub(r"\\`(automarine [a-z-]+)\\`", r"`\1`", escaped)
 
 
 def _markdown_row(row: tuple[Cell, ...]) -> str:
@@ -180,7 +197,7 @@ def _markdown_row(row: tuple[Cell, ...]) -> str:
 
 def _latex(cell: Cell) -> str:
     if isinstance(cell, Math):
-        return f"${cell.latex}$"
+        return f"${cell.latex}$" + (_latex(cell.after) if cell.after else "")
     text = _one_line(cell)
     if match := re.fullmatch(r"([-+]?\d+(?:\.\d+)?)(?:e([-+]?\d+))?", text):
         mantissa, exponent = match.groups()

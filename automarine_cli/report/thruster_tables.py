@@ -141,10 +141,15 @@ def _parameter(one: Parameter) -> str:
 def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
     """How well one form fits, in a sentence."""
     cross = "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
-    return (
+    said = (
         f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
         f"full scale ({number(analysis.full_scale)} N){cross}."
     )
+    less = int(np.count_nonzero(analysis.points.flag != ""))
+    if not less:
+        return said
+    whole = number(analysis.over_all(score), 3)
+    return f"{said} Over all points alike the rmse is {whole} N: {less} of {len(analysis.points)} weigh less above."
 
 
 def voltages(result: ThrusterFit) -> Table:

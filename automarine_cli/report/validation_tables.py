@@ -136,13 +136,9 @@ def _notes(comparison: Comparison) -> list[str]:
         f"Noise level of the {dof.position}, estimated without a model: {number(comparison.floor, 3)} "
         f"{dof.units.shown}.",
     ]
-    if comparison.afresh:
-        begins = "begin" if len(comparison.afresh) > 1 else "begins"
-        notes.insert(
-            2,
-            f"At a restart {' and '.join(comparison.afresh)} {begins} from zero, as nothing does in the "
-            "water: judge by the free run.",
-        )
+    if comparison.carried:
+        goes = "go" if len(comparison.carried) > 1 else "goes"
+        notes.insert(2, f"At a restart {' and '.join(comparison.carried)} {goes} on as in the free run.")
     if len(comparison.runs) >= 3:
         notes.append("In brackets: 95 % intervals, runs resampled.")
     return notes

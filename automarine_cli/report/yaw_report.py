@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.channel_noise import fit_sentences
+from automarine_cli.fits.channel_noise import channel_noises, fit_sentences
 from automarine_cli.fits.driven_use import Use
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_problem import SWITCH, MixedFit
@@ -21,6 +21,7 @@ from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.driven import driven_runs_figure
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.tables import Table, interval
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import shared_readings
 
 
@@ -40,9 +41,9 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """What a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
-    preferred, turn = fit.preferred, fit.inertial_turn_angle
+    preferred, turn = fit.preferred, fit.preferred.inertial_turn_angle
     dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
-    lines = [fit.preference.because]
+    lines = [fit.preference.because, *fit.told_of_known]
     if fit.use is not None:
         lines = [fit.use.sentence(dof), *lines]
     if turn is not None:
@@ -51,15 +52,17 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
             f"{words.inertial_length.capitalize()} {own.inertia}/{own.quadratic_print}: {turn.value:.4g} "
             f"{dof.units.base} [{low:.4g}, {high:.4g}], whatever the {words.force}'s unit."
         )
-    scatter, (low, high) = preferred.gain_scatter.value, preferred.gain_scatter.ci95
-    late, (first, last) = preferred.offset.value, preferred.offset.ci95
-    scattered = f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+    elif (lasting := fit.time_constant) is not None:
+        low, high = lasting.ci95
+        lines.append(f"Time constant {own.inertia}/{own.linear}: {lasting.value:.3g} s [{low:.3g}, {high:.3g}].")
+    scatter, late = preferred.gain_scatter, preferred.offset
+    scattered = f"Thrust scatters from run to run by {100 * scatter.value:.1f} % {_ends(scatter, '.1f', 100.0)}"
     if isinstance(preferred.mixed, InnovationsFit):
         lines.append(f"{scattered}; {_noise(fit)}. {_disturbance(preferred, preferred.mixed)}")
     else:
         lines.append(
-            f"{scattered}; {_noise(fit)}. {words.force.capitalize()}s switch {late:+.2f} sample intervals "
-            f"[{first:+.2f}, {last:+.2f}] from the middle between the first sample that shows them and the one before."
+            f"{scattered}; {_noise(fit)}. {words.force.capitalize()}s switch {late.value:+.2f} sample intervals "
+            f"{_ends(late, '+.2f')} from the middle between the first sample that shows them and the one before."
         )
     lines += fit_sentences(fit.channels, preferred.mixed, dof)
     if preferred.ways is not None:
@@ -69,6 +72,12 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines += [f"Read: {note}." for note in shared_readings(fit.read)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
+
+
+def _ends(one: Estimate, form: str, times: float = 1.0) -> str:
+    """The interval behind a number, or that it has none."""
+    low, high = one.ci95
+    return "(at its bound)" if one.at_bound else f"[{times * low:{form}}, {times * high:{form}}]"
 
 
 def _disturbance(fit: OutputErrorFit, found: InnovationsFit) -> str:
@@ -87,7 +96,8 @@ def _noise(fit: YawFit) -> str:
     """The noise of the sensor that the fit rests on first."""
     words, units, noise = fit.dof.words, fit.dof.units, fit.preferred.noise
     if noise is not None:
-        return f"{words.position} noise {fit.dof.shown(noise):.2f}{units.mark}"
+        bound = " (at its bound)" * channel_noises(fit.preferred.mixed, fit.dof)[fit.dof.position].at_bound
+        return f"{words.position} noise {fit.dof.shown(noise):.2f}{units.mark}{bound}"
     return f"{words.rate} noise {fit.dof.shown(fit.preferred.mixed.noise):.3g}{units.mark}/s"
 
 
@@ -117,7 +127,7 @@ def drawings(fit: YawFit) -> dict[str, Draw]:
     seed, data = fit.seed_method, fit.data
     if seed is None or data is None:
         use = fit.use
-        if use is not None:
+        if isinstance(use, Use):
             return {"whole_runs": lambda: driven_runs_figure(fit, use)}
         return {"whole_runs": lambda: figures.whole_runs_figure(fit)}
     return {
@@ -137,7 +147,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
     dof, words = fit.dof, fit.dof.words
     shown, shown_rate = dof.units.key, dof.units.rate_key
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
-    if fit.use is not None:
+    if isinstance(fit.use, Use):
         return _driven_rows(fit, fit.use)
     assert isinstance(mixed, MixedFit)
     read = mixed.reading(dof.position)

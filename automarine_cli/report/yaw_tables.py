@@ -1,12 +1,14 @@
 """Tables 1 and 2 of a yaw fit: the paper's layout above the rule, our own rows below it."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import DragFit, nested_test
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import DRAG, INERTIA, Caution
+from automarine_cli.fits.yaw_fit import effect_estimates
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
 from automarine_cli.results.estimate import Estimate
 
@@ -31,18 +33,18 @@ def drag_table(
         (quadratic, *of(own.quadratic, lambda e: number(e.value))),
         (linear, *of(own.linear, lambda e: number(e.value))),
         ("SSE", *(number(fits[m].sse) if m in fits else MISSING for m in MODELS)),
-        (f"{quadratic}, 95 %", *of(own.quadratic, interval)),
-        (f"{linear}, 95 %", *of(own.linear, interval)),
+        (replace(quadratic, after=", 95 %"), *of(own.quadratic, interval)),
+        (replace(linear, after=", 95 %"), *of(own.linear, interval)),
         ("AICc", *(number(fits[m].aicc) if m in fits else MISSING for m in MODELS)),
         ("F test against 2, p", *(_f_test(fits, m) for m in MODELS)),
-        (f"{quadratic}, maximum likelihood", *(_ml(ml, m, own.quadratic) for m in MODELS)),
-        (f"{linear}, maximum likelihood", *(_ml(ml, m, own.linear) for m in MODELS)),
+        (replace(quadratic, after=", maximum likelihood"), *(_ml(ml, m, own.quadratic) for m in MODELS)),
+        (replace(linear, after=", maximum likelihood"), *(_ml(ml, m, own.linear) for m in MODELS)),
         (
             "log density of left-out runs",
             *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
         ),
     ]
-    rows += _force_rows(fits, ml, dof)
+    rows += [*_force_rows(fits, ml, dof), *_effect_rows(ml)]
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
         f"{dof.words.force.capitalize()} [{unit}], {quadratic} [{dof.unit_of('quadratic', unit)}], "
@@ -51,6 +53,20 @@ def drag_table(
     )
     notes = (unit_note, *_signs(dof), *notes)
     return Table(f"Table 1. Identified {dof.name} models: drag", HEADER, tuple(rows), (3, 7), notes)
+
+
+def _effect_rows(ml: Mapping[str, OutputErrorFit]) -> list[tuple[Cell, ...]]:
+    """The effects that were fitted beside drag."""
+    each = {number: effect_estimates(fit) for number, fit in ml.items()}
+    names = {(e, name): one.unit for own in each.values() for e, group in own.items() for name, one in group.items()
+             if one.stderr > 0}  # fmt: skip
+    return [
+        (
+            f"{effect} {name} [{unit}], maximum likelihood",
+            *(interval(each[m][effect][name]) if effect in each.get(m, {}) else MISSING for m in MODELS),
+        )
+        for (effect, name), unit in names.items()
+    ]
 
 
 def _force_rows(fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], dof: Dof) -> list[tuple[Cell, ...]]:
@@ -109,16 +125,16 @@ def inertia_table(
     moment below."""
     tables = {} if seed is None else seed.inertia
     own = dof.symbols
-    ratio = f"{own.inertia}/{own.quadratic_print} [{dof.units.base}]"
+    ratio = Math(
+        f"{own.inertia}/{own.quadratic_print}", f"{own.inertia_math}/{own.quadratic_math}", f" [{dof.units.base}]"
+    )
+    inertia = Math(own.inertia, own.inertia_math)
     rows: list[tuple[Cell, ...]] = [
+        (inertia, *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS)),
+        (replace(inertia, after=", 95 %"), *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
+        (replace(inertia, after=", maximum likelihood"), *(_ml(ml, m, own.inertia) for m in MODELS)),
         (
-            Math(own.inertia, own.inertia_math),
-            *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS),
-        ),
-        (f"{own.inertia}, 95 %", *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
-        (f"{own.inertia}, maximum likelihood", *(_ml(ml, m, own.inertia) for m in MODELS)),
-        (
-            f"{ratio}, maximum likelihood",
+            replace(ratio, after=f"{ratio.after}, maximum likelihood"),
             *(interval(ml[m].inertial_turn_angle) if m in ml else MISSING for m in MODELS),
         ),
     ]
@@ -126,7 +142,7 @@ def inertia_table(
     for way in dof.words.ways if dof.directional else ():
         far = (ways.distance.get(way) if (ways := asked.get(m)) else None for m in MODELS)
         cells = (MISSING if one is None else interval(one) for one in far)
-        rows.append((f"{ratio} {way}, maximum likelihood", *cells))
+        rows.append((replace(ratio, after=f"{ratio.after} {way}, maximum likelihood"), *cells))
     levels = sorted({level for table in tables.values() for level in table.per_moment}) if means else []
     for level in levels:
         row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)

@@ -13,12 +13,15 @@ WIDE = 2.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """Value, standard error, 95 % interval and unit of one parameter."""
+    """Value, standard error, 95 % interval and unit of one parameter; whether it was `known` beforehand, or stands
+    `at_bound` of its range, so that the interval says nothing."""
 
     value: float
     stderr: float
     ci95: tuple[float, float]
     unit: str
+    known: bool = False
+    at_bound: bool = False
 
     @classmethod
     def from_stderr(cls, value: float, stderr: float, dof: float, unit: str) -> "Estimate":
@@ -46,19 +49,21 @@ class Estimate:
 
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
-        return {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
+        plain = {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
+        return plain | {name: True for name in ("known", "at_bound") if getattr(self, name)}
 
 
 @dataclass(frozen=True)
 class Given:
     """A number as a result file holds it: an estimate, a value without an interval (`at_bound` says why), or a plain
-    number; the value is None for what lies beyond all that was measured."""
+    number; the value is None for what lies beyond all that was measured. `known_`: it was known before the fit."""
 
     value: float | None
     stderr: float | None = None
     ci95: tuple[float, float] | None = None
     unit: str = ""
-    at_bound: str = ""
+    at_bound: str | bool = ""
+    known_: bool = False
 
     @classmethod
     def of_number(cls, value: float) -> "Given":
@@ -70,7 +75,7 @@ class Given:
         """The estimate; None where the interval is not known."""
         if self.value is None or self.stderr is None or self.ci95 is None:
             return None
-        return Estimate(self.value, self.stderr, self.ci95, self.unit)
+        return Estimate(self.value, self.stderr, self.ci95, self.unit, self.known_, bool(self.at_bound))
 
     def known(self, place: str) -> Estimate:
         """The estimate. Raises ModelError with the `place` in the file where the interval is not known."""

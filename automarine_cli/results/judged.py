@@ -7,6 +7,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.codec import keyed
 from automarine_cli.pipeline.plain_data import told
 from automarine_cli.results.estimate import Given
+from automarine_cli.results.models import Use
 from automarine_cli.results.records import ResultRecord
 
 
@@ -32,6 +33,31 @@ class Score:
     rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}", "heading_rmse_deg"))
     ci95: tuple[float, float] | None = field(default=None, metadata=keyed("rmse_{shown_unit}_ci95"))
     restarted: float | None = field(default=None, metadata=keyed("restarted_rmse_{shown_unit}"))
+    runs: Mapping[str, "RunErrors"] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """How far one model is from one run: simulated from its start, and restarted."""
+
+    rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}", "heading_rmse_deg"))
+    restarted: float | None = field(default=None, metadata=keyed("restarted_rmse_{shown_unit}"))
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """How well one model predicts so many seconds ahead: over all runs, and each."""
+
+    horizon_s: float
+    rmse: float = field(metadata=keyed("rmse_{shown_unit}"))
+    runs: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LogSeen:
+    """One of the logs."""
+
+    samples: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +68,9 @@ class ValidationFile(ResultRecord):
     best: str
     preferred_by_fit: str = ""
     noise_floor: float | None = field(default=None, metadata=keyed("noise_floor_{shown_unit}"))
-    logs: Mapping[str, object] = field(default_factory=dict)
+    use: Use = field(default_factory=Use)
+    logs: Mapping[str, LogSeen] = field(default_factory=dict)
+    prediction: Mapping[str, tuple[Foreseen, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.best not in self.models:

@@ -183,10 +183,11 @@ def not_from_rest(turn: HalfTurn) -> str:
 
 def against(turn: HalfTurn) -> str:
     """It went against its command."""
-    words = turn.step.run.dof.words
+    dof, words = turn.step.run.dof, turn.step.run.dof.words
     return (
         f"units look wrong: {_at(turn)} {words.moved} the vehicle {_way(turn)} against it. If the {words.position} "
-        f"counts {words.other_way}, map it with sign = -1 in the --columns file"
+        f"counts {words.other_way}, map it with sign = -1 in the --columns file or the campaign: under [columns] "
+        f'{dof.column(dof.position, dof.units.log)} = {{ from = "NAME", sign = -1 }}'
     )
 
 

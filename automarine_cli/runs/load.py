@@ -23,11 +23,14 @@ from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.clean import NotUsable, Split, clean, plain_rows, too_short
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim
 from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
-from automarine_cli.runs.sense import clock_trouble
+from automarine_cli.runs.sense import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
 from automarine_cli.runs.trimmed import Trimmed, trimmed
 
 Kept = TypeVar("Kept")
 OfOneLog = tuple[list[Run], list[SetAside]]
+ANGLE_SLACK = 1.001
+RADIANS_SEEN = "wraps at 2 pi where"
+"""What the proof says of radians that are called degrees; the others are of degrees called radians."""
 Reading = Callable[..., Iterator[OfOneLog]]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
@@ -66,6 +69,7 @@ def load_runs(
     files = find_logs(logs)
     work = partial(_read, read=read or read_runs, columns=columns, dof=dof)
     runs, aside = _gathered(work, files, strict, progress, jobs)
+    _refuse_other_units(aside, files, columns, dof)
     limited, limits = within_limits(_one_unit(named_apart(runs)))
     return Campaign(tuple(limited), aside, tuple(filter(has_bytes, files)), limits)
 
@@ -104,6 +108,7 @@ def load_half_turns(
     files = find_logs(logs)
     read = partial(_read_trimmed, columns=columns, drive=drive, dof=dof, trim=trim)
     found, aside = _gathered(read, files, strict, progress, jobs)
+    _refuse_other_units(aside, files, columns, dof)
     runs = _one_unit(named_apart([one.run for one in found]))
     limited, limits = within_limits(runs)
     named = [
@@ -141,6 +146,34 @@ def _gathered(
     if not kept:
         raise none_left(len(files), aside)
     return kept, tuple(aside)
+
+
+def _refuse_other_units(
+    aside: Sequence[SetAside], files: Sequence[LogFile], columns: ColumnMap | None, dof: Dof
+) -> None:
+    """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and other logs
+    that were read alike look so too: they are as wrong, and only smoother."""
+    proof = next((one for one in aside if one.why.startswith(IN_OTHER_UNITS)), None)
+    if proof is None:
+        return
+    known = columns or ColumnMap()
+    maps = {file.name: known.of(file.path).columns for file in files}
+    bad = {one.file for one in aside}
+    others = [file for file in files if file.name not in bad and maps[file.name] == maps[proof.file]]
+    spans = [
+        float(np.nanmax(table.columns[dof.position]) - np.nanmin(table.columns[dof.position]))
+        for table in read_logs(others, columns, dof=dof)
+        if isinstance(table, LogTable) and dof.position in table.columns
+    ]
+    turn = RADIANS_AS_DEGREES if RADIANS_SEEN in proof.why else dof.turn
+    less = [0.5 * turn < span <= ANGLE_SLACK * turn for span in spans]
+    alike = sum(less) if RADIANS_SEEN in proof.why else sum(span > ANGLE_SLACK * turn for span in spans)
+    if alike > 0.5 * len(spans):
+        many = f"{alike} other log{'s' * (alike != 1)}"
+        raise RunError(
+            f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {many} looks so too, and nothing "
+            "was used; where only one log differs, give it a map of its own under [[columns_of]]"
+        )
 
 
 def _paying(files: Sequence[LogFile], jobs: int) -> int:

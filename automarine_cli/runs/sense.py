@@ -5,7 +5,7 @@ position that no vehicle makes: samples are missing that the clock does not miss
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.flat import Indices
 from automarine_cli.runs.noise import median
@@ -20,6 +20,8 @@ LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
 WHILE = 1.0  # s over which a way is measured: it is longer than its noise
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
+IN_OTHER_UNITS = tuple(f"units look wrong: the {dof.position} " for dof in DOFS.values() if dof.wraps)
+"""How the reasons begin that prove the unit of a column, and so of that column in all logs."""
 
 
 def clock_trouble(time: Floats) -> str | None:

@@ -33,7 +33,8 @@ class Start:
     alike: in the plane north, east and heading, and the velocities over ground in the vehicle's axes. `log_gain` is
     that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in which
     it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in each
-    window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run.
+    window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run, `water` the
+    states of the water, (W, P, R), in the order of the model's terms.
     """
 
     position: ArrayLike = 0.0
@@ -42,6 +43,7 @@ class Start:
     switch_delay: Floats | None = None
     disturbance: Floats | None = None
     own: Mapping[str, Floats] = field(default_factory=dict)
+    water: ArrayLike = 0.0
 
     def bind(self, term: Bound) -> Bound:
         """A term with each run's own coefficients after its values."""
@@ -56,11 +58,11 @@ class Trajectory:
     """Simulated states at the samples: positions as the sensors show them, true positions and velocities. In the plane
     positions are north, east and heading, velocities those over ground in the vehicle's axes.
 
-    `nodes` holds the three at all nodes of the simulation grid, (D, P, R, M + 1) each; samples are picked when asked
-    for.
+    `nodes` holds the three at all nodes of the simulation grid, (D, P, R, M + 1) each, and the W states of the water,
+    (W, P, R, M + 1); samples are picked when asked for.
     """
 
-    nodes: tuple[Floats, Floats, Floats] = field(repr=False)
+    nodes: tuple[Floats, Floats, Floats, Floats] = field(repr=False)
     node: NDArray[np.int64] = field(repr=False)
 
     @cached_property
@@ -82,6 +84,12 @@ class Trajectory:
     def velocities(self) -> Floats:
         """True velocities, (P, R, N, D)."""
         return np.stack([self._at_samples(one) for one in self.nodes[2]], axis=-1)
+
+    @cached_property
+    def water(self) -> Floats:
+        """States of the water, (P, R, N, W)."""
+        none = np.zeros((*self.position.shape, 0))
+        return np.concatenate([none, *(self._at_samples(one)[..., None] for one in self.nodes[3])], axis=-1)
 
     def reading(self, channel: Channel) -> Floats:
         """What a channel's sensor reads, (P, R, N)."""
@@ -119,7 +127,7 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
     with np.errstate(
         over="ignore", invalid="ignore"
     ):  # a fit may try parameters that no vehicle has; it sees the infinity
-        true, velocities = _integrate(model, theta, terms, batch, commands, start, shape)
+        true, velocities, stirred = _integrate(model, theta, terms, batch, commands, start, shape)
         clock = commands[0]
         time = np.concatenate([np.zeros_like(clock.start[..., :1]), clock.start + clock.length], axis=2)
         read = true
@@ -130,7 +138,7 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
                 read = shown[None] if len(read) == 1 else np.stack(
                     [shown if d == term.dof else one for d, one in enumerate(read)]
                 )  # fmt: skip
-    return Trajectory((read, true, velocities), batch.node)
+    return Trajectory((read, true, velocities, stirred), batch.node)
 
 
 def _actuated(commands: Commands, term: Bound) -> Commands:
@@ -153,8 +161,8 @@ def _integrate(
     commands: Sequence[Commands],
     start: Start,
     shape: tuple[int, ...],
-) -> tuple[Floats, Floats]:
-    """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1).
+) -> tuple[Floats, Floats, Floats]:
+    """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1), and the water's states, (W, P, R, M + 1).
 
     Velocities and the states of the water are advanced step by step; positions only where something depends on them,
     else their increments are summed at the end: numpy's cost a call, not arithmetic, is what a step costs. In a
@@ -172,11 +180,13 @@ def _integrate(
     current = model.current(theta)
     if current is not None:
         velocity = velocity - in_body_axes(current, position[2])
-    water = [np.zeros(shape[1:]) for term in movers for _ in term.effect.states]
+    count = sum(len(term.effect.states) for term in movers)
     slope = right_hand_side(model.motion, movers, model.inertia_matrix(theta), current, position)
     steps = len(tau)
     velocities, travelled = np.empty((steps + 1, *shape)), np.empty((steps + 1, *shape))
-    velocities[0], travelled[0] = velocity, position
+    stirred = np.empty((steps + 1, count, *shape[1:]))
+    velocities[0], travelled[0], stirred[0] = velocity, position, start.water
+    water = list(stirred[0])
     held: Mapping[str, Floats] = {}
     for m in range(steps):
         h, h2, h6, force = lengths[m], half[m], sixth[m], tuple(tau[m])
@@ -203,12 +213,14 @@ def _integrate(
             travelled[m + 1] = position
         velocity = np.add(velocity, h6 * (first + 2.0 * twice + fourth), out=velocities[m + 1])
         water = [w + h6 * (a + 2.0 * (b + c) + d) for w, a, b, c, d in zip(water, water1, water2, water3, water4)]
+        if water:
+            stirred[m + 1] = water
     if not model.motion.turns:
         travelled[1:] *= lengths[:, None]
         np.cumsum(travelled, axis=0, out=travelled)
     elif current is not None:
         velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
-    return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3)
+    return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3), np.moveaxis(stirred, 0, 3)
 
 
 def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:

@@ -71,6 +71,11 @@ class Analysis:
         """Thrust [N] by the chosen form or the square law, shape of n; NaN in a direction that has no fit."""
         return thrust_both_ways(*(self.law if square else self.chosen).both_ways, n)
 
+    def over_all(self, score: FormScore) -> float:
+        """Root mean square error [N] of a form over all points, those that contradict their neighbours alike."""
+        off = self.points.force - thrust_both_ways(*score.both_ways, self.points.n)
+        return float(np.sqrt(np.nanmean(off**2)))
+
     def percent(self, value: float | None) -> float | None:
         """Newtons as a percentage of full scale."""
         if value is None:

@@ -5,19 +5,26 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.errors import FitError
+from automarine_cli.logs import ColumnRule
+from automarine_cli.logs.canonical import likely_column
+from automarine_cli.logs.recognise import is_called
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.words import listed
 from automarine_cli.thrusters.analysis import Analysis, analyse
 from automarine_cli.thrusters.contradictions import flag_contradictions
-from automarine_cli.thrusters.fit import Side
+from automarine_cli.thrusters.fit import FEWEST_LEVELS, Side
 from automarine_cli.thrusters.plateaus import reduce_series
-from automarine_cli.thrusters.points import Ints, Points, voltage_steps
+from automarine_cli.thrusters.points import Ints, Points, levels_of, voltage_steps
 from automarine_cli.thrusters.records import ThrusterLogs
 from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.thrusters.tare import Tare, subtract_tare
 from automarine_cli.thrusters.voltage import VoltageExponent, voltage_exponents
 
+STRONG = 0.2
+"""Share of the largest thrust from which readings tell whether a command always gives the same."""
+APART = 0.3
+"""Share of a thrust by which readings at one command differ where something else changed."""
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
 
 
@@ -31,10 +38,15 @@ def fit_records(
     points = reduction.points.divided(thrusters)
     step = voltage_steps(points.voltage)
     unsorted = _without_voltages(points, step)
-    points, apart = _flagged(loaded, points, step)
+    differ = _differ(loaded, points, thrusters, where)
+    logged = points
+    points, apart = (points, differ) if differ else _flagged(loaded, points, step)
     points, tare = subtract_tare(points)
     varied = step if step is not None and step.max() > 0 else None
-    analysis, _ = analyse(points, varied, tare.stderr if tare.subtracted else 0.0, n_unit, form, where)
+    try:
+        analysis, _ = analyse(points, varied, tare.stderr if tare.subtracted else 0.0, n_unit, form, where)
+    except FitError as refusal:
+        raise _with_rest(refusal, logged, thrusters, loaded.rule) from None
     voltages, exponents, notes = _by_voltage(points, step, tare, n_unit, form, jobs, progress)
     return ThrusterFit(
         loaded,
@@ -46,6 +58,49 @@ def fit_records(
         exponents,
         (*apart, *reduction.notes, *unsorted, *_notes(points), *notes),
         _by_part(loaded, thrusters, n_unit, form) if loaded.asked else {},
+    )
+
+
+def _differ(loaded: ThrusterLogs, points: Points, thrusters: int, where: str) -> tuple[str, ...]:
+    """What to know where one command gave very different thrusts and no voltage tells why. Raises FitError where a
+    column may hold the supply."""
+    if np.any(np.isfinite(points.voltage)) or len(loaded.parts) > 1:
+        return ()
+    level, size = levels_of(points.n), np.abs(points.force)
+    ends = []
+    for number in np.unique(level[size > STRONG * size.max(initial=0.0)]):
+        force = points.force[level == number]
+        if len(force) > 1 and not np.any(points.raw[level == number]):
+            ends.append((float(np.ptp(force)) / float(np.abs(force).max()), int(number)))
+    if len(ends) < FEWEST_LEVELS or np.median([apart for apart, _ in ends]) < APART:
+        return ()
+    _, number = max(ends)
+    at, force = float(np.mean(points.n[level == number])), thrusters * points.force[level == number]
+    said = f"the same command {at:.4g} gave {force.min():.3g} to {force.max():.3g} N"
+    others = {name: np.concatenate([r.extras[name] for r in loaded.records]) for name in loaded.records[0].extras
+              if all(name in r.extras for r in loaded.records)}  # fmt: skip
+    varied = [name for name, values in others.items() if np.nanmin(values) < (1.0 - APART) * np.nanmax(values)]
+    called = next((name for name in varied if is_called("voltage", [name])), None)
+    if (supply := called or likely_column("voltage", varied)) is not None:
+        low, high = np.nanmin(others[supply]), np.nanmax(others[supply])
+        raise FitError(
+            f"{where}: {said}; does {supply} ({low:.4g} to {high:.4g}) hold the supply? Then write "
+            f'voltage_V = "{supply}" under [columns] in a file and give it with --columns FILE.toml'
+        )
+    return (f"{said[0].upper()}{said[1:]}: something else changed between tests, and the map is a mean over that.",)
+
+
+def _with_rest(refusal: FitError, points: Points, thrusters: int, rule: ColumnRule | None) -> FitError:
+    """A refusal, and the force at zero command where that is none: then the sensor has an offset."""
+    rest = points.force[points.n == 0.0]
+    if not len(rest) or abs(float(np.median(rest))) <= STRONG * np.ptp(points.force):
+        return refusal
+    force = thrusters * float(np.median(rest))
+    read = ColumnRule("NAME") if rule is None else rule
+    offset = read.subtract + force / (read.sign * read.scale)
+    return FitError(
+        f"{str(refusal).partition(';')[0]}; the force at command 0 is {force:.4g} N, which looks like the offset of "
+        f"the load cell. Write subtract = {offset:.4g} in the line of the force under [columns] in the --columns file"
     )
 
 

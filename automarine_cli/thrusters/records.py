@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.logs.canonical import BY
 from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.table import Labels
@@ -66,6 +66,8 @@ class ThrusterLogs:
     n_unit: str = ""
     by: str = ""
     asked: bool = False
+    rule: ColumnRule | None = None
+    """How all logs read their force, where a column map says it."""
 
     @property
     def used(self) -> int:
@@ -119,7 +121,9 @@ def load_thruster_logs(
     asked = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
     unit = units.pop() if len(units) == 1 else ""
     used = tuple(filter(has_bytes, files))
-    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked))
+    rules = {columns.of(file.path).columns.get("force_N") for file in files}
+    rule = rules.pop() if len(rules) == 1 else None
+    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked), rule)
 
 
 def _require_parts(table: LogTable, columns: ColumnMap) -> None:

@@ -23,6 +23,11 @@ from automarine_cli.thrusters.selection import FormScore
 from automarine_cli.thrusters.tare import Tare
 from automarine_cli.thrusters.voltage import VoltageExponent
 
+ONE_PULLED = (
+    "One thruster is taken to have pulled in each test, as nothing else was said; if two pulled together, give "
+    "--thrusters-per-test 2 (thrusters_per_test=2)."
+)
+
 
 @dataclass(frozen=True, repr=False)
 class ThrusterFit(Shown):
@@ -152,6 +157,7 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
         "r2": analysis.r2,
         "rmse_N": law.rmse,
         "rmse_percent_of_full_scale": analysis.percent(law.rmse),
+        "rmse_all_points_N": analysis.over_all(law),
         "cv_rmse_N": law.cv_rmse,
         "full_scale_N": analysis.full_scale,
         "forms": [_form_json(analysis, score) for score in analysis.selection.scores],
@@ -162,6 +168,7 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
             "r2": analysis.chosen_r2,
             "rmse_N": chosen.rmse,
             "rmse_percent_of_full_scale": analysis.percent(chosen.rmse),
+            "rmse_all_points_N": analysis.over_all(chosen),
             "cv_rmse_N": chosen.cv_rmse,
         },
         "parameters": {name: parameters_json(analysis.parameters.get(name)) for name, _ in SIDES},

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from automarine_cli.dofs import DOFS, SURGE, TRANSLATIONS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError, SettingError
+from automarine_cli.fits.known import Known
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, whole_logs
 from automarine_cli.logs.columns import columns_of, database
@@ -21,6 +22,8 @@ from automarine_cli.workflows.tune_options import TuneSection
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
+Beforehand = Mapping[str, float | tuple[float, float]]
+"""Parameters that are known beforehand, by name: a value, or one and its standard error."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,11 @@ class Yaw:
     fit_to: Literal["auto", "half-turns", "whole-runs"] = "auto"
     tail: float | None = None
     channels: str = AUTO
+    known: Beforehand = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         asked_tail(self.tail, YAW)
+        Known.of(self.known)
 
     @property
     def logged(self) -> bool:
@@ -97,9 +102,11 @@ class Force:
     fit_to: Literal["auto", "steps", "whole-runs"] = "auto"
     tail: float | None = None
     channels: str = AUTO
+    known: Beforehand = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         asked_tail(self.tail, SURGE)
+        Known.of(self.known)
 
     @property
     def logged(self) -> bool:
@@ -128,6 +135,10 @@ class Together:
     runs: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
     force: Literal["logged", "thrusters"] = "logged"
+    known: Beforehand = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        Known.of(self.known)
 
     @property
     def logged(self) -> bool:

@@ -222,7 +222,7 @@ def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
     """Which files of a folder are one log, by their names: those that hold what moves beside those that hold what
     drives."""
     moved = [layout for layout in kinds if _moves(layout) and not _drives(layout)]
-    driven = [layout for layout in kinds if _drives(layout) and not _moves(layout)]
+    driven = [one for one in kinds if not _moves(one) and (_drives(one) or _stands_beside(one, moved, folder))]
     found: dict[tuple[str, str], None] = {}
     top = folder.resolve()
     there = [(Path(os.path.relpath(f.path.resolve(), top)), one) for one in driven for f in one.files]
@@ -239,6 +239,17 @@ def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
     longest = max((_gap(one) for one in driven), default=0.0)
     age = OLDEST if longest < OLDEST else float(np.ceil(1.1 * longest))
     return tuple(Join(*pair, max_age_s=age) for pair in found)
+
+
+def _stands_beside(layout: Layout, moved: Sequence[Layout], folder: Path) -> bool:
+    """Whether each file with a clock stands, by its name, beside one that holds what moves: then it holds what drives,
+    whatever that is called."""
+    top = folder.resolve()
+    theirs = [Path(os.path.relpath(file.path.resolve(), top)) for one in moved for file in one.files]
+    own = [Path(os.path.relpath(file.path.resolve(), top)) for file in layout.files]
+    paired = all(any(_pattern(other, mine) for other in theirs) for mine in own)
+    clock, signal = (recognise(quantity, layout.names, layout.seen) for quantity in ("time", "n"))
+    return paired and clock is not None and not (layout.bollard and signal is not None)
 
 
 def _moves(layout: Layout) -> bool:

@@ -99,7 +99,7 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
     asked = campaign.settings(motion)
     assert not isinstance(asked, Together)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
-    own |= {"fit_to": asked.fit_to, "tail": asked.tail, "channels": asked.channels}
+    own |= {"fit_to": asked.fit_to, "tail": asked.tail, "channels": asked.channels, "known": asked.known}
     return _plan(FITS[motion], logs, **_common(campaign), **drive, **own)
 
 
@@ -131,7 +131,8 @@ def _together(campaign: Campaign, out: Path, work: Work) -> Plan | str:
         return "its forces need the thruster map, and fit-thrusters gave none"
     settings = {**_common(campaign), **drive}
     if work is fit_planar:
-        return _plan(work, logs, **settings)
+        assert campaign.asked.planar is not None
+        return _plan(work, logs, **settings, known=campaign.asked.planar.known)
     settings["model"] = out / motion / "planar_model.json"
     if not (out / motion / "planar_model.json").is_file():
         return "it needs the planar model, and fit-planar gave none"
@@ -212,7 +213,9 @@ STEPS = (
     Step("tune", "tune", tune, _tune, "tune"),
 )
 FOLDERS = tuple(
-    StepFolder(step.folder, step.work.kept.kind, not step.motion) for step in STEPS if step.work.kept is not None
+    StepFolder(step.folder, step.name, step.work.kept.kind, not step.motion)
+    for step in STEPS
+    if step.work.kept is not None
 )
 """What a report is made from."""
 REPORT = "report"

@@ -1,15 +1,17 @@
 """`collect`: on the surface, hands a campaign to the vehicle and fetches its logs, over any link that is cut; then,
 if it is asked to, has them analysed."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.errors import SettingError
+from automarine_cli.link.answers import State
 from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
-from automarine_cli.link.document import read_campaign
+from automarine_cli.link.document import SHORT, read_campaign
+from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.campaign_file import read_campaign as read_analysis
 from automarine_cli.workflows.command import Command, Runner
@@ -25,34 +27,37 @@ ANALYSIS = "analysis"
 @dataclass(frozen=True)
 class Collected:
     """The vehicle's last state, name and SHA-256 of every log that is here, how many came now, bytes and cuts; what
-    the `analysis` of the logs did, or why there is none yet, if one was asked for."""
+    the `analysis` of the logs did, or why there is none yet, if one was asked for; how the campaign that was handed
+    over ended, if that was before its last run."""
 
-    state: dict[str, Any]
+    state: State
     runs: dict[str, str]
     new: int
     bytes_in: int
     cuts: int
     analysis: CampaignRun | None = None
     no_analysis: str = ""
+    ended_early: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Schema automarine/collected/1."""
         return {
-            "schema": SCHEMA, "state": self.state, "logs": self.runs, "new": self.new, "bytes": self.bytes_in,
+            "schema": SCHEMA, "state": asdict(self.state), "logs": self.runs, "new": self.new, "bytes": self.bytes_in,
             "cuts": self.cuts, "analysis": None if self.analysis is None else self.analysis.to_json(),
         }  # fmt: skip
 
     def tables(self) -> tuple[Table | str, ...]:
         """How far each campaign is, and what was fetched."""
         rows = tuple(
-            (str(one["id"])[:8], f"{one['played']} of {one['runs']}", str(one["interrupted"]),
-             str(one["why_stopped"] or ("over" if one["over"] else "going on")), f"{one['battery_left_Ah']:g}")
-            for one in self.state["campaigns"]
+            (one.id[:SHORT], f"{one.played} of {one.runs}", str(one.interrupted),
+             printable(one.why_stopped or ("over" if one.over else "going on")), f"{one.battery_left_Ah:g}")
+            for one in self.state.campaigns
         )  # fmt: skip
         table = Table("Campaigns", ("campaign", "runs", "interrupted", "state", "battery left Ah"), rows)
         came = f"{self.new} logs fetched, {self.bytes_in} bytes, {self.cuts} cuts; {len(self.runs)} are here."
         run = () if self.analysis is None else self.analysis.tables()
-        return (*([table] if rows else []), came, *run, *([self.no_analysis] if self.no_analysis else []))
+        troubles = (f"On the vehicle {printable(trouble)}." for trouble in self.state.troubles)
+        return (*([table] if rows else []), came, *troubles, *run, *([self.no_analysis] if self.no_analysis else []))
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,9 @@ def _collect(asked: CollectOptions, runner: Runner) -> Collected:
     state = collector.collect(campaign, asked.stop)
     runs = collector.ledger()
     found = Collected(state, runs, len(runs) - before, collector.crossing.bytes_in, collector.crossing.cuts)
+    last = None if campaign is None else state.of(campaign.id)
+    if last is not None and last.played < last.runs:
+        found = replace(found, ended_early=printable(last.says))
     if asked.then is None:
         return found
     if waits_for := _waits_for(state):
@@ -91,14 +99,13 @@ def _collect(asked: CollectOptions, runner: Runner) -> Collected:
     return replace(found, analysis=_analysed(runner.out, runs, runner))
 
 
-def _waits_for(state: Mapping[str, Any]) -> str:
+def _waits_for(state: State) -> str:
     """What is missing before the logs can be analysed; empty where nothing is."""
-    campaigns = state["campaigns"]
-    if not campaigns:
+    if not state.campaigns:
         return "the vehicle has no campaign; hand it one with --campaign"
-    if not all(one["over"] for one in campaigns):
+    if not all(one.over for one in state.campaigns):
         return "a campaign is still played; run the same command again when it is over"
-    if campaigns[-1]["why_stopped"]:
+    if state.campaigns[-1].why_stopped:
         return "the last campaign was stopped; analyse what there is with `automarine init` and `automarine run`"
     return ""
 

@@ -20,6 +20,7 @@ from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_
 from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, result_folder
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
@@ -157,6 +158,8 @@ class Command(Generic[Options, Result]):
         if len(given) > 1:
             raise TypeError(f"{len(given)} arguments without a name; give {first} alone so, as a list if they are many")
         settings = dict(zip((first,), given)) | settings
+        if isinstance(piped := settings.get("columns"), Path) and piped.is_fifo():  # which can be read but once
+            settings["columns"] = Document("columns.toml", piped.read_bytes())
         chosen = self.chosen(settings)
         place = Path(out) if isinstance(out, str) else out
         return chosen.run(chosen.asked(settings), Runner(self.name, place, overwrite, jobs, cluster, progress))

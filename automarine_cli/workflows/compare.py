@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.comparison.result_files import Contents, shared_models
-from automarine_cli.comparison.side_by_side import Difference, Side, differences
+from automarine_cli.comparison.side_by_side import Difference, OverRuns, Side, differences
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -90,17 +90,19 @@ class _Folders:
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions(Drawn, _Folders):
-    """Folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote."""
+    """Folders that `fit-thrusters`, `fit-yaw`, `validate` or `diagnose` wrote, or the result files in them."""
 
 
 def _compare(asked: CompareOptions, runner: Runner) -> ResultComparison:
-    """Compare folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote, all of one command, with the first.
+    """Compare folders that `fit-thrusters`, `fit-yaw`, `validate` or `diagnose` wrote, all of one command, with the
+    first.
 
     Intervals of differences take the results as made from data of their own; logs that two of them share are told.
+    Validations are compared run by run.
     Raises SettingError for results that cannot be compared, ModelError for a file that automarine did not write so,
     OutputError.
     """
-    folders = asked.results
+    folders = [one.parent if one.is_file() else one for one in asked.results]
     if len(folders) < 2:
         raise SettingError("one result was given; give two or more folders of results to compare")
     found = [_find(folder, name) for folder, name in zip(folders, _names(folders))]
@@ -110,9 +112,9 @@ def _compare(asked: CompareOptions, runner: Runner) -> ResultComparison:
     if not apart:
         raise SettingError(
             f"{listed(side.name for side in sides)}: the first has no parameter in common with another one; "
-            "compare results that have the same model or form"
+            "compare results that have the same model or form, or validations with two runs in common or more"
         )
-    result = ResultComparison(found[0].kind, sides, apart, (*_notes(found, sides), *_shared_logs(found)))
+    result = ResultComparison(found[0].kind, sides, apart, (*_notes(found, sides), *_shared_logs(found, sides)))
     inputs = [Input(f"{one.name}/{one.path.name}", one.path, "result") for one in found]
     inputs += [
         Input(f"{one.name}/{MANIFEST}", _manifest(one), "manifest") for one in found if is_manifest(_manifest(one))
@@ -155,7 +157,8 @@ def _find(folder: Path, name: str) -> _Found:
     if inside:
         raise SettingError(f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}")
     raise SettingError(
-        f"{folder} holds no result of fit-thrusters, fit-yaw or diagnose; expected one of the files {listed(files)}"
+        f"{folder} holds no result of fit-thrusters, fit-yaw, validate or diagnose; expected one of the files "
+        f"{listed(files)}"
     )
 
 
@@ -198,8 +201,10 @@ def _notes(found: Sequence[_Found], sides: Sequence[Side]) -> list[str]:
     return notes
 
 
-def _shared_logs(found: Sequence[_Found]) -> list[str]:
-    """Logs that two results were both made from, told by their content."""
+def _shared_logs(found: Sequence[_Found], sides: Sequence[Side]) -> list[str]:
+    """Logs that two results were both made from, told by their content; of what is compared run by run how many."""
+    if any(isinstance(one, OverRuns) for one in sides[0].parameters.values()):
+        return ["Means over runs; differences are run by run, over the runs that both have."]
     logs = {}
     for one in found:
         if is_manifest(_manifest(one)):

@@ -1,12 +1,13 @@
 """`diagnose`: where simulation and measurement disagree, which effect is missing, and the gap that it closes."""
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from automarine_cli import effects
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
@@ -16,13 +17,16 @@ from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
+from automarine_cli.filters.nodes import LEAST_STEP
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
+from automarine_cli.fits.driven import stepped
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.parallel import Each, lasting_map
 from automarine_cli.pipeline.plain_data import Document, schema_in
+from automarine_cli.pipeline.progress import foretell
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
@@ -40,10 +44,12 @@ from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
-from automarine_cli.workflows.shared import aligned, numbers
+from automarine_cli.workflows.shared import numbers
 from automarine_cli.workflows.view import Figures, Row, View
 
 LEARNED = "learned.png"
+DRIVEN_S, STEPPED_S = 3e-4, 1e-4
+"""Seconds for each reading and effect of a diagnosis of driven runs, and of others, on a machine of 2020; roughly."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -170,6 +176,7 @@ def _diagnosed(asked: DiagnoseMotionOptions, runner: Runner, stored: StoredModel
     runs, aside = _runs(asked.logs, asked, names, runner, stored)
     kept, more_aside = _runs(asked.hold_out, asked, names, runner, stored) if asked.hold_out else (None, ())
     parent = hashlib.sha256(asked.model.read_bytes()).hexdigest()
+    foretell(runner.progress, "the diagnosis", _seconds(runs) / max(runner.jobs, 1))
 
     def work() -> YawDiagnosis:
         base = stored.models[stored.preferred]
@@ -183,6 +190,13 @@ def _diagnosed(asked: DiagnoseMotionOptions, runner: Runner, stored: StoredModel
         diagnosis_report.write(folder, result.diagnosis, asked.figure_formats, each)
 
     return runner.results(asked, work, write)
+
+
+def _seconds(runs: Sequence[Run]) -> float:
+    """How long a diagnosis takes one process, roughly: it fits every effect of the library to all runs."""
+    readings = sum(min(len(run), (run.time[-1] - run.time[0]) / LEAST_STEP) for run in runs)
+    driven = 2 * sum(stepped(run) for run in runs) < len(runs)
+    return float(readings) * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
 
 
 def _runs(
@@ -218,7 +232,13 @@ def _lines(result: YawDiagnosis) -> Iterator[str]:
     yield diagnosis_tables.verdict_sentence(result.diagnosis)
     for effect in result.diagnosis.effects:
         yield f"  {effect.name}, confidence {effect.confidence:.0%}"
-        yield from (f"  {line}" for line in aligned(effect.parameters))
+        if (curve := effect.learned) is not None:
+            yield f"    curve of {diagnosis_tables.OF[curve.kind]}  {diagnosis_tables.curve_cell(curve)}"
+            continue
+        named = {name: (i, one) for i, name, one in diagnosis_tables.counting(effect.name, effect.parameters)}
+        width = max(map(len, named), default=0)
+        for name, (i, one) in named.items():
+            yield f"    {name:<{width}}  {diagnosis_tables.parameter_cell(effect.name, i, one)} {one.unit}".rstrip()
         yield from (f"    or {rival.name}, {rival.confidence:.0%}" for rival in effect.rivals)
 
 

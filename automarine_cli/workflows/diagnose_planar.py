@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -15,7 +15,7 @@ from automarine_cli.diagnosis.planar_where import find_planar_where
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
-from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried
+from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, Tried
 from automarine_cli.fits.planar_structure import Observed, Structure, observed
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.models.planar_store import load_planar_model, planar_json
@@ -58,7 +58,8 @@ class PlanarDiagnosis(Shown):
         return self._as_fit(self.found.before), self._as_fit(self.found.after)
 
     def _as_fit(self, one: Estimated) -> PlanarFit:
-        return PlanarFit((Tried(Structure.simplest(self.seen), one),), self.runs, self.seen)
+        tried = Tried(Structure.simplest(self.seen), one)
+        return PlanarFit((tried,), Choice(tried), self.runs, self.seen)
 
     def estimates_of(self, one: Contender) -> dict[str, Estimate]:
         """The parameters that an effect adds."""
@@ -193,7 +194,7 @@ def _diagnose(asked: DiagnoseOptions, runner: Runner) -> PlanarDiagnosis:
     def work() -> PlanarDiagnosis:
         found = find_missing(stored, runs, kept, seen)
         where = find_planar_where(found, asked.seed)
-        return PlanarDiagnosis(found, where, tuple(runs), tuple(kept), seen, aside, parent)
+        return PlanarDiagnosis(replace(found, where=where), where, tuple(runs), tuple(kept), seen, aside, parent)
 
     def write(folder: ResultFolder, result: PlanarDiagnosis) -> None:
         folder.write_json("diagnosis.json", result.to_json())

@@ -248,11 +248,11 @@ def _of_yaw(
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
     model = in_unit(target, stored.models[which], settings, origin)
-    model = in_enu(model) if frame == "ENU" else model
     kept, left_out = split(target, model, settings)
     if left_out and not settings.allow_partial:
         raise SettingError(cannot(target, left_out, origin))
     part = replace(model, terms=kept)
+    part = in_enu(part) if frame == "ENU" else part
     refuse_inertia(target, settings.rigid_inertia, part, origin)
     if target.si:
         refuse_driving(part, target, origin)

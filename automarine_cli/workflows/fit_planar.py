@@ -1,11 +1,12 @@
 """`fit-planar`: logs of motion in the plane -> surge, sway and yaw together, with what couples them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from automarine_cli.fits.known import Prior
 from automarine_cli.fits.planar_fit import Estimator, PlanarFit, search
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
-from automarine_cli.fits.planar_structure import Observed, observed
+from automarine_cli.fits.planar_structure import OWN, Observed, Structure, observed
 from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.report import outcomes, planar_report
@@ -15,36 +16,43 @@ from automarine_cli.results.kinds import PLANAR_MODEL
 from automarine_cli.runs.run import Run, command_warnings
 from automarine_cli.workflows.command import UNRECORDED, Command, ReadBack, Runner
 from automarine_cli.workflows.planar_runs import load_planar
-from automarine_cli.workflows.shared import Ending, Lever, OfLogs, aligned, counted, numbers
+from automarine_cli.workflows.shared import Beforehand, Ending, Lever, OfLogs, aligned, counted, numbers
 from automarine_cli.workflows.view import Row, View
 
 FILES = ("planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitPlanarOptions(Ending, Lever, OfLogs):
+class FitPlanarOptions(Beforehand, Ending, Lever, OfLogs):
     """Logs of motion in the plane, with what drives them; `estimating` makes what fits a structure."""
 
-    estimating: Callable[[tuple[Run, ...], Observed], Estimator] = field(default=PlanarLikelihood, metadata=UNRECORDED)
+    estimating: Callable[[tuple[Run, ...], Observed, Mapping[str, Prior]], Estimator] = field(
+        default=PlanarLikelihood, metadata=UNRECORDED
+    )
 
 
 def _fit_planar(asked: FitPlanarOptions, runner: Runner) -> PlanarFit:
     """Identify surge, sway and yaw together, and what couples them.
 
     `thrusters` and `arm` [m] turn the commands of two thrusters into force and moment. What the logs do not hold is
-    tied to assumptions that the result names. Raises LogError, RunError, FitError, SettingError or OutputError.
+    tied to assumptions that the result names. `known` is what is known beforehand: {"I_r": (915, 50)}, values with or
+    without a standard error. Raises LogError, RunError, FitError, SettingError or OutputError.
     """
-    names = given_columns(asked.columns)
+    columns = given_columns(asked.columns)
     campaign = load_planar(
-        asked.logs, names, asked.thrusters, asked.arm, strict=asked.strict, jobs=runner.jobs, progress=runner.progress
+        asked.logs, columns, asked.thrusters, asked.arm, strict=asked.strict, jobs=runner.jobs, progress=runner.progress
     )  # fmt: skip
     seen, unfit = observed(campaign.runs), command_warnings(campaign.runs)
+    names = Structure.simplest(seen).names
+    known = asked.known.named(names, signed=sorted({*names.values()} - {*OWN}))
 
     def work() -> PlanarFit:
-        estimator = asked.estimating(campaign.runs, seen)
+        estimator = asked.estimating(campaign.runs, seen, known.parameters)
         tried = search(campaign.runs, seen, estimator)
-        use, limits = estimator.use(tried[0].found), tuple(one.warning for one in campaign.limits)
-        return PlanarFit(tried, campaign.runs, seen, campaign.set_aside, use, (*unfit, *limits))
+        limits = tuple(one.warning for one in campaign.limits)
+        return PlanarFit(
+            tried, estimator.choose(tried), campaign.runs, seen, campaign.set_aside, (*unfit, *limits), known
+        )
 
     def write(folder: ResultFolder, fit: PlanarFit) -> None:
         folder.write_json("planar_model.json", fit.to_json())
@@ -59,7 +67,7 @@ def _fit_planar(asked: FitPlanarOptions, runner: Runner) -> PlanarFit:
 
 
 def _says(fit: PlanarFit) -> Sequence[Table | str]:
-    first, rest = fit.use.sentences if fit.use else (), planar_report.sentences(fit)
+    first, rest = planar_report.first_sentences(fit), planar_report.sentences(fit)
     return [*first, *planar_report.tables(fit), *(one for one in rest if one not in first)]
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 from automarine_cli.comparison.result_files import of_thrusters
@@ -18,7 +18,7 @@ from automarine_cli.runs.load import told_beside
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.fit_records import fit_records
 from automarine_cli.thrusters.records import load_thruster_logs
-from automarine_cli.thrusters.result import ThrusterFit
+from automarine_cli.thrusters.result import ONE_PULLED, ThrusterFit
 from automarine_cli.workflows.command import Command, ReadBack, Runner
 from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
 from automarine_cli.workflows.view import Row, View
@@ -50,8 +50,10 @@ def _fit_thrusters(asked: FitThrustersOptions, runner: Runner) -> ThrusterFit:
 
     def work() -> ThrusterFit:
         together = thrusters_pulling(asked.thrusters_per_test, names)
+        said = asked.thrusters_per_test is not None or "thrusters_per_test" in names.defaults
         with told_beside(loaded.set_aside):
-            return fit_records(loaded, together, loaded.n_unit, asked.form, runner.jobs, runner.progress)
+            fit = fit_records(loaded, together, loaded.n_unit, asked.form, runner.jobs, runner.progress)
+        return fit if said else replace(fit, notes=(ONE_PULLED, *fit.notes))
 
     def write(folder: ResultFolder, result: ThrusterFit) -> None:
         folder.write_json("thrusters.json", result.to_json())
@@ -94,6 +96,8 @@ def _lines(fit: ThrusterFit) -> Iterator[str]:
     if form.name != "square":
         error = number(found.percent(found.law.rmse), 3)
         yield f"  The square law: R² {number(found.r2)}, rmse {error} % of full scale"
+    if ONE_PULLED in fit.notes:
+        yield f"  {ONE_PULLED}"
 
 
 def _rows(fit: ThrusterFit) -> Iterator[Row]:

@@ -5,17 +5,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from automarine_cli import effects
 from automarine_cli.comparison.result_files import of_model
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import noise_words
 from automarine_cli.fits.driven import wanted_effects
 from automarine_cli.fits.identify import identify_turns
+from automarine_cli.fits.known import names_in
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.output_error import OutputErrorFit
-from automarine_cli.fits.step_response import NOTHING_KNOWN, Known
 from automarine_cli.fits.tails import asked_tail
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.yaw_fit import YawFit, effect_estimates
 from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
@@ -29,7 +30,7 @@ from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_stri
 from automarine_cli.runs.run import Run
 from automarine_cli.workflows.command import SELDOM, Command, ReadBack, Runner
 from automarine_cli.workflows.moments import moment_maker
-from automarine_cli.workflows.shared import Ending, Lever, OfLogs, Thrusters, aligned, counted, numbers
+from automarine_cli.workflows.shared import Beforehand, Ending, Lever, OfLogs, Thrusters, aligned, counted, numbers
 from automarine_cli.workflows.view import Figures, Row, View
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
@@ -38,12 +39,10 @@ STEPS = "steps"  # what translations have in place of half-turns
 
 @dataclass(frozen=True, kw_only=True)
 class _Fitted:
-    """What of the runs is fitted, where tails start (None: where drag and inertia are expected to be off least), and
-    what is known of the logger."""
+    """What of the runs is fitted, and where tails start (None: where drag and inertia are expected to be off least)."""
 
     fit_to: str = FIT_TO[0]
     tail: float | None = None
-    known: Known = NOTHING_KNOWN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +54,7 @@ class _Sensors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitYawOptions(_Sensors, Ending, _Fitted, Lever, OfLogs):
+class FitYawOptions(_Sensors, Beforehand, Ending, _Fitted, Lever, OfLogs):
     """`thrusters` and `arm` [m] turn thruster commands into moments; `tail` is a turned angle [degrees]."""
 
     @property
@@ -70,7 +69,7 @@ class _Follow(Thrusters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FollowedOptions(_Sensors, Ending, _Fitted, _Follow, OfLogs):
+class FollowedOptions(_Sensors, Beforehand, Ending, _Fitted, _Follow, OfLogs):
     """Steps and whole runs are followed for `within` [m] of their start, before the wall is felt (None: to their end);
     `tail` is the distance [m] covered."""
 
@@ -90,7 +89,7 @@ class _Window(Thrusters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WindowedOptions(_Sensors, Ending, _Fitted, _Window, OfLogs):
+class WindowedOptions(_Sensors, Beforehand, Ending, _Fitted, _Window, OfLogs):
     """Steps and whole runs are followed while the depth [m] is in the window `depths`, clear of surface and bottom
     (None: to their end); `tail` is the distance [m] covered."""
 
@@ -118,6 +117,8 @@ def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     wanted_channels(asked.channels, dof)
     wanted = wanted_effects(asked.with_effects, dof)
+    own = [f"{name}.{one}" for name in wanted for one in effects.get(name).names_in(dof)]
+    known = asked.known.named(names_in(dof, own), signed=(dof.parameter("constant"), *own))
     if wanted and asked.fit_to not in (FIT_TO[0], FIT_TO[2]):
         raise SettingError(f"--with fits whole runs; leave out --fit-to {asked.fit_to}")
     names, jobs, progress = given_columns(asked.columns), runner.jobs, runner.progress
@@ -139,7 +140,7 @@ def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
     def work() -> YawFit:
         with told_beside(campaign.set_aside), in_words_of(dof):
             fit = identify_turns(
-                dof, campaign.turns, campaign.not_turned, whole, kind, asked.known, each, asked.channels, start, wanted
+                dof, campaign.turns, campaign.not_turned, whole, kind, known, each, asked.channels, start, wanted
             )  # fmt: skip
         beyond = [*campaign.warnings, *(one.warning for one in limits if one.dof is dof)]
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=(*beyond, *fit.warnings))
@@ -174,15 +175,20 @@ def _lines(fit: YawFit) -> Iterator[str]:
         **{name: name.replace("_", " ") for name in (own.constant, own.difference)},
     }
     found = {names.get(name, name): one for name, one in fit.preferred.estimates.items()}
-    if fit.inertial_turn_angle is not None:
-        found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
+    if fit.preferred.inertial_turn_angle is not None:
+        found[f"{own.inertia}/{own.quadratic_print}"] = fit.preferred.inertial_turn_angle
+    elif fit.time_constant is not None:
+        found[f"{own.inertia}/{own.linear}"] = fit.time_constant
+    for effect, group in effect_estimates(fit.preferred).items():
+        found |= {f"{effect} {name}": one for name, one in group.items() if one.stderr > 0}
     yield from aligned(found)
     yield f"  {noise_words(fit.preferred.mixed, dof)}; {counted(len(fit.warnings), 'warning')}"
 
 
 def _rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
-        for name, one in ml.estimates.items():
+        fitted = {f"{e} {name}": one for e, group in effect_estimates(ml).items() for name, one in group.items()}
+        for name, one in {**ml.estimates, **fitted}.items():
             yield {"model": model, "method": "maximum likelihood", "parameter": name} | numbers(one)
     if fit.seed_method is None:
         return
@@ -199,7 +205,7 @@ def _rows(fit: YawFit) -> Iterator[Row]:
 def _figures(fit: YawFit) -> Figures:
     seed, data = fit.seed_method, fit.data
     if seed is None or data is None:
-        return {"whole-runs": lambda: figures.whole_runs_figure(fit)}
+        return {"whole-runs": yaw_report.drawings(fit)["whole_runs"]}
     return {
         "drag": lambda: figures.drag_figure(fit, seed),
         "inertia": lambda: figures.inertia_figure(fit, seed),
@@ -223,7 +229,9 @@ def _command(dof: Dof) -> Command[Any, YawFit]:
     run.__doc__ = dof.fill(
         f"Identify the {{motion}} model of a vehicle from its logs: {{position}} against {{force}}.\n\n"
         f"{options.__doc__}\n\n"
-        "`fit_to` and `known` as in `fits.identify.identify_turns`, `channels` as in `runs.channels.choose_channels`. "
+        f'`known` is what is known beforehand: {{{{"{dof.symbols.inertia}": (915, 50)}}}}, values with or without a '
+        "standard error, in the unit of the fit. `fit_to` as in `fits.identify.identify_turns`, `channels` as in "
+        "`runs.channels.choose_channels`. "
         "Raises LogError, RunError, FitError, SettingError or OutputError."
     )
     kept = ReadBack(MODELS[dof.name], outcomes.of_model, of_model)

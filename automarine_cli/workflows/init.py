@@ -11,6 +11,7 @@ from automarine_cli.logs import ColumnMap, LogFile, find_logs, given_columns
 from automarine_cli.logs.recognise import Recognised
 from automarine_cli.pipeline.manifest import MANIFEST
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.reuse import manifest_of
 from automarine_cli.report.tables import Table
 from automarine_cli.results.records import runs_json
@@ -88,7 +89,7 @@ class InitOptions:
     a key and its comment; "" leaves it open)."""
 
     folder: Path = field(default=Path(), metadata=reads("file"))
-    columns: Path | ColumnMap | None = field(default=None, metadata=reads("file"))
+    columns: Path | Document | ColumnMap | None = field(default=None, metadata=reads("file"))
     write: bool = True
     ask: Ask | None = field(default=None, metadata=UNRECORDED)
 

@@ -1,7 +1,6 @@
 """`report`: what the steps of a campaign left, as one page and as Markdown."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from automarine_cli.pipeline import staging
 from automarine_cli.report.campaign_page import document, usual_title
 from automarine_cli.report.campaign_steps import Steps, read_steps
 from automarine_cli.report.html.page import page
+from automarine_cli.results.judged import RunFile
 from automarine_cli.results.kinds import RUN
 from automarine_cli.workflows.campaign_steps import FOLDERS
 from automarine_cli.workflows.command import commands
@@ -31,13 +31,13 @@ class Report:
         return {"schema": SCHEMA, "files": list(self.files), "steps": steps, "missing": missing}
 
 
-def report_files(folder: Path, *, title: str | None = None, cautions: Sequence[str] = ()) -> dict[str, str]:
-    """`report.html` and `report.md` of a campaign's folder, from its step folders and the campaign's `cautions`;
-    without a `title` it is that of what was identified.
+def report_files(folder: Path, *, title: str | None = None, ran: RunFile | None = None) -> dict[str, str]:
+    """`report.html` and `report.md` of a campaign's folder, from its step folders and what `run` says of them; without
+    a `title` it is that of what was identified.
 
     Steps without results are left out, and the report says so. Raises OutputError if there is none at all.
     """
-    return _made(folder, title, cautions).files
+    return _made(folder, title, ran).files
 
 
 def report(folder: Path, *, title: str | None = None, overwrite: bool = False) -> Report:
@@ -46,7 +46,8 @@ def report(folder: Path, *, title: str | None = None, overwrite: bool = False) -
     there = [name for name in FILES if (folder / name).exists()]
     if there and not overwrite:
         raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
-    made = _made(folder, title, _cautions(folder / RUN.file))
+    record = folder / RUN.file
+    made = _made(folder, title, RUN.read(record, refuse=OutputError) if record.is_file() else None)
     with staging.one_sentence(folder):
         for name, text in made.files.items():
             new = folder / f".{name}.automarine-new"
@@ -56,15 +57,10 @@ def report(folder: Path, *, title: str | None = None, overwrite: bool = False) -
     return made
 
 
-def _cautions(record: Path) -> list[str]:
-    """What `run` cautioned against, where it made the folder."""
-    return list(RUN.read(record, refuse=OutputError).cautions) if record.is_file() else []
-
-
-def _made(folder: Path, title: str | None, cautions: Sequence[str]) -> Report:
+def _made(folder: Path, title: str | None, ran: RunFile | None) -> Report:
     steps = read_steps(folder, FOLDERS)
     title = title or usual_title(steps)
-    text = document(steps, title, cautions, _also(folder))
+    text = document(steps, title, ran.cautions if ran else (), _also(folder), ran.steps if ran else ())
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps)
 
 

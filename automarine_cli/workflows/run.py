@@ -1,21 +1,23 @@
 """`run`: every step of a campaign in order, each kept if nothing that it depends on has changed, and one report."""
 
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
 from automarine_cli.logs import with_joined
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
+from automarine_cli.report.campaign_steps import folder_of
 from automarine_cli.report.campaign_tables import cautions, steps_table
+from automarine_cli.report.outcomes import of_final
 from automarine_cli.report.tables import Table
 from automarine_cli.results.judged import RunFile, StepDone
-from automarine_cli.results.kinds import RUN, THRUSTER_MAP
+from automarine_cli.results.kinds import DIAGNOSIS, MODELS, RUN, THRUSTER_MAP
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.campaign_file import Campaign, read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES, REPORT, STEPS, Step
@@ -25,6 +27,8 @@ from automarine_cli.workflows.view import View
 
 COMMAND = "run"
 
+RESULTS = "results"
+"""The folder beside the campaign file that takes the results of who names none."""
 NO_PAGE = "no step has a result to show"
 
 Did = Literal["starts", "made", "kept", "skipped", "refused"]
@@ -103,7 +107,8 @@ class RunOptions:
 
 
 def _run_campaign(asked: RunOptions, runner: Runner) -> CampaignRun:
-    """Run the steps of a campaign file into the folder `out`, each into a folder of its own, then the report.
+    """Run the steps of a campaign file into the folder `out` (by default `results` beside the file), each into a folder
+    of its own, then the report.
 
     A step whose inputs, settings and versions are those of the result that is there is not run again, unless
     `force`; `until` names the last step to do. A step that is refused is told, and so are those that need it; the
@@ -113,9 +118,8 @@ def _run_campaign(asked: RunOptions, runner: Runner) -> CampaignRun:
         raise SettingError(f"no step is called {asked.until!r}; give one of {', '.join(NAMES)}")
     known = read_campaign(asked.campaign)
     if runner.out is None:
-        with tempfile.TemporaryDirectory(prefix="automarine-") as spare:
-            spared = replace(runner, out=Path(spare) / "run", overwrite=False)
-            return _run(known, replace(asked, force=False), spared)
+        runner = replace(runner, out=asked.campaign.parent / RESULTS)
+    assert runner.out is not None
     refuse_unfit(runner.out)
     _refuse_others(known, runner.out, runner.overwrite)
     return _run(known, asked, runner)
@@ -144,6 +148,8 @@ def _run(campaign: Campaign, asked: RunOptions, runner: Runner) -> CampaignRun:
         for step in STEPS
         if step.work.kept is not None and step.name in done and done[step.name].did in ("made", "kept")
     }
+    for dof in DOFS.values():
+        says |= _final(out, dof, says)
     warnings = [
         f"{step.name}: {warning}"
         for step in STEPS
@@ -151,6 +157,22 @@ def _run(campaign: Campaign, asked: RunOptions, runner: Runner) -> CampaignRun:
         for warning in manifest.warnings
     ]
     return CampaignRun(tuple(news), says, content, tuple(warnings))
+
+
+def _final(out: Path, dof: Dof, says: Mapping[str, str]) -> dict[str, str]:
+    """What fit and validation of a motion say where its diagnosis named what the model lacked."""
+    fit, validation, diagnosis = (
+        next(one for one in STEPS if one.folder == folder)
+        for folder in (dof.name, folder_of(dof, "validation"), folder_of(dof, "diagnosis"))
+    )
+    if fit.name not in says or diagnosis.name not in says:
+        return {}
+    model, found = MODELS[dof.name], DIAGNOSIS.read(out / diagnosis.folder / DIAGNOSIS.file)
+    final = of_final(model.read(out / fit.folder / model.file), found)
+    if not final or validation.name not in says:
+        return {fit.name: final} if final else {}
+    names = ", ".join(effect.name for effect in found.effects)
+    return {fit.name: final, validation.name: f"without {names}, {says[validation.name]}"}
 
 
 def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, said: Callable[..., News]) -> News:
@@ -170,6 +192,9 @@ def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, 
         plan.run(folder, runner.overwrite or ours, runner.jobs, runner.progress)
     except OutputError:
         raise
+    except TooFewRunsError as refusal:  # nothing that could be corrected
+        gone = remove_results(folder, step.command)
+        return said("skipped", str(refusal) + ("; its former result was removed" if gone else ""))
     except AutomarineError as refusal:
         remove_results(folder, step.command)
         return said("refused", str(refusal))
@@ -225,7 +250,7 @@ def _pages(out: Path, title: str, content: RunFile) -> Mapping[str, str]:
     """Name and content of the files of the report; none where no step has a result."""
     if not any(step.folder for step in content.steps):
         return {}
-    return report_files(out, title=title, cautions=content.cautions)
+    return report_files(out, title=title, ran=content)
 
 
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:

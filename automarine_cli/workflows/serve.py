@@ -68,7 +68,7 @@ class Rehearsal:
         )
 
 
-def _silent(serving: Serving) -> None:
+def _silent(news: Serving | str) -> None:
     """Nobody is told."""
 
 
@@ -78,9 +78,10 @@ class ServeOptions:
     the address `mavlink`, or a CAN `bus` whose signals `columns` names.
 
     `full` is the moment of ArduSub's whole output, or `thrusters` at an `arm` [m] tell it, as they make the commands
-    of a CAN bus; `depth_limit` [m] and `heading_limit` [deg] end a run of ArduSub. `speed` is how many times as fast as
-    the clock; with `dry_run` a `campaign` is only looked at, and simulated where there is a `model`; `tell` hears the
-    address and the token.
+    of a CAN bus; it is also the largest that a simulated vehicle takes (None: what its model was fitted to, and 1 nu).
+    `depth_limit` [m] and `heading_limit` [deg] end a run of ArduSub. `speed` is how many times as fast as the clock;
+    with `dry_run` a `campaign` is only looked at, and simulated where there is a `model`; `tell` hears the address and
+    the token, then sentences on what comes about.
     """
 
     folder: Path
@@ -99,7 +100,7 @@ class ServeOptions:
     speed: float = 1.0
     dry_run: bool = False
     campaign: Path | None = None
-    tell: Callable[[Serving], object] = field(default=_silent, metadata=UNRECORDED)
+    tell: Callable[[Serving | str], object] = field(default=_silent, metadata=UNRECORDED)
 
 
 def _serve(asked: ServeOptions, runner: Runner) -> Rehearsal:
@@ -117,7 +118,7 @@ def _serve(asked: ServeOptions, runner: Runner) -> Rehearsal:
     campaign.refuse_beyond_reserve()
     if isinstance(vehicle, ArduSub):
         vehicle.look(campaign)
-    runs, on_paper = [], None if asked.model is None else Simulated.of(asked.model, asked.speed)
+    runs, on_paper = [], None if asked.model is None else Simulated.of(asked.model, asked.speed, _limit(asked))
     if on_paper is not None:
         on_paper.refuse(campaign)
     for number, run in enumerate(campaign.runs):
@@ -130,11 +131,16 @@ def _serve(asked: ServeOptions, runner: Runner) -> Rehearsal:
     return Rehearsal(campaign, tuple(runs))
 
 
+def _limit(asked: ServeOptions) -> float | None:
+    """The largest moment of what is simulated; another vehicle has looked at its own."""
+    return asked.full if asked.vehicle == "simulated" else math.inf
+
+
 def _vehicle(asked: ServeOptions) -> Vehicle:
     if asked.vehicle == "simulated":
         if asked.model is None:
             raise SettingError("a simulated vehicle has the dynamics of a model; give one with --model")
-        return Simulated.of(asked.model, asked.speed)
+        return Simulated.of(asked.model, asked.speed, asked.full)
     if asked.vehicle in ("ardusub", "can") and asked.speed != 1.0:
         raise SettingError("a vehicle in the water goes by the clock; leave out --speed")
     if asked.vehicle == "ardusub":
@@ -156,8 +162,12 @@ def _vehicle(asked: ServeOptions) -> Vehicle:
 
 def _address(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1]
+    elif ":" in host:
+        host = ""
     if not host or not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise SettingError(f"found the address {text!r}, expected HOST:PORT, such as 0.0.0.0:8722")
+        raise SettingError(f"found the address {text!r}, expected HOST:PORT, such as 0.0.0.0:8722 or [::1]:8722")
     return host, int(port)
 
 

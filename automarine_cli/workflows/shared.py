@@ -4,13 +4,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.logs import ColumnMap, Logs
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.plain_data import Document, Source
 from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import interval
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.command import reads
+from automarine_cli.workflows.command import SELDOM, reads
 from automarine_cli.workflows.view import Row
 
 
@@ -32,7 +33,7 @@ class Judged:
 class Columns:
     """What the columns of the logs are called."""
 
-    columns: Path | ColumnMap | None = field(default=None, metadata=reads("file"))
+    columns: Path | Document | ColumnMap | None = field(default=None, metadata=reads("file"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +65,17 @@ class Ending(Drawn):
     """The same, and whether what would be set aside is refused."""
 
     strict: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beforehand:
+    """What is known of the parameters beforehand. Raises SettingError for what is none."""
+
+    known: Known = field(default=NOTHING_KNOWN, metadata=SELDOM)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "known", Known.of(self.known))
+        super().__post_init__()  # type: ignore[misc]
 
 
 def counted(count: int, what: str) -> str:

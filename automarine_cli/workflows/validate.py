@@ -75,7 +75,7 @@ class Validation(Shown):
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
             **channels_of(self.channels, measured_noises(found.runs, dof)),
-            **({} if self.ahead is None else {"prediction": self.ahead.to_json()}),
+            **({} if self.ahead is None else self._ahead_json(self.ahead)),
             "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
             "runs": runs_json(len(found.runs), self.set_aside, found.runs),
@@ -97,6 +97,9 @@ class Validation(Shown):
         """The tables alone."""
         first = () if self.ahead is None else (ahead_table(self.ahead),)
         return *first, overall_table(self.comparison), run_table(self.comparison)
+
+    def _ahead_json(self, ahead: Ahead) -> dict[str, object]:
+        return {"prediction": ahead.to_json(), "use": {"of_use": ahead.of_use, "says": ahead.sentence}}
 
     def _model_json(self, scored: Scored) -> dict[str, object]:
         data: dict[str, object] = {}
@@ -246,7 +249,9 @@ def _draws(found: Comparison) -> list[Draw]:
 def _lines(result: Validation) -> Iterator[str]:
     found, dof = result.comparison, result.stored.dof
     runs, aside = counted(len(found.runs), "run"), len(result.set_aside)
-    yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
+    preferred = result.stored.preferred
+    best = "best here too" if found.best == preferred else f"model {found.best} is best here"
+    yield f"Validation on {runs}: model {preferred} was preferred by the fit, {best}; {aside} set aside"
     if result.ahead is not None:
         yield f"  {result.ahead.sentence}"
     for model, scored in found.models.items():

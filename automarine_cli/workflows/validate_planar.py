@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from automarine_cli.comparison.planar import MEANING, SCORES, PlanarFree, free_runs, overall
+from automarine_cli.comparison.result_files import of_validation
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import given_columns
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model
@@ -186,5 +187,5 @@ def files(result: object) -> tuple[str, ...]:
 validate_planar = Command(
     "validate", ValidatePlanarOptions, _validate,
     {PlanarValidation: View(PlanarValidation.tables, _lines, _rows, _figures)}, files,
-    ReadBack(VALIDATION, outcomes.of_validation), listed=False,
+    ReadBack(VALIDATION, outcomes.of_validation, of_validation), listed=False,
 )  # fmt: skip

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from blind_cases import JUST, LAWS, OTHER_BASE, PAIRS, STRANGE, Campaign, Case, make
@@ -181,6 +182,36 @@ def all_cases(seeds: int, quick: bool) -> list[Case]:
     if not quick:
         cases += [Case((law,), "usual", "full", seed, runs=48) for seed in range(seeds) for law in LAWS]
     return cases
+
+
+def short_cases(seeds: int, noisy: bool) -> list[Case]:
+    """One law of each of 21 effects, with manoeuvres or `noisy` steps alone; two effects; nothing hidden."""
+    first = {name: law for law, (name, *_) in reversed(LAWS.items())}
+    one = [law for law in LAWS if law in first.values()][:21]
+    luck = {"scatter": 0.05, "noise": 2.0} if noisy else {}
+    layout = "steps" if noisy else "full"
+    return [
+        Case(hidden, "large" if hidden else "short", layout, seed, **luck)
+        for seed in range(seeds)
+        for hidden in [*((law,) for law in one), *PAIRS[:3], ()]
+    ]
+
+
+CLEAN: dict[str, dict[str, Any]] = {
+    "72 runs": {"layout": "steps", "runs": 72, "scatter": 0.03, "noise": 1.0},
+    "24 noisy runs": {"layout": "steps", "scatter": 0.05, "noise": 2.0},
+    "manoeuvres": {"layout": "full", "scatter": 0.03, "noise": 1.0},
+}
+DRIVEN = "driven"
+
+
+def clean_cases(seeds: int) -> list[Case]:
+    """Nothing hidden: so many campaigns of each of four kinds, the driven ones those of the closed loop."""
+    return [
+        Case((), kind, **{"layout": DRIVEN, "seed": seed, **CLEAN.get(kind, {})})
+        for seed in range(seeds)
+        for kind in (*CLEAN, DRIVEN)
+    ]
 
 
 def share(outcomes: Sequence[Outcome], *words: str) -> str:

@@ -112,6 +112,7 @@ class Case:
     seed: int
     runs: int = 24
     scatter: float | None = None
+    noise: float | None = None  # degrees
 
     @property
     def name(self) -> str:
@@ -142,7 +143,7 @@ def make(case: Case) -> Campaign:
     rate = float(random.choice([10.0, 10.0, 10.0, 5.0, 20.0]))
     plan = draw_plan(random, vehicle, case.layout, case.runs, turn, rate)
     scatter = case.scatter if case.scatter is not None else float(random.choice([0.0, 0.02, 0.03, 0.05]))
-    noise = np.radians(random.uniform(1.0, 2.0))
+    noise = np.radians(random.uniform(1.0, 2.0) if case.noise is None else case.noise)
     chance = Chance.draw(random, plan.length, scatter)
     sizes: dict[str, float] = {}
     seen = [np.inf]

@@ -1,13 +1,14 @@
 """Campaigns in which something is hidden, as plain files for any tool, and the score of its answers.
 
-    python tests/benchmarks/blind_frozen.py write  FOLDER --key KEY.json [--seeds N] [--quick]
+    python tests/benchmarks/blind_frozen.py write  FOLDER --key KEY.json [--seeds N] [--form FORM]
     python tests/benchmarks/blind_frozen.py answer FOLDER --answers ANSWERS.json [--jobs N]
     python tests/benchmarks/blind_frozen.py score  ANSWERS.json --key KEY.json [--figure FILE.png]
 
 `write` makes FOLDER/campaign_000 and so on: one CSV a run (time_s on a clock that all runs share, heading_deg from 0 to
 360, the commanded moment tau or tau_Nm, surge_m_s where it was logged) and base.json, the inertia and drag that a user
 would bring, some tenths off. The order of campaigns tells nothing. KEY.json, which no tool may see, holds the
-answers.
+answers. Forms are all, quick (40 of them), short (21 effects with manoeuvres, three pairs, nothing hidden), noisy (the
+same from 24 noisy steps) and clean (nothing hidden, in four kinds).
 
 `answer` is how automarine answers; it may be stopped and goes on where it was. Any other tool writes the same:
 
@@ -33,16 +34,17 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import closed_loop_cases
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from blind import all_cases, guess, judge, kind_of
+from blind import DRIVEN, all_cases, clean_cases, guess, judge, kind_of, short_cases
 from blind_cases import LAWS, Case, make
 
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
@@ -51,19 +53,36 @@ NOTHING, UNEXPLAINED, SUSPECTED = "nothing", "unexplained", "suspected"
 CONFIDENT = (0.0, 0.5, 0.9, 1.0)
 
 
-def write(folder: Path, key: Path, seeds: int, quick: bool) -> None:
+FORMS = {
+    "all": lambda seeds: all_cases(seeds, quick=False),
+    "quick": lambda seeds: all_cases(seeds, quick=True),
+    "short": lambda seeds: short_cases(seeds, noisy=False),
+    "noisy": lambda seeds: short_cases(seeds, noisy=True),
+    "clean": clean_cases,
+}
+
+
+def made(case: Case) -> tuple[Sequence[Run], YawModel, float]:
+    """Runs of a case, the base that a user would bring, and how visible what is hidden is."""
+    if case.layout == DRIVEN:
+        steered = closed_loop_cases.make("clean", case.seed)
+        return (*steered.fitted, *steered.kept), steered.base, np.inf
+    campaign = make(case)
+    return campaign.runs, guess(case, campaign), campaign.visible
+
+
+def write(folder: Path, key: Path, seeds: int, form: str) -> None:
     """Make all campaigns, in an order that tells nothing, and their key."""
-    cases = all_cases(seeds, quick)
+    cases = FORMS[form](seeds)
     order = np.random.default_rng(len(cases)).permutation(len(cases))
     known: dict[str, Any] = {}
     for number, i in enumerate(order):
         name, case = f"campaign_{number:03d}", cases[i]
-        campaign = make(case)
+        runs, base, visible = made(case)
         place = folder / name
         place.mkdir(parents=True, exist_ok=True)
-        for run in campaign.runs:
+        for run in runs:
             logged(run).to_csv(place / f"{run.name}.csv", index=False)
-        base = guess(case, campaign)
         brought = {"inertia": base.inertia, **{term.name: term.values[0] for term in base.terms}}
         (place / "base.json").write_text(json.dumps(brought, indent=1) + "\n")
         known[name] = {
@@ -72,7 +91,7 @@ def write(folder: Path, key: Path, seeds: int, quick: bool) -> None:
             "size": case.size,
             "layout": case.layout,
             "seed": case.seed,
-            "visible": campaign.visible if np.isfinite(campaign.visible) else None,
+            "visible": visible if np.isfinite(visible) else None,
         }
     key.write_text(json.dumps(known, indent=1) + "\n")
     print(f"{len(cases)} campaigns are in {folder}, what is hidden in {key}")
@@ -108,8 +127,9 @@ def answer_of(folder: Path, name: str) -> dict[str, Any]:
     """What automarine says of one campaign."""
     runs = load_runs([folder / name], dof=YAW).runs
     brought = json.loads((folder / name / "base.json").read_text())
-    number, drag = ("3", "quadratic-drag") if "quadratic-drag" in brought else ("1", "linear-drag")
-    base = YawModel.base(number, brought["inertia"], [brought[drag]], runs[0].moment_unit, YAW)
+    number = next(number for number, terms in BASE_TERMS.items() if set(terms) == set(brought) - {"inertia"})
+    drag = [brought[name] for name in BASE_TERMS[number]]
+    base = YawModel.base(number, brought["inertia"], drag, runs[0].moment_unit, YAW)
     try:
         found = diagnose_runs(runs, base)
     except AutomarineError as error:
@@ -133,8 +153,8 @@ def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | Non
         said = answers[name]
         case = Case(tuple(truth["hidden"]), truth["size"], truth["layout"], truth["seed"])
         named = {one["name"]: list(one.get("rivals", ())) for one in said["effects"]}
-        small = " (small)" if truth["size"] == "small" else ""
-        outcomes.setdefault(kind_of(case) + small, Counter())[judge(case, said["verdict"], named)] += 1
+        more = f" ({truth['size']})" if truth["size"] == "small" or not truth["hidden"] else ""
+        outcomes.setdefault(kind_of(case) + more, Counter())[judge(case, said["verdict"], named)] += 1
         for hidden in truth["effects"] or [("outside: " + truth["hidden"][0]) if truth["hidden"] else NOTHING]:
             for got in taken_for(hidden, said["verdict"], named):
                 confusion[hidden, got] += 1
@@ -210,11 +230,11 @@ def main() -> None:
     answers.add_argument("--answers", type=Path, required=True)
     answers.add_argument("--jobs", type=int, default=2)
     writes.add_argument("--seeds", type=int, default=1)
-    writes.add_argument("--quick", action="store_true")
+    writes.add_argument("--form", choices=FORMS, default="all")
     scores.add_argument("--figure", type=Path)
     given = parser.parse_args()
     if given.what == "write":
-        write(given.folder, given.key, given.seeds, given.quick)
+        write(given.folder, given.key, given.seeds, given.form)
     elif given.what == "answer":
         answer(given.folder, given.answers, given.jobs)
     else:

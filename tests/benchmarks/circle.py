@@ -92,7 +92,13 @@ def serving(folder: Path, seed: int, speed: float, told: Any) -> None:
     """The vehicle's computer."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    serve(folder, Hidden(TRUTH, seed, speed), ("127.0.0.1", port), speed, lambda one: told.put((port, one.token)))
+    serve(
+        folder,
+        Hidden(TRUTH, seed, speed),
+        ("127.0.0.1", port),
+        speed,
+        lambda one: isinstance(one, str) or told.put((port, one.token)),
+    )
 
 
 def automarine(*asked: str) -> str:

@@ -4,7 +4,7 @@ A model is fitted to one half of the runs and predicts the other: from a state e
 before, the position 2, 5 and 15 s ahead, and each run freely from its start. Beside it stand what least squares of the
 same structure, fitted to each of these horizons (real_baseline.py), a constant rate and a constant position miss by.
 
-Usage: python tests/benchmarks/real.py [--out DIR] [--only TEXT] [--quick] [--before FILE]
+Usage: python tests/benchmarks/real.py [--out DIR] [--only TEXT] [--quick] [--jobs N] [--before FILE]
 """
 
 import os
@@ -17,13 +17,16 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import real_baseline as plain
 import real_library as library
+import real_planar
 from click.testing import CliRunner
 from real_sets import CONTACTS, Contact, RealSet, present
 
@@ -39,11 +42,13 @@ AT = plain.HORIZONS.index(5.0)
 Row = dict[str, Any]
 
 
-def judged(one: RealSet, motion: str, scratch: Path, quick: bool) -> Iterator[Row]:
-    """A row for either half that is fitted."""
-    runs, aside = one.load(motion, scratch)
-    halves = one.halved(runs)
-    for name, fitted, kept in (("A", *halves), ("B", *halves[::-1])):
+def judged(item: tuple[RealSet, str, str, bool]) -> Row:
+    """The row of one half that is fitted: of a set, a motion, which half, and whether without a diagnosis."""
+    one, motion, name, quick = item
+    with tempfile.TemporaryDirectory() as scratch, np.errstate(over="ignore", invalid="ignore"):
+        runs, aside = one.load(motion, Path(scratch))
+        halves = one.halved(runs)
+        fitted, kept = halves if name == "A" else halves[::-1]
         begun = time.perf_counter()
         row: Row = {
             "set": one.name, "motion": motion, "measured": one.measured, "fitted": name,
@@ -60,7 +65,7 @@ def judged(one: RealSet, motion: str, scratch: Path, quick: bool) -> Iterator[Ro
             row |= {"models": {}, "preferred": None, "refused": str(refusal), "named": None}
         row["seconds"] = round(time.perf_counter() - begun, 1)
         print(f"{one.name}, {motion}, half {name}: {row['seconds']} s", file=sys.stderr, flush=True)
-        yield row
+        return row
 
 
 def references(one: RealSet, fitted: Sequence[Run], kept: Sequence[Run]) -> Row:
@@ -208,6 +213,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out"), help="folder of real.md and real.json (default: out)")
     parser.add_argument("--only", default="", help="only what has this in SET/MOTION, as lake/yaw")
     parser.add_argument("--quick", action="store_true", help="no diagnoses")
+    parser.add_argument("--jobs", type=int, default=1, help="halves at a time (default: 1)")
     parser.add_argument("--before", type=Path, help="a real.json of an earlier version, for its column in the table")
     options = parser.parse_args()
     before = json.loads(options.before.read_text())["rows"] if options.before else []
@@ -215,11 +221,16 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = []
     text = kept(options.out, rows, before, contacts) if contacts else ""
-    with tempfile.TemporaryDirectory() as folder, np.errstate(over="ignore", invalid="ignore"):
-        for one, motion in present(options.only):
-            for row in judged(one, motion, Path(folder), options.quick):
-                rows.append(row)
-                text = kept(options.out, rows, before, contacts)
+    items = [(one, motion, half, options.quick) for one, motion in present(options.only) for half in "AB"]
+    with ProcessPoolExecutor(options.jobs) if options.jobs > 1 else nullcontext() as pool:
+        for row in (pool.map if pool else map)(judged, items):
+            rows.append(row)
+            text = kept(options.out, rows, before, contacts)
+    planar = list(real_planar.planar_rows(options.only))
+    if planar:
+        text += "\n" + real_planar.table(planar).to_markdown()
+        (options.out / "real.md").write_text(text)
+        (options.out / "real_planar.json").write_text(json.dumps(planar, indent=1) + "\n")
     if not text:
         which = f" with {options.only!r} in its name" if options.only else ""
         raise SystemExit(f"no data set{which} is at hand; AUTOMARINE_DATA names the folder that has them")

@@ -80,7 +80,7 @@ def tool_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> F
 def _from_filtered_states(fitted: Fitted, found: InnovationsFit, runs: Sequence[Run], anchors: Anchors) -> Floats:
     problem, course = fitted.on(runs)
     noises = problem.noises(found.theta[None])
-    followed = follow(fitted.model, course, found.of_model[None], noises, keep=True)
+    followed = follow(fitted.model, course.unthinned, found.of_model[None], noises, keep=True)
     assert followed.states is not None
     begin = np.array([runs[i].time[k] - runs[i].time[0] for i, k in zip(anchors.run, anchors.sample)])
     ends = np.array([int((length > 0).sum()) for length in course.length])

@@ -18,8 +18,9 @@ from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimat
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import Trial as Explained
 from automarine_cli.dofs import YAW
+from automarine_cli.fits.known import Known
 from automarine_cli.fits.output_error import fit_half_turns
-from automarine_cli.fits.step_response import Known, half_turn_data
+from automarine_cli.fits.step_response import half_turn_data
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress

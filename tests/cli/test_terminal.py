@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -12,10 +13,12 @@ import pytest
 from click.testing import Result
 from hypothesis import given
 from hypothesis import strategies as st
-from pseudo_terminal import ESCAPE, on_terminal
+from pseudo_terminal import ESCAPE, PATIENCE_S, on_terminal, without_bars
 from repository import ROOT
 from small_campaign import make_small_campaign
 
+from automarine_cli.cli.echo import Bar, terminal_progress
+from automarine_cli.pipeline.progress import foretell
 from automarine_cli.report.table_text import text_table
 from automarine_cli.report.tables import Table
 
@@ -25,6 +28,7 @@ STEPS = ROOT / "sample_runs" / "hidden_one"
 @pytest.mark.parametrize("columns", [60, 80, 200])
 def test_tables_fit_the_terminal(columns: int) -> None:
     status, said = on_terminal("check", STEPS, columns=columns, NO_COLOR="1")
+    said = without_bars(said)
     assert status == 0
     assert ESCAPE not in said
     lines = said.splitlines()
@@ -35,12 +39,14 @@ def test_tables_fit_the_terminal(columns: int) -> None:
 
 def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
     _, shown = on_terminal("check", STEPS)
-    assert shown.startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")
+    assert without_bars(shown).startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")
     for how in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
         _, plain = on_terminal("check", STEPS, **how)
+        plain = without_bars(plain)
         assert plain.startswith("Yaw runs\n") and ESCAPE not in plain
     status, refused = on_terminal("check", tmp_path)
     assert status == 1
+    refused = without_bars(refused)
     head = f"{ESCAPE}31m{ESCAPE}1mError:{ESCAPE}0m "
     assert refused.startswith(head)
     told = refused.removeprefix(head)
@@ -58,7 +64,10 @@ def test_a_campaign_on_a_terminal_and_in_a_pipe(tmp_path: Path, run: Callable[..
     drawn = [line.rpartition("\r")[2] for line in said.split("\n")]
     assert not any("[#" in line for line in drawn)  # every bar was taken away again
     piped = run("run", campaign, "-o", tmp_path / "b", "--until", "fit-thrusters")
-    assert piped.stderr == ""
+    assert re.fullmatch(r"1/2 check: made, \d+ s\n2/2 fit-thrusters: made, \d+ s\n", piped.stderr)
+    again = run("run", campaign, "-o", tmp_path / "b", "--until", "fit-thrusters")
+    assert again.stderr == "1/2 check: kept\n2/2 fit-thrusters: kept\n"
+    assert run("run", campaign, "-o", tmp_path / "b", "--until", "fit-thrusters", "-q").stderr == ""
     assert ESCAPE not in piped.stdout
     assert [line.split()[:2] for line in piped.stdout.splitlines()[2:4]] == [
         ["check", "done"],
@@ -91,7 +100,9 @@ def test_bash_completes_a_command(tmp_path: Path) -> None:
         '_automarine_completion automarine; echo "${COMPREPLY[@]}"'
     )
     env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
-    found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, env=env, check=False, timeout=60)
+    found = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, env=env, check=False, timeout=PATIENCE_S
+    )
     assert found.stdout.split() == ["fit-yaw"], found.stderr
 
 
@@ -119,3 +130,13 @@ def test_an_interval_is_never_broken() -> None:
     table = Table("", ("parameter", "estimate", "remark"), (("k", "1.25 [1.23, 1.27]", "a long remark about it"),))
     said = table.to_text(36)
     assert "[1.23, 1.27]" in said and max(map(len, said.splitlines())) <= 36
+
+
+def test_what_takes_minutes_is_foretold_in_a_pipe_and_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    for progress in (terminal_progress(), Bar()):
+        foretell(progress, "the diagnosis", 59.0)
+        foretell(progress, "the diagnosis", 230.0)
+        progress("fitting", 0, 10)
+        assert capsys.readouterr().err == "The diagnosis takes about 4 min.\n"
+    foretell(terminal_progress(quiet=True), "the diagnosis", 230.0)
+    assert capsys.readouterr().err == ""

@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import Result
+from made_runs import written
+from made_sequences import model_file, sequence_run
 from scipy import stats
 
+import automarine_cli as am
 from automarine_cli.comparison.side_by_side import (
     ALIKE,
     DIFFERS,
@@ -188,7 +191,7 @@ def test_the_figure_holds_every_interval(tmp_path: Path) -> None:
             "moments in nu and N m cannot be compared (a: nu; b: N m); compare results in one unit: there is no factor",
         ),
         (lambda at: [yaw_model(at / "a" / "yaw").parent, at], SettingError, "holds a whole campaign; compare one step"),
-        (lambda at: [yaw_model(at / "a"), at], SettingError, "holds no result of fit-thrusters, fit-yaw or diagnose"),
+        (lambda at: [yaw_model(at / "a"), at], SettingError, "holds no result of fit-thrusters, fit-yaw, validate or"),
     ],
 )  # fmt: skip
 def test_refusals(tmp_path: Path, make: Callable[[Path], list[Path]], error: type[AutomarineError], says: str) -> None:
@@ -215,3 +218,30 @@ def test_a_file_with_parts_missing_is_refused(tmp_path: Path) -> None:
         match=r"b/yaw_model.json: models.3.I_r: found a number without stderr and ci95, expected an estimate",
     ):
         compare(folders)
+
+
+def test_two_models_of_the_same_runs_are_compared_run_by_run(tmp_path: Path, run: Callable[..., Result]) -> None:
+    for seed in range(4):
+        written(sequence_run(noise_deg=0.5, seed=seed, hold=2.0 + seed), tmp_path / "logs" / f"{seed}.csv")
+    for name, k_rr in (("good", 1.25), ("bad", 1.4)):
+        drag, inertia = normal(k_rr, 0.01).to_json(), normal(1.02, 0.01).to_json()
+        model = model_file(tmp_path / f"{name}.json", models={"3": {"k_rr": drag, "I_r": inertia}})
+        done = run("validate", tmp_path / "logs", "--model", model, "-o", tmp_path / name, "--no-figures")
+        assert done.exit_code == 0, done.output
+    done = run("compare", tmp_path / "good", tmp_path / "bad" / "validation.json", "-o", tmp_path / "both")
+    assert done.exit_code == 0, done.output
+    assert "differences are run by run, over the runs that both have" in done.stdout
+    data = json.loads((tmp_path / "both" / "comparison.json").read_text())
+    files = [json.loads((tmp_path / name / "validation.json").read_text())["models"]["3"] for name in ("good", "bad")]
+    for one, key in zip(data["differences"], ("rmse_deg", "restarted_rmse_deg"), strict=True):
+        apart = np.array([files[1]["runs"][name][key] - files[0]["runs"][name][key] for name in files[0]["runs"]])
+        found = stats.ttest_1samp(apart, 0.0).confidence_interval(0.95)
+        assert one["difference"]["value"] == pytest.approx(apart.mean())
+        assert one["difference"]["ci95"] == pytest.approx([found.low, found.high])
+    again = am.compare([tmp_path / "good", tmp_path / "bad"])
+    assert again.to_json()["differences"] == data["differences"]
+    (tmp_path / "logs" / "0.csv").unlink()
+    alone, model = tmp_path / "alone", tmp_path / "bad.json"
+    assert run("validate", tmp_path / "logs" / "1.csv", "--model", model, "-o", alone, "--no-figures").exit_code == 0
+    refused = run("compare", tmp_path / "good", alone)
+    assert refused.exit_code == 1 and "two runs in common" in " ".join(refused.stderr.split())

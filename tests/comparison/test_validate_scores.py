@@ -1,6 +1,7 @@
 """Scores on known truth: nothing on clean runs of the true model, the noise on noisy ones, mirrored alike."""
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -100,9 +101,47 @@ def test_what_begins_anew_at_a_restart_is_said(stored: StoredModels) -> None:
         stored, models={"3": TRUE.with_effect("water-swirl", (0.1, 10.0))}, effects=("bias-moment", "water-swirl")
     )
     notes = overall_table(compare(swirling, noisy(3))).notes
-    (told,) = (note for note in notes if "from zero" in note)
-    assert told.startswith("At a restart water-swirl begins from zero") and "free run" in told
-    assert not any("from zero" in note for note in overall_table(compare(stored, noisy(3))).notes)
+    assert "At a restart water-swirl goes on as in the free run." in notes
+    assert not any("goes on" in note for note in overall_table(compare(stored, noisy(3))).notes)
+
+
+def test_water_that_was_stirred_goes_on_at_a_restart() -> None:
+    model = TRUE.with_effect("water-swirl", (0.6, 20.0))
+    (made,) = free_runs(model, [sequence_run()])
+    run = replace(made.run, position=made.position)
+    (free,) = free_runs(model, [run])
+    restarts = find_restarts(run)
+    (again,) = restarted_errors(model, [free], [restarts])
+    assert np.rad2deg(np.sqrt(np.mean(again**2))) < 0.2
+    (afresh,) = restarted_errors(model, [replace(free, water=0.0 * free.water)], [restarts])
+    assert np.rad2deg(np.sqrt(np.mean(afresh**2))) > 2.0  # which the test would not see without
+
+
+def ramped(noise_deg: float, seed: int) -> Run:
+    """A rudder that ramps for 2.5 s to each new angle, and holds it for 14 s."""
+    ends = (0.0, 0.8, -0.6, 0.5, -0.8, 0.0)
+    held = [np.append(np.linspace(a, b, 25), [b] * 140) for a, b in pairwise(ends)]
+    return sequence_run(tuple(np.concatenate(held).round(4)), hold=0.1, noise_deg=noise_deg, seed=seed)
+
+
+@pytest.mark.parametrize("noise_deg", [0.3, 1.0])
+def test_a_ramp_is_one_change(noise_deg: float) -> None:
+    run = ramped(noise_deg, 0)
+    (free,) = free_runs(TRUE, [run])
+    restarts = find_restarts(run)
+    assert restarts.horizon == pytest.approx(16.5) and len(restarts.states) == 5
+    for i, state in zip(restarts.at[1:], restarts.states):
+        assert np.rad2deg(state.rate - free.rate[i]) == pytest.approx(0.0, abs=3.0)  # of up to 45
+    (again,) = restarted_errors(TRUE, [free], [restarts])
+    assert np.rad2deg(np.sqrt(np.mean(again**2))) < 1.2 * noise_deg + 0.2
+
+
+def test_a_command_held_for_two_samples_leaves_a_rate() -> None:
+    run = ramped(0.0, 0)
+    slow = replace(run, time=run.time[::12], position=run.position[::12], moment=run.command[::12])  # a sample in 1.2 s
+    (free,) = free_runs(TRUE, [slow])
+    for i, state in zip((restarts := find_restarts(slow)).at[1:], restarts.states):
+        assert np.rad2deg(state.rate - free.rate[i]) == pytest.approx(0.0, abs=9.0)
 
 
 def test_mirrored_runs_score_the_same(stored: StoredModels) -> None:
@@ -169,11 +208,14 @@ def test_start_in_motion_is_fitted_over_the_first_second(rate0: float) -> None:
     assert np.all(spread < np.array([0.9, 2.4])) and np.all(np.abs(bias) < 4 * spread / np.sqrt(30))
 
 
+RULE = "before each change of moment, a ramp being one"
+
+
 def test_where_runs_are_restarted() -> None:
     run = sequence_run()
     restarts = find_restarts(run)
     before_changes = [int(i) for i in np.flatnonzero(np.diff(run.command))]
-    assert restarts.at == (0, *before_changes, len(run) - 1) and restarts.rule == "at each change of moment"
+    assert restarts.at == (0, *before_changes, len(run) - 1) and restarts.rule == RULE
     assert restarts.horizon == pytest.approx(4.0)
     (free,) = free_runs(TRUE, [run])
     for i, state in zip(restarts.at[1:-1], restarts.states):
@@ -217,10 +259,10 @@ def test_rate_errors_never_reach_across_a_gap() -> None:
     gone = np.r_[0:100, 140 : len(run)]
     cut = replace(run, time=run.time[gone], position=run.position[gone], moment=run.command[gone])
     jump = np.where(gone >= 140, 1.0, 0.0)  # the error jumps in the gap; no slope must see it
-    there = FreeRun(cut, cut.position - jump, free.rate[gone], free.start)
+    there = FreeRun(cut, cut.position - jump, free.rate[gone], free.start, free.water[gone])
     assert np.abs(rate_error(there)).max() < 1e-9
     short = run.cut(0, 8)
-    assert len(rate_error(FreeRun(short, short.position, short.position, free.start))) == 0
+    assert len(rate_error(FreeRun(short, short.position, short.position, free.start, free.water[:8]))) == 0
 
 
 def test_fit_percent() -> None:

@@ -80,6 +80,38 @@ def test_an_unknown_delay_is_planned_for(run: Run, tmp_path: Path) -> None:
     assert "Such runs are planned with -o DIR, into DIR/settles." in dry.stdout
 
 
+def curve(variable: str) -> tuple[str, dict[str, Any]]:
+    """A learned curve: its name and parameters."""
+    knots = {f"y{i}": estimate(0.01 * i, "nu") for i in range(1, 11)}
+    ends = {"low": estimate(-1.0, "", 0.0), "high": estimate(1.0, "", 0.0), "size": estimate(0.1, "nu", 0.0)}
+    return f"learned:{variable}", {**ends, "spread": estimate(1.0, "1", 0.0), **knots, "kind": estimate(0.0, "", 0.0)}
+
+
+@pytest.mark.parametrize("to", ["tune", "export"])
+def test_a_learned_curve_over_a_column_is_read_and_told_in_a_sentence(run: Run, tmp_path: Path, to: str) -> None:
+    name, parameters = curve("surge")
+    extended = written(tmp_path / "extended_model.json", model("nu", 1.0, [{"name": name, "parameters": parameters}]))
+    found = written(tmp_path / "diagnosis.json", diagnosis(name, parameters, "learned:stbd_cmd"))
+    if to == "tune":
+        made = run("tune", str(found), "--for", "python")
+        said = (
+            "Without learned:surge: it acts by the column 'surge', which no controller has; the gains are for the rest."
+        )
+        assert made.exit_code == 0 and said in " ".join(made.stdout.split())
+    else:
+        made = run("export", str(extended), "--to", "gz-sim", "--newton-metres-per-nu", "10")
+        assert "gz-sim cannot represent learned:surge (it needs the logged surge)" in made.stderr
+        assert made.exit_code == 1 and len(made.stderr.splitlines()) == 1
+
+
+def test_a_learned_curve_over_the_rate_is_flown(tmp_path: Path) -> None:
+    name, parameters = curve("yaw-rate")
+    extended = written(tmp_path / "extended_model.json", model("nu", 1.0, [{"name": name, "parameters": parameters}]))
+    found = written(tmp_path / "diagnosis.json", diagnosis(name, parameters, "learned:stbd_cmd"))
+    known = read_knowledge(extended, found, None, (0.9, 1.1))
+    assert [term.name for term in known.model.terms if not term.own] == [name]
+
+
 def test_a_rival_is_as_unsure_as_what_it_stands_for(tmp_path: Path) -> None:
     """An exponent of one does nothing: a rival close to it is no thrust curve of any exponent."""
     fixed = {"tau_ref": estimate(1.0, "nu", 0.0), "t_ref": estimate(0.0, "s", 0.0)}

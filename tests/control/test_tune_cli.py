@@ -186,6 +186,21 @@ def test_present_gains_that_are_as_good_are_left(tmp_path: Path) -> None:
     assert again.made.verdict == "leave" and again.made.why.startswith("The present gains keep the margin of 0.75")
 
 
+def test_what_the_fit_itself_asks_for_is_settled_first(run: Run, tmp_path: Path) -> None:
+    content = model(0.375, 1.5, 30.0, delay=0.01)
+    for proposed, open_still in (({"dead-band": 172.3}, True), ({"input-delay": 172.3}, False)):  # that is in the model
+        path = written(tmp_path, {**content, "driven": True, "proposed": proposed})
+        found = run("tune", path, "--for", "ardusub", "--full", "30")
+        assert found.exit_code == 0, found.stderr
+        no = "No promise can be made. The fit's own evidence asks for dead-band (172 in deviance)"
+        assert found.stdout.startswith(no if open_still else "Leave the gains as they are."), found.stdout
+    path = written(tmp_path, {**model(0.375, 1.5, 30.0), "proposed": {"input-delay": 172.3}})
+    found = run("tune", path, "--for", "ardusub", "--full", "30")
+    assert "Fit it with --with input-delay, and tune that model." in " ".join(found.stdout.split())
+    found = run("tune", path, "--for", "ardusub", "--full", "30", "--delay", "0.02", "--json")  # who knows better
+    assert "evidence" not in json.loads(found.stdout)["why"]
+
+
 def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
     """Thrusters that give nothing below an eighth of their output, and a sluggish compass: a slow loop comes to rest
     within 2 degrees late in its flight, and leaves them again when its sum has grown; so it is flown for longer."""

@@ -1,8 +1,11 @@
 """diagnose of planar models on campaigns of an independent solver: what is hidden is named, nothing is not."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +13,10 @@ from click.testing import CliRunner
 from made_planar import HIDDEN, campaign, log
 
 from automarine_cli.cli import automarine
-from automarine_cli.diagnosis.planar import PlanarSearch, find_missing, foretold
+from automarine_cli.diagnosis.planar import Contender, PlanarSearch, find_missing, foretold
 from automarine_cli.diagnosis.planar_candidates import base_of
 from automarine_cli.diagnosis.planar_where import find_planar_where
+from automarine_cli.diagnosis.where import Region
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_fit import Estimated
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
@@ -23,6 +27,7 @@ from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, 
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.figures.diagnosis_where import where_panels
 from automarine_cli.report.figures.planar_diagnosis import why_figure
+from automarine_cli.report.planar_diagnosis_report import verdict_sentence, why
 from automarine_cli.runs.run import Run
 from automarine_cli.workflows.planar_runs import load_planar
 
@@ -60,6 +65,19 @@ def test_what_is_hidden_is_named(kind: str, added: str, truth: float) -> None:
 def test_nothing_hidden_nothing_named() -> None:
     found = searched("nothing")
     assert found.verdict == "nothing-missing" and not found.suspected
+
+
+def test_a_gap_that_stands_out_and_has_no_name_is_unexplained() -> None:
+    found = searched("nothing")
+    region = Region("sway", 0.1, 0.2, "m/s", 0.1, 0.004, ("run_0",), 0.3, "yaw moment")
+    where: Any = SimpleNamespace(regions=(region,))
+    assert replace(found, where=SimpleNamespace(regions=())).verdict == "nothing-missing"  # type: ignore[arg-type]
+    open_gap = replace(found, where=where)
+    assert open_gap.verdict == "unexplained"
+    assert "where sway is 0.1 to 0.2 m/s" in why(open_gap) and "No candidate gains" in why(open_gap)
+    most = Contender(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
+    passed = replace(open_gap, rounds=(replace(found.rounds[0], tried=(most,)),))
+    assert "gains 163 in deviance, but not in the mean of runs" in verdict_sentence(passed)
 
 
 @pytest.mark.slow

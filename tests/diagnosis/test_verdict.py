@@ -10,6 +10,7 @@ from automarine_cli.diagnosis import diagnose, search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.scores import Scores
 from automarine_cli.diagnosis.trials import WEAK, Compensating
+from automarine_cli.diagnosis.where import Region
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.report.figures.diagnosis_words import verdict
 from automarine_cli.runs.run import Run
@@ -84,3 +85,21 @@ def test_effects_that_undo_each_other_are_only_suspected(monkeypatch: pytest.Mon
     found = diagnosed(campaign(NAME), [], monkeypatch)
     assert found.verdict == "suspected" and found.said.why == pair.says and "93" in pair.says.replace(".", "")
     assert found.said.leaves is found.found.base
+
+
+def test_effects_that_undo_each_other_keep_their_names_where_runs_held_out_are_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pair = Compensating((NAME, SMALL), 0.93, 0.1)
+    monkeypatch.setattr(search, "compensating", lambda *of: (pair,))
+    found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6], monkeypatch)
+    assert found.verdict == "named" and found.said.leaves is found.found.final
+
+
+def test_nothing_is_missing_only_where_nothing_stands_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs, look = campaign(), diagnose.find_where
+    assert diagnosed(runs, [], monkeypatch).verdict == "nothing-missing"
+    region = Region("voltage", 12.0, 13.0, "V", 0.01, 0.009, ("run_00",), 0.2, "thrust")
+    monkeypatch.setattr(diagnose, "find_where", lambda *of: replace(look(*of), regions=(region,)))
+    found = diagnosed(runs, [], monkeypatch)
+    assert found.verdict == "unexplained" and "voltage is 12 to 13 V" in found.said.why

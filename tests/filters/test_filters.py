@@ -255,3 +255,17 @@ def test_predictions_stay_where_readings_are() -> None:
         squares = one.by_run(one.error, 2)
         assert squares[0] == pytest.approx(np.mean(one.error[one.run == 0] ** 2))
         assert np.isnan(squares[1]) == (not (one.run == 1).any())
+
+
+def test_readings_of_a_fast_log_are_averaged_at_their_nodes() -> None:
+    time = np.arange(0, 12, 1 / 110)
+    run = noisy(logged(time, 0.3 * time**2, np.sign(np.sin(time))), 2.0)
+    course = make_course([run], REST)
+    (channel,) = course.channels
+    error = np.rad2deg(channel.values[0] - 0.3 * course.time[0] ** 2)[channel.seen[0]]
+    assert len(error) == pytest.approx(12 / LEAST_STEP, abs=2)  # and every sample counts in them
+    assert np.std(error) == pytest.approx(2.0 / np.sqrt(11), rel=0.2) and abs(error.mean()) < 0.2
+    assert np.rad2deg(course.noise[0]) == pytest.approx(2.0 / np.sqrt(11), rel=0.1)
+    sparse = replace(run, time=20 * run.time)  # slower than the filter: as they are
+    (channel,) = make_course([sparse], REST).channels
+    np.testing.assert_array_equal(channel.values[0][channel.seen[0]], run.position)

@@ -18,7 +18,7 @@ from automarine_cli.diagnosis.planar_candidates import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried, search
+from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, Tried, search
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes, rough_velocities
 from automarine_cli.logs import ColumnMap
@@ -84,8 +84,9 @@ class Scripted:
         """What is named."""
         return [sum(worth(names)) for names in added]
 
-    def use(self, found: Estimated) -> None:
-        """None that could be told."""
+    def choose(self, tried: Sequence[Tried]) -> Choice:
+        """The likeliest."""
+        return Choice(tried[0])
 
 
 def worth(names: Sequence[str]) -> list[float]:
@@ -104,7 +105,8 @@ def fit() -> PlanarFit:
     seen = observed(runs)
     structure = replace(Structure.simplest(seen), couplings=("Y_r",))
     found = least_squares_of(structure.model(rough_sizes(runs)), runs, seen)
-    return PlanarFit((Tried(structure, found),), runs, seen)
+    tried = Tried(structure, found)
+    return PlanarFit((tried,), Choice(tried), runs, seen)
 
 
 def test_a_structure_is_fitted_from_its_rough_sizes(fit: PlanarFit) -> None:
@@ -127,7 +129,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     )  # linear drag explains as much as both together
     assert [one.found.criterion for one in tried] == sorted(one.found.criterion for one in tried)
     assert len({str(one.structure) for one in tried}) == len(tried)
-    found = PlanarFit(tried, runs, seen)
+    found = PlanarFit(tried, Choice(tried[0]), runs, seen)
     assert found.because.startswith(f"Of {len(tried)} structures this one has the best evidence")
 
 
@@ -168,7 +170,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     near = list(structure.neighbours())
     assert {one.couplings for one in near} == {(), ("N_ur",)} and not any(one.current or one.skewed for one in near)
     tried = search(runs, seen, Scripted())
-    fit = PlanarFit(tried, tuple(runs), seen)
+    fit = PlanarFit(tried, Choice(tried[0]), tuple(runs), seen)
     assert fit.estimates["sway.m_v"].value == fit.estimates["surge.m_u"].value
     assert fit.estimates["sway.m_v"].stderr == fit.estimates["surge.m_u"].stderr > 0
 

@@ -101,7 +101,11 @@ def test_least_squares_and_run_effects_are_those_of_the_dense_covariance() -> No
     theta, hessian = linear.least_squares()
     weighted = linear_mixed.weigh(linear.gram(), linear.effects, VARIANCES)
     free = np.array([(-np.inf, np.inf)] * PARAMETERS)
-    assert_close(linear_mixed.least_squares(weighted, np.zeros(2), free), theta, "closed form")
+    assert_close(
+        linear_mixed.bounded_solution(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), np.zeros(2), free),
+        theta,
+        "closed form",
+    )
     assert_close(weighted.hessian.sum(axis=0), hessian, "closed form")
     scale = linear.effects.deviation(VARIANCES)
     expected = [

@@ -10,11 +10,12 @@ from made_runs import mirrored
 from automarine_cli.dofs import YAW
 from automarine_cli.fits import nodes as room
 from automarine_cli.fits import output_error
+from automarine_cli.fits.known import Known
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.nodes import COUNTS, nodes_of
 from automarine_cli.fits.output_error import fit_half_turns
 from automarine_cli.fits.step_problem import step_problem
-from automarine_cli.fits.step_response import Known, StepData, half_turn_data, step_data
+from automarine_cli.fits.step_response import StepData, half_turn_data, step_data
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.turns import half_turns
 

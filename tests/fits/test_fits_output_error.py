@@ -14,11 +14,11 @@ from scipy import stats
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.identify import NOTHING_KNOWN
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, fit_half_turns
 from automarine_cli.fits.step_problem import step_problem
-from automarine_cli.fits.step_response import Known, StepData, half_turn_data, instant
+from automarine_cli.fits.step_response import StepData, half_turn_data, instant
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings
 from automarine_cli.runs.run import Run

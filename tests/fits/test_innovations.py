@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from automarine_cli.comparison.validation import ahead_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
-from automarine_cli.filters.course import make_course
+from automarine_cli.filters.course import Course, make_course
+from automarine_cli.fits import driven_models
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.mixed_model import fit_mixed
+from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
@@ -198,7 +201,10 @@ def test_starts_lie_about_rough_values() -> None:
 def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[..., Result], tmp_path: Path) -> None:
     for i, one in enumerate(steered(3, 30, length=30.0)):
         written(one, tmp_path / "logs" / f"{i}.csv")
-    for inertia, says in ((1.0, "Model 1 predicts 5 s ahead to "), (60.0, "No model is of use on these runs: ")):
+    for inertia, says in (
+        (1.0, "Model 3, which the fit preferred, predicts 5 s ahead to "),
+        (60.0, "No model is of use on these runs: "),
+    ):
         models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
         model = model_file(tmp_path / f"{inertia:g}.json", models=models)
         out = tmp_path / f"out_{inertia:g}"
@@ -221,3 +227,35 @@ def test_validate_of_quiet_runs_is_as_it_was(tmp_path: Path) -> None:
     stored = load_yaw_models(model_file(tmp_path / "model.json"))
     quiet = [sequence_run(noise_deg=1.0, seed=seed) for seed in range(2)]
     assert ahead_of(stored, quiet, None) is None
+
+
+def smooth_and_fast() -> list[Run]:
+    """Logs at 110 Hz whose heading was filtered, so that the filter takes its longest steps."""
+    time = np.arange(0, 12, 1 / 110)
+    return [
+        Run(f"{i}", "fast.csv", time, np.sin(time + i), np.cos(time + i), "nu", {}, dof=YAW) for i in range(3)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("number, drag", [("1", (0.5,)), ("3", (0.5,))])
+def test_rough_values_faster_than_the_filter_leave_a_start(number: str, drag: tuple[float, ...]) -> None:
+    problem = problem_of(smooth_and_fast(), base(number, 0.001, *drag))
+    values = problem.value(problem.search(base_starts(problem)))  # warnings are errors here
+    assert np.isfinite(values).mean() > 0.5
+
+
+def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refusing(course: Course, rough: YawModel, number: str, *more: object) -> OutputErrorFit:
+        if number != "1":
+            raise FitError("these runs do not determine the model: it has no end")
+        return fit_driven(course, rough, number)
+
+    monkeypatch.setattr(driven_models, "fit_driven", refusing)
+    runs = steered(3, 1, length=12.0, period=0.02)
+    fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
+    assert list(fit.output_error) == ["1"]
+    for number in "23":
+        assert f"Model {number} could not be fitted: these runs do not determine the model: it has no end." in (
+            fit.warnings
+        )
+    assert "readings at 50 Hz were averaged over 0.1 s, commands count exactly" in fit.why_no_seed_method

@@ -15,7 +15,7 @@ from test_readme import commands, flags_of
 
 from automarine_cli import guide
 from automarine_cli.cli import automarine
-from automarine_cli.guide.text import to_text
+from automarine_cli.guide.text import formula, to_text
 
 Run = Callable[..., Result]
 TOPICS = (*guide.commands(), *guide.pages())
@@ -43,6 +43,7 @@ def test_every_page_is_plain_text_in_a_pipe(topic: str, run: Run) -> None:
     found = run("guide", topic)
     assert (found.exit_code, found.stderr) == (0, "")
     assert not re.search(r"\x1b|\*\*|\]\(|<img|^```", found.stdout, flags=re.MULTILINE)
+    assert not re.search(r"\\(?:frac|psi|tau|le|dot|varepsilon|infty|sqrt)\b", found.stdout)
     prose = [line for line in found.stdout.splitlines() if not line.startswith("  ")]
     assert max(map(len, prose)) <= 100
 
@@ -94,6 +95,16 @@ def test_a_page_as_text() -> None:
         "a     b", "-------", "k|r|  1", "",
         "[Picture: A picture]", "",
         "  as  it is", "",
+    ]  # fmt: skip
+
+
+def test_formulas_stand_in_letters() -> None:
+    assert formula(r"|\psi - \psi_0| \le \pi") == "|ψ - ψ_0| ≤ π"
+    assert formula(r"I_r \dot r + k_{r|r|}|r|r = \tau^{2}") == "I_r r\N{COMBINING DOT ABOVE} + k_r|r||r|r = τ²"
+    assert formula(r"\varepsilon = -\frac{I_r}{k_r^2}\tau") == "ε = -(I_r/k_r²)τ"
+    assert formula(r"\frac{\sqrt{a + b} - k_r}{2 c}") == "((√(a + b) - k_r)/(2 c))"
+    assert to_text("with $r_\\infty$ and\n\n```math\n\\delta = 1\n```\n", 80).split() == [
+        "with", "r_∞", "and", "δ", "=", "1",
     ]  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from automarine_cli.errors import RunError
 from automarine_cli.fits.identify import Map, identify_turns
-from automarine_cli.fits.step_response import NOTHING_KNOWN, Known
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,8 +17,29 @@ def collecting(folder: Path, token: str, port: int, campaign: Path) -> subproces
     """The surface as a process of its own."""
     url = f"http://127.0.0.1:{port}"
     return subprocess.Popen(
-        [*ALONE, "collect", url, "-o", str(folder), "--token", token, "--campaign", str(campaign), "--wait", "60", "-q"]
+        [
+            *ALONE,
+            "collect",
+            url,
+            "-o",
+            str(folder),
+            "--token",
+            token,
+            "--campaign",
+            str(campaign),
+            "--wait",
+            "600",
+            "-q",
+        ]
     )
+
+
+def free_port(first: int) -> int:
+    """A port that nobody holds, below those that systems hand out; processes of a test run begin to look apart."""
+    for port in (10_000 + (first * 7 + i) % 20_000 for i in range(20_000)):
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
+    raise OSError("no port is free")
 
 
 def children_of(process: subprocess.Popen[bytes]) -> list[int]:

@@ -102,10 +102,14 @@ class CuttingProxy:
     def running(self) -> Iterator[str]:
         """The address under which the vehicle is reached through it."""
         listener = socket.create_server(("127.0.0.1", 0))
-        threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
+        accepts = threading.Thread(target=self._accept, args=(listener,), daemon=True)
+        accepts.start()
         try:
             yield f"http://127.0.0.1:{listener.getsockname()[1]}"
         finally:
+            with contextlib.suppress(OSError):
+                listener.shutdown(socket.SHUT_RDWR)  # or who waits for a call goes on waiting
+            accepts.join()
             for one in (listener, *self._open):
                 one.close()
 

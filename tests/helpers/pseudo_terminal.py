@@ -3,6 +3,7 @@
 import fcntl
 import os
 import pty
+import re
 import struct
 import subprocess
 import sys
@@ -11,6 +12,12 @@ import termios
 from repository import ROOT
 
 ESCAPE = "\x1b["
+PATIENCE_S = 600.0  # far beyond what a command takes on a machine that has much else to do
+
+
+def without_bars(said: str) -> str:
+    """What stays on a terminal: a bar, which is drawn only where work takes its time, is taken away again."""
+    return re.sub(r"(\r\x1b\[K[^\r\n]*)*\r\x1b\[K", "", said)
 
 
 def on_terminal(*arguments: object, columns: int = 80, **env: str) -> tuple[int, str]:
@@ -33,4 +40,4 @@ def on_terminal(*arguments: object, columns: int = 80, **env: str) -> tuple[int,
             break
         said += piece
     os.close(here)
-    return process.wait(timeout=60), said.decode("utf-8").replace("\r\n", "\n")
+    return process.wait(timeout=PATIENCE_S), said.decode("utf-8").replace("\r\n", "\n")

@@ -57,7 +57,7 @@ def strike(arguments: list[str], folder: Path, when: float | str, how: int) -> S
             os.killpg(process.pid, how)
         else:
             process.send_signal(how)
-    _, said = process.communicate(timeout=60)  # returns when the last process that holds the pipes has gone
+    _, said = process.communicate(timeout=600)  # returns when the last process that holds the pipes has gone
     return Struck(process.returncode, said, time.monotonic() - struck)
 
 
@@ -100,5 +100,5 @@ class KilledCommand:
 
     def _to_the_end(self, command: list[str]) -> None:
         process = start(command, self.folder)
-        _, said = process.communicate(timeout=120)
+        _, said = process.communicate(timeout=600)
         assert process.returncode == 0, said

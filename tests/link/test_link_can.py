@@ -16,15 +16,33 @@ from test_link_cuts import ask, logs_in, put
 from test_link_kills import MODEL_FILE
 
 from automarine_cli.errors import SettingError
+from automarine_cli.link import server
 from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
 from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.vehicles import can
 from automarine_cli.link.vehicles.can import CanBus
 from automarine_cli.logs import read_column_map
 from automarine_cli.planning.vehicle import Drive
 from automarine_cli.thrusters.forms import Curve
 
 SPEED = 20.0
+PATIENCE_S = 60.0  # of this clock, for what comes soon where nobody else needs the machine
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A compass whose thread waits for the machine is not taken for one that fell silent."""
+    monkeypatch.setattr(can, "SILENT_S", SPEED * PATIENCE_S)
+    monkeypatch.setattr(server, "QUIET_S", PATIENCE_S)
+
+
+def until(what: Callable[[], object]) -> None:
+    """Wait until something is so."""
+    ends = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < ends
+        time.sleep(0.01)
 
 
 def on(vessel: Vessel, folder: Path, text: str = MOMENT, drive: Drive | None = None) -> CanBus:
@@ -42,8 +60,8 @@ def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_
     campaign = made_campaign(8, seconds=6.0, rate=20.0)
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
         collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 20.0, poll_s=0.02)
-        (state,) = collector.collect(campaign, stop=False)["campaigns"]
-    assert (state["played"], state["interrupted"], state["why_stopped"]) == (8, 0, None)
+        (state,) = collector.collect(campaign, stop=False).campaigns
+    assert (state.played, state.interrupted, state.why_stopped) == (8, 0, None)
     sent = sorted({moment for one in campaign.runs for moment, _ in one.commands})
     assert np.allclose(sorted(set(vessel.moments())), sent, atol=0.001, rtol=0.0)  # as the signal holds them
     assert {values["Depth"] for _, _, values in vessel.heard} == {0.5}  # its start value in the DBC
@@ -62,12 +80,10 @@ def test_frames_come_at_a_steady_rate_and_end_with_neutral(tmp_path: Path) -> No
     campaign = made_campaign(2, seconds=10.0, rate=10.0)
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
         Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 20.0, poll_s=0.02).collect(campaign, stop=False)
+        per_run = 10 * (1 + 10 + 1) + 1
+        until(lambda: len(vessel.heard) >= 2 * (per_run + 3))
         time.sleep(0.2)
-        count = len(vessel.heard)
-        time.sleep(0.2)
-        assert len(vessel.heard) == count  # silence
-    per_run = 10 * (1 + 10 + 1) + 1
-    assert count == 2 * (per_run + 3)
+        assert len(vessel.heard) == 2 * (per_run + 3)  # silence
     assert vessel.moments()[-4:] == [0.0] * 4
     for first, right in ((0, 0.4), (per_run + 3, -0.65)):
         moments = np.round(vessel.moments()[first : first + per_run], 3)
@@ -78,10 +94,10 @@ def test_nothing_but_neutral_after_a_stop(tmp_path: Path) -> None:
     campaign = made_campaign(2, seconds=300.0)
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
         put(vehicle.port, campaign)
-        while not any(vessel.moments()[-1:]):
-            time.sleep(0.01)
+        until(lambda: any(vessel.moments()[-1:]))
         assert ask(vehicle.port, "POST", "/stop")[0] == 200
         heard = list(vessel.heard)
+        until(lambda: vessel.moments()[-3:] == [0.0] * 3)
         time.sleep(0.3)
         assert vessel.heard[len(heard) :] == [] or all(not one["Moment"] for _, _, one in vessel.heard[len(heard) :])
         assert vessel.moments()[-3:] == [0.0] * 3
@@ -92,27 +108,28 @@ def test_nothing_but_neutral_after_a_stop(tmp_path: Path) -> None:
 def _ends_early(vessel: Vessel, folder: Path, when: Callable[[Vessel], None], campaign: LinkCampaign) -> str:
     with vessel.afloat(), vehicle_at(folder / "v", vessel.speed, on(vessel, folder)) as vehicle:
         put(vehicle.port, campaign)
-        while not any(vessel.moments()[-1:]) and vessel.speaks:
-            time.sleep(0.01)
+        if vessel.speaks:
+            until(lambda: any(vessel.moments()[-1:]))
         when(vessel)
-        ends = time.monotonic() + 10
-        while not (state := vehicle.store.state()["campaigns"][0])["over"] and time.monotonic() < ends:
-            time.sleep(0.02)
-        assert state["over"] and vessel.moments()[-3:] in ([0.0] * 3, [])
+        until(lambda: vehicle.store.state().campaigns[0].over)
+        state = vehicle.store.state().campaigns[0]
+        until(lambda: vessel.moments()[-3:] in ([0.0] * 3, []))
         marks = [name.rpartition("_")[2] for name in logs_in(vehicle.store.runs)]
         assert marks == (["stopped.csv"] if any(vessel.moments()) else [])
-        return str(state["why_stopped"])
+        return str(state.why_stopped)
 
 
-def test_a_compass_that_falls_silent_ends_the_campaign(tmp_path: Path) -> None:
+def test_a_compass_that_falls_silent_ends_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def mute(vessel: Vessel) -> None:
         vessel.speaks = False
+        monkeypatch.setattr(can, "SILENT_S", 2.0)
 
     why = _ends_early(Vessel(SPEED), tmp_path, mute, made_campaign(2, seconds=300.0))
     assert why == "the compass fell silent; look at it before the next campaign"
 
 
-def test_without_a_compass_nothing_is_sent(tmp_path: Path) -> None:
+def test_without_a_compass_nothing_is_sent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(can, "SILENT_S", 2.0)
     vessel = Vessel(SPEED, speaks=False)
     why = _ends_early(vessel, tmp_path, lambda vessel: None, made_campaign(2))
     assert why.startswith("no heading came from the bus; look at the compass") and set(vessel.moments()) <= {0.0}

@@ -1,19 +1,27 @@
 """`serve` and `collect` at the prompt: what they print, what they refuse, and their exit statuses."""
 
 import json
+import os
 import signal
 import socket
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import Result
-from link_processes import ALONE
-from made_link import BATTERY, TOKEN, expected_logs, made_campaign, vehicle_at
+from link_processes import ALONE, free_port
+from made_link import BATTERY, MODEL, TOKEN, expected_logs, made_campaign, vehicle_at
 from test_link_cuts import logs_in
 from test_link_kills import MODEL_FILE
+
+from automarine_cli.errors import SettingError
+from automarine_cli.link.client import Client
+from automarine_cli.link.collector import Collector
+from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.vehicles.base import Halted
+from automarine_cli.link.vehicles.simulated import Simulated
 
 Run = Callable[..., Result]
 
@@ -88,9 +96,62 @@ def test_collect_brings_the_same_names_and_bytes(run: Run, tmp_path: Path) -> No
     assert run("check", str(tmp_path / "pool")).exit_code == 0
 
 
+def test_a_campaign_that_ended_before_its_last_run_is_no_success(run: Run, tmp_path: Path) -> None:
+    class Broken(Simulated):
+        def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
+            if number == 1:
+                raise SettingError("the vehicle does not arm")
+            return (yield from super().drive(campaign, number, halted))
+
+    campaign = made_campaign(3)
+    (tmp_path / "campaign.json").write_text(campaign.text)
+    with vehicle_at(tmp_path / "vehicle", drives=Broken(MODEL, 500.0)) as vehicle:
+        asked = ["collect", vehicle.url, "--token", TOKEN, "-o", str(tmp_path / "pool")]
+        found = run(*asked, "--campaign", str(tmp_path / "campaign.json"))
+        says = f"Error: campaign {campaign.id[:8]} ended after 1 of 3 runs: the vehicle does not arm\n"
+        assert (found.exit_code, found.stderr) == (1, says) and "1 of 3" in found.stdout
+        assert "1 logs fetched" in found.stdout and len(logs_in(tmp_path / "pool")) == 1
+        assert run(*asked).exit_code == 0  # what is there was asked for, and is here
+
+
+def test_serve_tells_what_becomes_of_campaigns(model: str, tmp_path: Path) -> None:
+    """In its own terminal; with an address of IPv6, where there are any."""
+    host = "[::1]"
+    try:
+        with socket.create_server(("::1", 0), family=socket.AF_INET6) as free:
+            port = free.getsockname()[1]
+    except OSError:
+        host = "127.0.0.1"
+        with socket.create_server((host, 0)) as free:
+            port = free.getsockname()[1]
+    whole, large = made_campaign(2), replace(made_campaign(2), battery=replace(BATTERY, at_moment=9.0))
+    large = replace(large, runs=(replace(large.runs[0], commands=((5.0, 1.0),)),))
+    command = [*ALONE, "serve", str(tmp_path / "v"), "--vehicle", "simulated", "--model", model, "--speed", "1000"]
+    with subprocess.Popen(
+        [*command, "--address", f"{host}:{port}"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as server:
+        assert server.stdout is not None and server.stderr is not None
+        url = server.stdout.readline().strip()
+        client = Client.of(url, server.stdout.readline().removeprefix("token: ").strip())
+        assert url == client.url == f"http://{host}:{port}"
+        with pytest.raises(SettingError, match=r"the vehicle refuses: run 01_step_.* asks for a moment of 5 nu"):
+            Collector(client, tmp_path / "pool", 60.0).collect(large, stop=False)
+        Collector(client, tmp_path / "pool", 60.0).collect(whole, stop=False)
+        said = [server.stderr.readline() for _ in range(3)]
+        server.send_signal(signal.SIGTERM)
+        assert server.wait(timeout=60) == 130
+    assert said[0].startswith(f"campaign {large.id[:8]} is refused: run 01_step_+0.400 asks for a moment of 5 nu, and")
+    assert said[1:] == [f"campaign {whole.id[:8]} is accepted\n", f"campaign {whole.id[:8]} ended after 2 of 2 runs\n"]
+
+
+@pytest.mark.parametrize("address", ["::1:8722", "[::1]", "8722", "a:b", ":1"])
+def test_an_address_to_listen_on_that_is_none(run: Run, model: str, tmp_path: Path, address: str) -> None:
+    found = run("serve", str(tmp_path / "v"), "--vehicle", "simulated", "--model", model, "--address", address)
+    assert found.exit_code == 1 and "expected HOST:PORT, such as 0.0.0.0:8722 or [::1]:8722" in found.stderr
+
+
 def test_serve_prints_its_address_and_token_and_ends_in_order(model: str, tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port(os.getpid())
     command = [*ALONE, "serve", str(tmp_path / "v"), "--vehicle", "simulated", "--model", model]
     asked = [*command, "--address", f"127.0.0.1:{port}"]
     with subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
@@ -102,6 +163,6 @@ def test_serve_prints_its_address_and_token_and_ends_in_order(model: str, tmp_pa
         second = subprocess.run(asked, capture_output=True, text=True, check=False)
         assert second.returncode == 1 and "is served already; end that `automarine serve`" in second.stderr
         server.send_signal(signal.SIGTERM)
-        assert server.wait(timeout=30) == 130
+        assert server.wait(timeout=600) == 130
         assert server.stderr.read() == "Interrupted; nothing was left half written.\n"
     assert not (tmp_path / "v" / "lease").exists()

@@ -14,6 +14,7 @@ import pytest
 from made_link import MODEL, TOKEN, CuttingProxy, expected_logs, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
+from automarine_cli.link import server
 from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
 from automarine_cli.link.document import LinkCampaign
@@ -29,7 +30,7 @@ def logs_in(folder: Path) -> dict[str, bytes]:
 
 def ask(port: int, method: str, path: str, body: bytes | None = None, **headers: str) -> tuple[int, bytes]:
     """Status and content of one request."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=600)
     token = {"Authorization": f"Bearer {TOKEN}"}
     connection.request(method, path, body, token | {key.capitalize(): value for key, value in headers.items()})
     answer = connection.getresponse()
@@ -50,11 +51,11 @@ def test_what_comes_over_a_cut_link_is_what_was_sent(seed: int, tmp_path: Path) 
         proxy = CuttingProxy(vehicle.port, ("reset", "reset", "stall", "half-open", "slow", "none"), 2000, seed)
         with proxy.running() as url:
             client = Client.of(url, TOKEN)
-            collector = Collector(Client(client.host, client.port, TOKEN, 0.2), tmp_path / "pool", 60.0, poll_s=0.02)
+            collector = Collector(Client(client.host, client.port, TOKEN, 0.2), tmp_path / "pool", 600.0, poll_s=0.02)
             state = collector.collect(campaign, stop=False)
     assert proxy.cuts >= 5 and collector.crossing.cuts >= 5
     assert logs_in(tmp_path / "pool") == expected_logs(campaign) == logs_in(vehicle.store.runs)
-    assert [(one["played"], one["over"]) for one in state["campaigns"]] == [(5, True)]
+    assert [(one.played, one.over) for one in state.campaigns] == [(5, True)]
     hashes = {name: hashlib.sha256(content).hexdigest() for name, content in expected_logs(campaign).items()}
     assert collector.ledger() == hashes
 
@@ -69,7 +70,7 @@ def test_a_campaign_put_many_times_is_played_once(tmp_path: Path) -> None:
         for one in many:
             one.join()
         assert sorted(found) == [200] * 5 + [201]
-        Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02).collect(campaign, stop=False)
+        Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02).collect(campaign, stop=False)
     assert logs_in(vehicle.store.runs) == expected_logs(campaign)
 
 
@@ -86,8 +87,9 @@ def test_half_a_campaign_is_never_accepted(tmp_path: Path) -> None:
         assert ask(vehicle.port, "PUT", f"/campaigns/{campaign.id}", content[:-5])[0] == 422
 
 
-def test_nothing_is_commanded_after_a_stop(tmp_path: Path) -> None:
-    campaign = made_campaign(3, seconds=60.0)
+def test_nothing_is_commanded_after_a_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "QUIET_S", 60.0)
+    campaign = made_campaign(3, seconds=600.0)
     with vehicle_at(tmp_path, speed=20.0) as vehicle:
         assert put(vehicle.port, campaign) == 201
         while not any(_is_driven(path) for path in vehicle.store.runs.glob("*.part")):
@@ -98,33 +100,33 @@ def test_nothing_is_commanded_after_a_stop(tmp_path: Path) -> None:
         assert list(after) == [f"{campaign.log_name(campaign.runs[0])}_stopped.csv"]
         time.sleep(0.3)  # six seconds of the vehicle's time
         assert logs_in(vehicle.store.runs) == after and not vehicle.store.is_playing()
-        (state,) = vehicle.store.state()["campaigns"]
-        assert (state["over"], state["why_stopped"], state["played"]) == (True, "asked to stop", 1)
+        (state,) = vehicle.store.state().campaigns
+        assert (state.over, state.why_stopped, state.played) == (True, "asked to stop", 1)
         assert put(vehicle.port, campaign) == 200  # known, and stopped for good
         time.sleep(0.2)
         assert logs_in(vehicle.store.runs) == after
     rows = list(csv.reader(next(iter(after.values())).decode().splitlines()))[2:]
-    assert float(rows[-1][2]) == 0.0 and float(rows[-2][2]) != 0.0 and len(rows) < 600  # neutral, then silence
+    assert float(rows[-1][2]) == 0.0 and float(rows[-2][2]) != 0.0 and len(rows) < 6000  # neutral, then silence
 
 
 def test_a_stop_between_two_runs_leaves_no_log(tmp_path: Path) -> None:
     class StoppedAtTheLastMoment(Store):
-        def begin(self, name: str) -> int:
+        def begin(self, name: str, room: int) -> int:
             self.stop()
-            return super().begin(name)
+            return super().begin(name, room)
 
     store, campaign, vehicle = StoppedAtTheLastMoment(tmp_path), made_campaign(2), Simulated(MODEL, 1e9)
     store.prepare()
     store.accept(campaign.text.encode(), campaign.id)
     Player(store, vehicle, 1e9, lambda: not store.is_stopped(campaign)).play()
-    assert list(store.runs.iterdir()) == [] and store.state()["campaigns"][0]["over"]
+    assert list(store.runs.iterdir()) == [] and store.state().campaigns[0].over
 
 
 def test_a_run_that_never_began_is_played_after_a_power_cut(tmp_path: Path) -> None:
     store, campaign = Store(tmp_path), made_campaign(1)
     store.prepare()
     store.accept(campaign.text.encode(), campaign.id)
-    os.close(store.begin(campaign.log_name(campaign.runs[0])))
+    os.close(store.begin(campaign.log_name(campaign.runs[0]), 1000))
     Player(store, Simulated(MODEL, 1e9), 1e9, lambda: store.next_run(campaign) is not None).play()
     assert logs_in(store.runs) == expected_logs(campaign)
 
@@ -139,9 +141,9 @@ def test_a_stop_comes_before_the_campaign(tmp_path: Path) -> None:
     first, second = made_campaign(2, seconds=100.0), made_campaign(3)
     with vehicle_at(tmp_path / "vehicle", speed=50.0) as vehicle:
         put(vehicle.port, first)
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02)
+        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02)
         state = collector.collect(second, stop=True)
-    assert [one["why_stopped"] for one in state["campaigns"]] == ["asked to stop", None]
+    assert [one.why_stopped for one in state.campaigns] == ["asked to stop", None]
     assert set(expected_logs(second)) <= set(logs_in(tmp_path / "pool"))
 
 
@@ -161,7 +163,7 @@ def test_ranges_and_names(tmp_path: Path) -> None:
     campaign = made_campaign(1)
     with vehicle_at(tmp_path) as vehicle:
         put(vehicle.port, campaign)
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02)
+        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02)
         collector.collect(campaign, stop=False)
         ((name, whole),) = expected_logs(campaign).items()
         place = f"/runs/{name.replace('+', '%2B')}"
@@ -179,7 +181,7 @@ def test_ranges_and_names(tmp_path: Path) -> None:
 def test_a_log_that_is_not_what_it_was_closed_as_is_refused(tmp_path: Path) -> None:
     campaign = made_campaign(1)
     with vehicle_at(tmp_path / "vehicle") as vehicle:
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02)
+        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02)
         collector.collect(campaign, stop=False)
         (log,) = vehicle.store.runs.glob("*.csv")
         log.write_bytes(log.read_bytes().replace(b"0.5", b"0.6", 1)[:-1] + b"9")

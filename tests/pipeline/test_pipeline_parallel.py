@@ -28,13 +28,19 @@ def refuse_from_three(x: int) -> int:
 def die(x: int) -> int:
     """Ends the process that works on it, but for the one that runs the tests."""
     if multiprocessing.parent_process() is None:
-        time.sleep(0.1)
+        until = time.monotonic() + 60  # the other has its item by then, and is gone
+        while any(child.is_alive() for child in multiprocessing.active_children()) and time.monotonic() < until:
+            time.sleep(0.01)
         return x
     os._exit(1)
 
 
-def own_process(x: int) -> int:
-    time.sleep(0.01)  # none takes all of them before the others are awake
+def own_process(x: int, folder: Path, processes: int) -> int:
+    """The process that works on it: none goes on before all have begun."""
+    (folder / str(os.getpid())).touch()
+    until = time.monotonic() + 60
+    while len(list(folder.iterdir())) < processes and time.monotonic() < until:
+        time.sleep(0.01)
     return os.getpid()
 
 
@@ -75,11 +81,12 @@ def test_no_jobs_is_refused(jobs: int) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_rounds_of_work_share_their_processes(jobs: int) -> None:
+def test_rounds_of_work_share_their_processes(jobs: int, tmp_path: Path) -> None:
+    own = partial(own_process, folder=tmp_path, processes=jobs)
     with lasting_map(jobs) as each:
         assert each(square, range(23), "squares") == [x * x for x in range(23)]
         assert each(square, [], "nothing") == []
-        at_work = {one for _ in range(3) for one in each(own_process, range(8), "processes")}
+        at_work = {one for _ in range(3) for one in each(own, range(8), "processes")}
     assert len(at_work) == jobs and os.getpid() in at_work
     assert not any(child.is_alive() for child in multiprocessing.active_children())
 
@@ -124,7 +131,7 @@ def test_interrupt_and_kill_end_every_process_soon(tmp_path: Path, how: int, wai
         os.killpg(parent.pid, how)
     else:
         parent.kill()
-    _, said = parent.communicate(timeout=60)  # returns when the last process that holds the pipes has gone
+    _, said = parent.communicate(timeout=600)  # returns when the last process that holds the pipes has gone
     if how == signal.SIGINT:  # by the signal itself where it struck during an import; see `interrupts.end`
         assert parent.returncode in (130, -signal.SIGINT)
         assert said == b""
@@ -145,7 +152,7 @@ def test_a_stream_is_never_far_ahead_of_who_takes_it(jobs: int, tmp_path: Path) 
     stream.close()
     assert taken == list(range(40))
     assert begun <= 40 + (AHEAD + 1) * jobs * LARGEST_CHUNK
-    until = time.monotonic() + 60
+    until = time.monotonic() + 600
     while multiprocessing.active_children() and time.monotonic() < until:
         time.sleep(0.05)
     assert not multiprocessing.active_children()

@@ -1,20 +1,25 @@
 """What runs would tell: against a dense covariance by closed form, an actual fit, mirrored runs, and one run more."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from identified import identify
+from made_sequences import model_file
 from numpy.typing import NDArray
 from specified import make_runs
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Candidate, candidates, mirrors
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import ANGLE, excursions, information, names_of, predicted, reported_covariance
 from automarine_cli.planning.limits import Limits
+from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.simulation.run_groups import SequenceRuns
 from automarine_cli.simulation.settings import Logger, Scatter, Schedule
 from automarine_cli.simulation.specification import Specification
@@ -134,3 +139,38 @@ def reported(runs: Sequence[Candidate], fit: str, seed: int) -> list[float]:
     angle = found.inertial_turn_angle
     assert angle is not None
     return [(one.stderr / one.value) ** 2 for one in (found.estimates["I_r"], found.estimates["k_rr"], angle)]
+
+
+STEPS = tuple(Candidate("step", f"{side * level}", ((side * level, 9.0),)) for level in (0.6, 1.0) for side in (1, -1))
+LINEAR = Fitting(YawModel.base("1", 1.3, [0.9], "nu", YAW), "whole-runs", np.deg2rad(0.3), SCATTER)
+QUIET = {"yaw.disturbance": 1e-5, "yaw.disturbance-time": 2.0, "yaw.thrust-noise": 1e-3, "gain-scatter": SCATTER}
+
+
+def spread_of(fitting: Fitting) -> Floats:
+    """Standard errors of ln I and ln k_r of the four steps."""
+    return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(information(fitting, STEPS).sum(axis=0)))))[:2]
+
+
+def test_without_disturbance_innovations_tell_what_whole_runs_do() -> None:
+    filtered = spread_of(replace(LINEAR, random=QUIET))
+    assert filtered == pytest.approx(spread_of(LINEAR), rel=0.1)
+
+
+def test_unsteady_thrust_widens_the_intervals_to_what_it_leaves_of_them() -> None:
+    thrust = 0.3
+    found = spread_of(replace(LINEAR, random={**QUIET, "yaw.thrust-noise": thrust}))
+    # the mean of the thrust over all runs, which is all that tells the drag, is off by its noise and the gains'
+    assert found[1] == pytest.approx(np.hypot(thrust / np.sqrt(4 * 9.0), SCATTER / 2.0), rel=0.3)
+    assert np.all(found > 2.5 * spread_of(LINEAR))
+    pushed = spread_of(replace(LINEAR, random={**QUIET, "yaw.disturbance": 0.1}))
+    assert np.all(pushed > 1.5 * spread_of(LINEAR))
+
+
+def test_what_is_random_is_read_from_the_file_of_a_driven_fit(tmp_path: Path) -> None:
+    def estimate(value: float, unit: str) -> dict[str, object]:
+        return {"value": value, "stderr": 0.1 * value, "ci95": [0.8 * value, 1.2 * value], "unit": unit}
+
+    random = {"yaw.disturbance": estimate(0.033, "rad/s²"), "yaw.thrust-noise": estimate(0.9, "s^1/2")}
+    known = read_prior_results(model_file(tmp_path / "model.json", random=random), None)
+    fitting = fitting_of(known, Limits())
+    assert fitting.random == {"yaw.disturbance": 0.033, "yaw.thrust-noise": 0.9}

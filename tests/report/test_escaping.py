@@ -109,7 +109,8 @@ def test_latex_shows_the_names_and_obeys_none(folders: dict[str, Path]) -> None:
     ours = {
         "begin", "end", "centering", "caption", "toprule", "midrule", "bottomrule", "par", "smallskip", "footnotesize",
         "textbackslash", "textasciicircum", "textasciitilde", "textless", "textgreater", "textbar", "textquotedbl",
-        "times", "pm", "cdot", "circ", "tau", "psi", "mathrm", "left", "right", "textbf", "leq", "geq", "approx",
+        "label", "times", "pm", "cdot", "circ", "tau", "psi", "mathrm", "left", "right", "textbf", "leq", "geq",
+        "approx",
     }  # fmt: skip
     for page in pages:
         text = page.read_text(encoding="utf-8")

@@ -20,6 +20,9 @@ from automarine_cli.report.campaign_steps import read_steps
 from automarine_cli.report.campaign_summary import summary
 from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.html.page import figure
+from automarine_cli.report.outcomes import of_final, of_model
+from automarine_cli.results.judged import DiagnosisFile
+from automarine_cli.results.models import ModelFile
 from automarine_cli.workflows.campaign_steps import FOLDERS
 from automarine_cli.workflows.report import report, report_files
 
@@ -193,7 +196,8 @@ def test_command_writes_beside_the_steps(folder: Path, tmp_path: Path, run: Call
     [
         (
             "named",
-            "The model lacks <strong>dead-band</strong>: with it the gap falls from 3.00 to 1.00 degrees (from 4.00",
+            "The model lacks <strong>dead-band</strong>: with it the gap on what was held out falls from 4.00 to 1.00 "
+            "degrees (from 3.00 to 1.00 on what was fitted)",
         ),
         ("nothing-missing", "Nothing is missing that these runs could show: the gap is 3.00 degrees, the noise 0.90."),
         ("unexplained", "Something is missing that no effect of the library explains: the gap is 1.00 degrees"),
@@ -209,6 +213,77 @@ def test_the_third_sentence_is_the_verdict(tmp_path: Path, verdict: str, says: s
     (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(content))
     (paragraph,) = summary(read_steps(tmp_path, FOLDERS))
     assert says in to_html(paragraph, lambda place, said: "").html
+
+
+def _written(folder: Path, name: str, content: dict[str, object]) -> None:
+    (folder / name).parent.mkdir()
+    (folder / name).write_text(json.dumps({"runs": {"used": 9, "set_aside": []}} | content))
+
+
+def _estimate(value: float, half: float) -> dict[str, object]:
+    return {"value": value, "stderr": half / 2, "ci95": [value - half, value + half], "unit": "nu s²"}
+
+
+def _model(**more: object) -> dict[str, object]:
+    entry = {"k_rr": _estimate(1.165, 0.02), "I_r": _estimate(1.059, 0.03)}
+    return {"schema": "automarine/yaw-model/1", "models": {"3": entry}, "preferred": "3", **more}
+
+
+def _named(folder: Path) -> None:
+    """A fit, its validation, and a diagnosis that named what was missing."""
+    gap = {"before_deg": 3.0, "after_deg": 1.0, "noise_floor_deg": 0.9}
+    base = {
+        key: {"before": _estimate(one, 0.02), "after": _estimate(two, 0.02)}
+        for key, one, two in (("k_rr", 1.07, 1.247), ("I_r", 1.28, 1.017))
+    }
+    _written(folder, "yaw/yaw_model.json", _model())
+    _written(folder, "validation/validation.json", {
+        "schema": "automarine/validation/1", "models": {"3": {"heading_rmse_deg": 42.0}}, "best": "3",
+    })  # fmt: skip
+    _written(folder, "diagnosis/diagnosis.json", {
+        "schema": "automarine/diagnosis/1", "verdict": "named", "effects": [{"name": "water-swirl"}], "base": base,
+        "gap": {"fitted_runs": gap},
+    })  # fmt: skip
+
+
+def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
+    _named(tmp_path)
+    text = report_files(tmp_path)["report.md"]
+    first, *_ = text.splitlines()[2:]
+    assert re.findall(r"\*\*(\S+ = \S+)", first) == ["k_r|r| = 1.247", "I_r = 1.017"]
+    assert "(without, the fit to 9 runs gives 1.165 and 1.059)" in first
+    assert "Without water-swirl, driven by" in first and "**42" not in first
+    assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
+    model, found = (read_steps(tmp_path, FOLDERS).found[name].file for name in ("yaw", "diagnosis"))
+    assert isinstance(model, ModelFile) and isinstance(found, DiagnosisFile)
+    assert of_final(model, found) == ("model 3 with water-swirl: k_r|r| 1.247, I_r 1.017 (without: 1.165, 1.059)")
+
+
+def test_what_must_not_be_used_stands_first(tmp_path: Path) -> None:
+    says = "This model is not usable: it predicts less than nothing; `automarine diagnose` looks for what it lacks."
+    _written(tmp_path, "yaw/yaw_model.json", _model(prediction={"of_use": False, "says": says}, warnings=[says]))
+    text = report_files(tmp_path)
+    assert text["report.md"].splitlines()[2].startswith("**This model is not usable: ")
+    assert "`" not in Elements(text["report.html"]).text and "<code>automarine diagnose</code>" in text["report.html"]
+    model = read_steps(tmp_path, FOLDERS).found["yaw"].file
+    assert isinstance(model, ModelFile) and of_model(model).startswith("not usable: model 3: k_r|r| 1.165")
+
+
+def test_a_number_that_the_runs_leave_open_is_not_bold(tmp_path: Path) -> None:
+    entry = {"k_r": _estimate(289.0, 339.0), "I_r": _estimate(7.0, 1.0)}
+    _written(tmp_path, "yaw/yaw_model.json", _model(models={"1": entry}, preferred="1"))
+    (first,) = summary(read_steps(tmp_path, FOLDERS))
+    assert "with k_r = 289 " in first and "**I_r = 7.00 " in first and "these runs do not determine k_r." in first
+
+
+def test_what_to_run_next_asks_nothing_for_a_model_that_was_not_chosen(tmp_path: Path) -> None:
+    warnings = [
+        "Model 1 had not converged; do not use it, or add runs.",
+        "Model 3: the runs are short; add longer ones.",
+    ]
+    _written(tmp_path, "yaw/yaw_model.json", _model(warnings=warnings))
+    after = report_files(tmp_path)["report.md"].partition("## What to run next")[2]
+    assert "Model 3: the runs are short" in after and "not converged" not in after
 
 
 def test_markdown_is_text_whatever_it_holds() -> None:

@@ -59,6 +59,7 @@ def test_latex_is_booktabs_and_escaped() -> None:
         r"\begin{table}",
         r"\centering",
         r"\caption{Table\_1: 50 \% \& more}",
+        r"\label{tab:table-1-50-more}",
         r"\begin{tabular}{lrl}",
         r"\toprule",
         r"run & $k_{r|r|}$ & why \\",
@@ -74,6 +75,20 @@ def test_latex_is_booktabs_and_escaped() -> None:
         r"\par\smallskip\footnotesize r$^2$ in rad/s $\pm$ 5 \%",
         r"\end{table}",
     ]
+
+
+def test_latex_numbers_its_tables_itself_and_keeps_symbols() -> None:
+    symbol = Math("k_r|r|", r"k_{r|r|}", ", 95 %")
+    table = Table("Table 1. Identified yaw models: drag [nu]", ("", "1"), ((symbol, "1.2"),))
+    lines = table.to_latex().splitlines()
+    assert lines[2:4] == [r"\caption{Identified yaw models: drag [nu]}", r"\label{tab:identified-yaw-models-drag}"]
+    assert r"$k_{r|r|}$, 95 \% & 1.2 \\" in lines
+    assert "k_r\\|r\\|, 95 %" in table.to_markdown() and "k_r|r|, 95 %" in table.to_text()
+
+
+def test_commands_that_our_sentences_name_stay_code() -> None:
+    said = Table("", ("a",), (("1",),), notes=("look with `automarine diagnose` at `x`",)).to_markdown()
+    assert "look with `automarine diagnose` at \\`x\\`" in said
 
 
 def test_text_stands_in_columns() -> None:

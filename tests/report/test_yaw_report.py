@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -172,10 +173,27 @@ def test_whole_runs_are_drawn_with_their_fit(whole: YawFit) -> None:
     figure = figures.whole_runs_figure(whole)
     is_complete(figure)
     shown = [ax for ax in figure.axes if ax.axison]
-    assert [ax.get_title() for ax in shown] == ["moving_0", "moving_1"]
+    titles = [ax.get_title() for ax in shown]
+    assert {title.partition(":")[0] for title in titles} == {"moving_0", "moving_1"}
+    sizes = []
     for ax in shown:
-        measured, fitted = (np.asarray(line.get_ydata(), float) for line in ax.lines)
-        assert np.sqrt(np.mean((measured - fitted) ** 2)) < 1.0
+        fitted, free = (np.sqrt(np.mean(np.asarray(line.get_ydata(), float) ** 2)) for line in ax.lines)
+        assert fitted < 1.0 and fitted <= free * 1.01
+        assert ax.get_title().endswith(f"{free:.3g} deg rms")
+        sizes.append(free)
+    assert sizes == sorted(sizes, reverse=True)
+    assert figure.get_suptitle() == "What is left of all 2 runs, the worst first"
+
+
+def test_whole_runs_that_only_their_own_thrust_saves_stand_first_and_look_wrong(whole: YawFit) -> None:
+    """A run with thrust of its own is followed well and predicted badly: the figure shows both."""
+    late = whole.runs[1]
+    run = replace(late, moment=1.3 * late.command, position=late.position.copy())
+    figure = figures.whole_runs_figure(replace(whole, runs=(whole.runs[0], run)))
+    first = next(ax for ax in figure.axes if ax.axison)
+    assert first.get_title().startswith(run.name)
+    fitted, free = (np.sqrt(np.mean(np.asarray(line.get_ydata(), float) ** 2)) for line in first.lines)
+    assert free > 5.0 * fitted
 
 
 def test_figures_of_turns_to_one_side_are_whole_too() -> None:

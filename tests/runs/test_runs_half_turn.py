@@ -119,7 +119,8 @@ def test_reasons(way: int) -> None:
     )
     assert seen(replace(run, position=-run.position)) == (
         "units look wrong: the step turned the vehicle 110 degrees against it. If the heading counts "
-        "counter-clockwise, map it with sign = -1 in the --columns file"
+        "counter-clockwise, map it with sign = -1 in the --columns file or the campaign: under [columns] "
+        'heading_deg = { from = "NAME", sign = -1 }'
     )
     assert seen(step_run(0.5, rest=0.0, rate0=0.4, noise_deg=0.0)).startswith("not from rest: the step begins at ")
     assert seen(step_run(0.5, length=0.6)) == (

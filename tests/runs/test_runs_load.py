@@ -171,6 +171,25 @@ def test_set_aside_with_this_sentence(
     assert found == sentence if not sentence.endswith(" ") else found.startswith(sentence)
 
 
+def test_what_one_log_proves_of_a_column_holds_for_those_that_look_alike(tmp_path: Path) -> None:
+    """Two logs in degrees under a radian name: one wraps and proves it, the other only spans too much."""
+    for name, moment, wraps in (("a", 0.1, True), ("b", -0.1, False), ("c", 0.12, False)):
+        file = written(step_run(moment), tmp_path / f"{name}.csv")
+        table = pd.read_csv(file)
+        heading = np.degrees(np.unwrap(np.radians(table.pop("heading_deg"))))
+        heading -= heading.iloc[0] if hasattr(heading, "iloc") else heading[0]
+        table["heading_rad"] = (heading + 300.0) % 360.0 if wraps else heading
+        table.to_csv(file, index=False)
+    with pytest.raises(RunError, match=r"wraps at 360 where it should at 2 pi .* of 2 other logs looks so too"):
+        load_runs([tmp_path], dof=YAW)
+    table = pd.read_csv(tmp_path / "c.csv")
+    for name in ("b", "c"):  # in radians: what a says is true of a alone
+        other = pd.read_csv(tmp_path / f"{name}.csv")
+        other["heading_rad"] = np.radians(other["heading_rad"]) % (2 * np.pi)
+        other.to_csv(tmp_path / f"{name}.csv", index=False)
+    assert [one.run for one in load_runs([tmp_path], dof=YAW).set_aside] == ["a"]
+
+
 def test_named_and_unreadable_is_refused_but_a_run_that_does_not_serve_is_set_aside(tmp_path: Path) -> None:
     good = written(step_run(0.5), tmp_path / "good.csv")
     table = pd.read_csv(good)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from automarine_cli.cli import fit_thrusters as fit_thrusters_command
 from automarine_cli.cli.options import OneOf
+from automarine_cli.report import thruster_tables
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.thrusters.forms import FORMS
@@ -40,6 +41,65 @@ def log(tmp_path: Path) -> Path:
     noise = 0.05 * np.random.default_rng(0).standard_normal(len(LEVELS))
     noise[LEVELS == 0] = 0.0
     return write(tmp_path / "bollard.csv", "n,force_N", LEVELS, two_thrusters(LEVELS) + noise)
+
+
+def test_how_many_pulled_is_told_where_nobody_said_it(run: Run, log: Path, tmp_path: Path) -> None:
+    alone = run("fit-thrusters", log)
+    assert "One thruster is taken to have pulled in each test" in " ".join(alone.stdout.split())
+    columns = tmp_path / "map.toml"
+    columns.write_text("[defaults]\nthrusters_per_test = 2\n")
+    for said in (("--thrusters-per-test", 1), ("--columns", columns)):
+        assert "is taken to have pulled" not in run("fit-thrusters", log, *said).stdout
+
+
+def supplies(path: Path, header: str) -> Path:
+    """A test at five voltages: at one command thrust goes with the square of the voltage."""
+    volts, n = np.meshgrid([10.0, 12.0, 14.0, 16.0, 20.0], np.arange(-100.0, 101.0, 10.0))
+    force = 0.004 * n * np.abs(n) * (volts / 16.0) ** 2
+    return write(path, header, n.ravel(), force.ravel(), volts.ravel())
+
+
+def test_one_command_with_many_thrusts_asks_for_the_supply(run: Run, tmp_path: Path) -> None:
+    log = supplies(tmp_path / "volts.csv", "n,force_N,nominal_supply_volts")
+    found = run("fit-thrusters", log)
+    assert found.exit_code == 1 and len(found.stderr.splitlines()) == 1
+    assert "the same command 100 gave 15.6 to 62.5 N" in found.stderr or "the same command -100 gave" in found.stderr
+    assert "does nominal_supply_volts (10 to 20) hold the supply?" in found.stderr
+    columns = tmp_path / "map.toml"
+    columns.write_text('[columns]\nvoltage_V = "nominal_supply_volts"\n')
+    assert "A map for each voltage" in run("fit-thrusters", log, "--columns", columns).stdout
+
+
+def test_what_changed_for_another_reason_throws_no_point_out(tmp_path: Path) -> None:
+    fit = fit_thrusters([supplies(tmp_path / "other.csv", "n,force_N,seen_by")], thrusters_per_test=1)
+    assert set(fit.points.flag) == {""}
+    assert any("something else changed between tests, and the map is a mean" in note for note in fit.notes)
+
+
+def test_the_error_over_all_points_stands_beside_that_by_weight(tmp_path: Path) -> None:
+    force = two_thrusters(LEVELS)
+    force[-3] = 0.0  # the load cell dropped out
+    fit = fit_thrusters([write(tmp_path / "out.csv", "n,force_N", LEVELS, force)], thrusters_per_test=1)
+    data = fit.to_json()
+    off = fit.points.force - fit.analysis.fitted(fit.points.n, square=True)
+    assert data["rmse_all_points_N"] == pytest.approx(np.sqrt(np.mean(off**2)))
+    assert data["rmse_all_points_N"] > 3 * data["rmse_N"]  # type: ignore[operator]
+    assert "Over all points alike the rmse is" in repr(thruster_tables.tables(fit)[0].notes)
+
+
+def test_an_offset_of_the_load_cell_is_offered_as_such(run: Run, tmp_path: Path) -> None:
+    """Volts that fall with thrust either way, 0.0175 at rest, as a scale with the other sign makes newtons of them."""
+    volts = 0.0175 - two_thrusters(LEVELS) / 5209.0
+    log = write(tmp_path / "cell.csv", "n,v_load_V", LEVELS, volts)
+    columns = tmp_path / "map.toml"
+    columns.write_text('[columns]\nforce_N = { from = "v_load_V", scale = -5209 }\n')
+    found = run("fit-thrusters", log, "--columns", columns)
+    assert found.exit_code == 0 or "the force at command 0 is -91.2 N" in found.stderr
+    shifted = write(tmp_path / "cell.csv", "n,v_load_V", LEVELS, 0.0175 - np.abs(two_thrusters(LEVELS)) / 5209.0)
+    found = run("fit-thrusters", shifted, "--columns", columns)
+    assert found.exit_code == 1
+    assert "the force at command 0 is -91.16 N, which looks like the offset of the load cell" in found.stderr
+    assert "Write subtract = 0.0175 in the line of the force" in found.stderr
 
 
 def test_equation_three_from_end_to_end(run: Run, log: Path, tmp_path: Path) -> None:
@@ -206,10 +266,11 @@ def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path, tmp_path:
     analysis = fit.analysis
     own, law = (number(analysis.percent(one.rmse), 3) for one in (analysis.chosen, analysis.law))
     assert analysis.chosen.form.name == "dead-band-power" and float(own) < 1.0 < 5.0 < float(law)
-    lines = repr(fit).splitlines()
+    lines = [line for line in repr(fit).splitlines() if "pulled" not in line and "--thrusters" not in line]
     assert analysis.chosen.form.equation in lines[0] and "a |n| n" not in lines[0]
     assert f"rmse {own} % of full scale" in lines[-2]
     assert lines[-1].startswith("  The square law:") and f"rmse {law} %" in lines[-1]
+    assert "One thruster is taken to have pulled in each test" in repr(fit)
     text = (out / "thrusters.md").read_text(encoding="utf-8")
     assert text.index("Chosen form dead-band-power") < text.index("Square law F") and f"= {own} % of" in text
     assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in fit_thrusters.kept.outcome(out)

@@ -301,6 +301,34 @@ def test_a_run_of_which_every_step_is_refused_names_no_report(tmp_path: Path, ru
     assert said.stdout.rstrip().endswith("run.json")
 
 
+def test_navigation_beside_wrenches_is_one_log(tmp_path: Path) -> None:
+    """The wrench files have no word for yaw or command but their names, and no heading: alone they are no runs."""
+    for run in campaign(MOMENTS, noise_deg=0.3):
+        heading = np.radians(np.degrees(run.position) % 360.0)
+        table(tmp_path / f"{run.name}_nav.csv", {"time_s": run.time, "heading_rad": np.round(heading, 4)})
+        other = {"force_x": 0.0 * run.command, "force_y": 0.0 * run.command, "torque_z": run.command}
+        table(tmp_path / f"{run.name}_wrench.csv", {"time_s": run.time} | other)
+    init(tmp_path)
+    data = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
+    (join,) = data["logs"]["join"]
+    assert (join["logs"], join["with"]) == ("*_nav.csv", "*_wrench.csv")
+    assert "wrench" not in str({kind: data["logs"][kind] for kind in ("thrusters", "steps", "manoeuvres")})
+    text = (tmp_path / "campaign.toml").read_text(encoding="utf-8")
+    assert 'tau = "?"' in text and "torque_z" in text
+
+
+def test_a_file_without_a_heading_is_no_step_run(tmp_path: Path) -> None:
+    for run in campaign(MOMENTS[:2], noise_deg=0.3):
+        table(
+            tmp_path / f"{run.name}.csv",
+            {"time_s": run.time, "heading_deg": np.degrees(run.position), "tau": run.command},
+        )
+    table(tmp_path / "engine.csv", {"time_s": run.time, "tau": run.command, "oil_bar": 0.0 * run.time})
+    started = init(tmp_path)
+    assert not any("engine" in file.name for files in started.look.placed.values() for file in files)
+    assert any("engine" in one.file for one in started.look.set_aside)
+
+
 def test_answers_on_a_terminal(tmp_path: Path) -> None:
     """Each question is put with its evidence; Enter leaves it open."""
     mixed(tmp_path)
@@ -322,7 +350,7 @@ def test_answers_on_a_terminal(tmp_path: Path) -> None:
             break
         said += piece
     os.close(here)
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=600) == 0
     assert b"metres from the centre line to each thruster" in said and b"arm_m (Enter: later)" in said
     data = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
     assert data["vehicle"]["arm_m"] == 0.2

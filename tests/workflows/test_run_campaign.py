@@ -176,7 +176,26 @@ def test_a_refused_step_is_told_and_the_others_go_on(place: Path, run: Callable[
     assert "refused" in steps["fit-yaw"] and "folder" in steps["fit-thrusters"]
     assert steps["validate"]["skipped"] == "it needs the yaw model, and fit-yaw gave none"
     assert not (place / "out" / "yaw").exists()  # a former result would be of other logs
+    page = (place / "out" / "report.md").read_text(encoding="utf-8")
+    refused, *_ = page.splitlines()[2:]
+    assert refused.startswith("**fit-yaw was refused:** ") and "no motion" in refused
+    assert "no diagnosis: it needs the yaw model, and fit-yaw gave none." in page.lower()
+    assert "not run" not in page and "every run was used" not in page
+    assert run("report", place / "out", "--overwrite").exit_code == 0
+    assert refused in (place / "out" / "report.md").read_text(encoding="utf-8").splitlines()
     assert (place / "out" / "report.html").exists()
+
+
+def test_too_few_runs_for_a_diagnosis_are_no_refusal(place: Path, run: Callable[..., Result]) -> None:
+    """Nothing can be corrected: the step is skipped, the report says why, and the exit status is 0."""
+    for log in sorted((place / "pool" / "steps").glob("tau_*"))[3:]:
+        log.unlink()
+    edit(place, 'manoeuvres = ["driving/*.csv"]\n', "")
+    found = run("run", place / "pool" / "campaign.toml", "-o", place / "out")
+    assert found.exit_code == 0, found.stderr
+    steps = {one["step"]: one for one in json.loads((place / "out" / "run.json").read_text(encoding="utf-8"))["steps"]}
+    assert "too few to tell a missing effect from chance" in steps["diagnose"]["skipped"]
+    assert "No diagnosis: " in (place / "out" / "report.md").read_text(encoding="utf-8")
 
 
 def test_moments_of_the_thrusters(place: Path) -> None:
@@ -244,11 +263,13 @@ def test_run_is_made_again_from_its_manifest(
     assert "have the bytes recorded" in found.stdout
 
 
-def test_without_out_nothing_is_kept(place: Path, run: Callable[..., Result]) -> None:
+def test_without_out_results_stand_beside_the_campaign(place: Path, run: Callable[..., Result]) -> None:
     found = run("run", place / "pool" / "campaign.toml", "--until", "check")
     assert found.exit_code == 0
-    assert "No files were written" in found.stdout
-    assert found.stderr.splitlines()[:1] == []  # no bar and no news in a pipe
+    assert f"Results are in {place / 'pool' / 'results'}: check/" in found.stdout
+    assert (place / "pool" / "results" / "check" / "check.json").is_file()
+    kept = run_campaign(place / "pool" / "campaign.toml", until="check")
+    assert fates(kept) == {"check": "kept"}
 
 
 def test_wrong_usage(place: Path, run: Callable[..., Result]) -> None:

@@ -6,9 +6,10 @@ command: a log without a line is one of a run that never began.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from typing import Protocol
 
+from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 
 Halted = Callable[[], bool]
@@ -20,11 +21,21 @@ class Vehicle(Protocol):
     def refuse(self, campaign: LinkCampaign) -> None:
         """Raise SettingError for a campaign that it cannot drive."""
 
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log, header first; ends early when `halted`, after neutral.
 
         Raises AutomarineError where the vehicle cannot be driven (any further): the campaign is then stopped.
         """
+
+
+def refuse_beyond(campaign: LinkCampaign, full: float) -> None:
+    """Raise SettingError for a campaign with a moment that is larger than the vehicle's whole output, `full`."""
+    for run in campaign.runs:
+        if not (asked := max(abs(moment) for moment, _ in run.commands)) <= full * (1.0 + 1e-9):
+            raise SettingError(
+                f"run {run.name} asks for a moment of {asked:g} {campaign.moment_unit}, and the whole output gives "
+                f"{full:g}; plan with moments.largest = {full:g} in the limits, or correct --full"
+            )
 
 
 class Pace:

@@ -6,7 +6,7 @@ which signal is which column of ours.
 
 import contextlib
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from automarine_cli.logs.vehicles import needed
 from automarine_cli.planning.vehicle import CommandTable, Drive, command_table
 
 LISTEN_S = 0.5
-"""So long a run listens before it sends."""
+"""So long a run listens before it sends, to a compass that speaks; to one that does not, `SILENT_S`."""
 SILENT_S = 2.0
 """A compass that has not been heard of for so long is gone."""
 NEUTRALS = 3
@@ -96,14 +96,14 @@ class CanBus:
         table, messages = self._table(campaign, run), self.messages
         return [_step(messages, table, at, table.held(values), run.name) for at, values in table.rows]
 
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log, one for each heading that is received, with the commands in force."""
         run, begins = campaign.runs[number], campaign.begins(number)
         steps = self.steps(campaign, run)
         commands, ends = self._table(campaign, run).names, steps[-1].at
         with self._opened() as bus:
             ear = _Ear(self, bus, {frame.arbitration_id for step in steps for frame in step.frames})
-            ear.listen(LISTEN_S / self.speed)
+            ear.listen(LISTEN_S / self.speed, SILENT_S / self.speed)
             if halted():
                 return
             yield f"# Driven over CAN, {campaign.log_name(run)}; commands as sent.\n"
@@ -214,10 +214,11 @@ class _Ear:
         """The last values, as a log shows them; empty before a heading came."""
         return ",".join(self._values.values()) if any(self._values[name] for name in self._headings) else ""
 
-    def listen(self, seconds: float) -> None:
-        """Hear what there is. Raises SettingError for a second sender and where no compass speaks."""
-        ends = time.monotonic() + seconds
-        while (left := ends - time.monotonic()) > 0:
+    def listen(self, seconds: float, patience: float) -> None:
+        """Hear what there is for `seconds`, and for a first heading longer. Raises SettingError for a second sender and
+        where no compass speaks."""
+        begun = time.monotonic()
+        while (left := begun + (seconds if self.last else max(seconds, patience)) - time.monotonic()) > 0:
             self.heard(left)
         if not self.last:
             raise SettingError("no heading came from the bus; look at the compass, the bit rate and the column map")

@@ -1,7 +1,7 @@
 """Recorded runs, played once more."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ class Replay:
         for run in campaign.runs:
             self._lines(run)
 
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of the recorded log."""
         head, column, lines = self._lines(campaign.runs[number])
         if halted():

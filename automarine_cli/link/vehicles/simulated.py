@@ -1,6 +1,6 @@
 """A simulated vehicle with the dynamics of a model file."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +10,11 @@ from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
-from automarine_cli.link.vehicles.base import Halted, Pace
-from automarine_cli.models.store import load_yaw_models
+from automarine_cli.link.vehicles.base import Halted, Pace, refuse_beyond
+from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.words import listed
+from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.planning.fitting import Logger
 from automarine_cli.planning.vehicle import MOMENT_COLUMNS
 from automarine_cli.quantities import Floats
@@ -40,17 +41,30 @@ class Simulated:
 
     model: YawModel
     speed: float = 1.0
+    full: float = 1.0
 
     @classmethod
-    def of(cls, path: Path, speed: float) -> "Simulated":
-        """The preferred model of a file. Raises ModelError."""
-        stored = load_yaw_models(path)
+    def of(cls, path: Path, speed: float, full: float | None = None) -> "Simulated":
+        """The preferred model of a file; it takes moments up to `full` in its unit, or where that is None up to what
+        the model was fitted to, and 1 nu.
+
+        Raises ModelError, and SettingError where nothing says how large moments may be.
+        """
+        file, stored = file_and_models(read_plain(path, "JSON", ModelError), printable(path.name))
         if stored.dof is not YAW:
             raise ModelError(f"{stored.source} is a model of {stored.dof.name}; give a yaw model to the vehicle")
-        return cls(stored.models[stored.preferred], speed)
+        if full is None:
+            fitted = (file.valid_range and file.valid_range.force) or ()
+            full = max((abs(end) for end in (*fitted, *((1.0,) if stored.moment_unit == "nu" else ()))), default=None)
+        if full is None:
+            raise SettingError(
+                f"{stored.source} does not say how large moments in {stored.moment_unit} may be; give --full"
+            )
+        return cls(stored.models[stored.preferred], speed, full)
 
     def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign in moments of another unit, and for a model of more than moments."""
+        """Raise SettingError for a campaign in moments of another unit or too large ones, and for a model of more than
+        moments."""
         if needed := needed_signals(self.model):
             raise SettingError(
                 f"the vehicle's model needs {listed(needed)}, which a simulated vehicle does not log; choose a model "
@@ -61,6 +75,7 @@ class Simulated:
                 f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in "
                 f"{self.model.moment_unit}; make the plan from the vehicle's model"
             )
+        refuse_beyond(campaign, self.full)
 
     def track(self, campaign: LinkCampaign, run: PlannedRun) -> Track:
         """How the vehicle would turn, without noise."""
@@ -73,7 +88,7 @@ class Simulated:
         found = simulate(self.model, make_batch([on_paper], step), start=start)
         return Track(on_paper.time, found.position[0, 0], moment)
 
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log: time on the campaign's clock, heading and the moment as commanded."""
         run, begins = campaign.runs[number], campaign.begins(number)
         name = campaign.log_name(run)

@@ -116,7 +116,7 @@ def _key(
     axes.axhline(0.0, color="0.3", linewidth=0.6)
     have = np.isfinite(key.moment)
     there, back = dof.words.to_ways
-    for side, marker, colour, name in ((1, ">", COLOURS["orange"], there), (-1, "<", COLOURS["green"], back)):
+    for side, marker, colour, name in ((1, ">", COLOURS["green"], there), (-1, "<", COLOURS["vermilion"], back)):
         here = have & (np.sign(key.moment) == side)
         axes.errorbar(
             np.abs(key.moment[here]), 100 * log[here], 200 * error[here], fmt=marker, color=colour, markersize=3.5,

@@ -38,9 +38,10 @@ def driven_runs_figure(fit: YawFit, use: Use) -> Figure:
         axes[-1, column].set_xlabel("Time in the run [s]")
     handles = [*zip(*axes[0, 0].get_legend_handles_labels()), *zip(*axes[1, 0].get_legend_handles_labels())]
     figure.legend([one for one, _ in handles], [name for _, name in handles], loc="outside lower center", ncols=3)
+    some = "" if shown == len(fit.runs) else f"The first {shown} of {len(fit.runs)} runs. "
     figure.suptitle(
-        f"Model {fit.preference.number}: predictions start from filtered states, which know the readings until then;\n"
-        f"the disturbance is what the filter makes of the runs, no measurement",
+        f"{some}Model {fit.preference.number}: predictions start from filtered states, which know the readings until "
+        "then;\nthe disturbance is what the filter makes of the runs, no measurement",
         fontsize=7.5,
     )
     return figure

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.fits.mixed_problem import MixedFit
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import StepData
@@ -30,6 +31,7 @@ from automarine_cli.report.figures.style import (
 from automarine_cli.runs.half_turn import HalfTurn
 
 MOMENT_MAP = "cividis"
+MOST_PANELS = 24  # whole runs that are drawn
 MOST_RUNS = 2000  # whose samples are drawn one by one
 
 
@@ -188,35 +190,37 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
 
 @house_style
 def whole_runs_figure(fit: YawFit) -> Figure:
-    """Measured heading of each whole run, and the preferred model's."""
-    dof, mixed = fit.dof, fit.preferred.mixed
+    """What is left of each whole run, the worst first: by the commands alone, as anybody else would simulate it, and
+    with the run's own thrust and start, as it was fitted; against the noise."""
+    dof, mixed, number = fit.dof, fit.preferred.mixed, fit.preference.number
     assert isinstance(mixed, MixedFit)
-    count = len(fit.runs)
-    shown = list(range(count))[:24]
-    columns = min(3, len(shown))
-    rows = -(-len(shown) // columns)
-    figure, axes = new_figure(rows, columns, PAGE_IN, 0.6 + 1.7 * rows)
-    number = fit.preference.number
-    for ax, i in zip(axes.flat, shown):
+    fitted = mixed.reading(dof.position)
+    free = [dof.shown(one.error) for one in free_runs(fit.preferred.model, fit.runs, fit.preferred.offset.value)]
+    size = np.array([np.sqrt(np.mean(error**2)) for error in free])  # not finite where the model diverges
+    order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:MOST_PANELS]
+    columns = min(3, len(order))
+    rows = -(-len(order) // columns)
+    figure, axes = new_figure(rows, columns, PAGE_IN, 1.0 + 1.5 * rows, sharey=True)
+    noise = float(dof.shown(fit.preferred.noise or mixed.noise))
+    for ax, i in zip(axes.flat, order):
         run = fit.runs[i]
-        time, fitted = run.time - run.time[0], mixed.reading(dof.position)[i][: len(run)]
-        ax.plot(time, dof.shown(run.position), color=MEASURED, lw=2.0, label="measured")
-        ax.plot(
-            time,
-            dof.shown(fitted),
-            color=MODEL_COLOURS[number],
-            ls=MODEL_LINES[number],
-            lw=1.0,
-            label=f"model {number}",
-        )
-        ax.set_title(run.name, parse_math=False)  # a name may hold dollar signs
-    for ax in axes.flat[len(shown) :]:
+        time = run.time - run.time[0]
+        ax.axhspan(-2 * noise, 2 * noise, color=MEASURED, alpha=0.3, lw=0, label=f"± 2 × noise of {noise:.2g}")
+        kept = dof.shown(run.position - fitted[i][: len(run)])
+        ax.plot(time, kept, color=COLOURS["sky"], lw=0.8, label="with the run's own thrust and start")
+        look = {"color": MODEL_COLOURS[number], "ls": MODEL_LINES[number]}
+        ax.plot(time, free[i], lw=1.1, label=f"model {number} by the commands alone", **look)
+        told = f"{size[i]:.3g} {dof.units.shown} rms" if np.isfinite(size[i]) else "diverges"
+        ax.set_title(f"{run.name}: {told}", parse_math=False)  # a name may hold dollar signs
+    for ax in axes.flat[len(order) :]:
         ax.set_axis_off()
     for ax in axes[-1]:
         ax.set_xlabel("Time in the run [s]")
     for ax in axes[:, 0]:
-        ax.set_ylabel(f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+        ax.set_ylabel(f"Measured less\nsimulated [{dof.units.shown}]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    how_many = f"the worst {len(order)} of {len(free)} runs" if len(order) < len(free) else f"all {len(free)} runs"
+    figure.suptitle(f"What is left of {how_many}, the worst first")
     return figure
 
 

@@ -109,8 +109,9 @@ def _spans(text: str) -> str:
 
 
 def _symbols(text: str) -> str:
-    """Escaped text in which k_r|r| stands as in print."""
-    return SYMBOL.sub(lambda found: "<var>{}</var><sub>{}</sub>".format(*found[1].split("_")), escape(text))
+    """Escaped text in which k_r|r| stands as in print, and no per cent sign begins a line."""
+    tied = escape(text).replace(" %", "\N{NO-BREAK SPACE}%")
+    return SYMBOL.sub(lambda found: "<var>{}</var><sub>{}</sub>".format(*found[1].split("_")), tied)
 
 
 def _table(block: Sequence[str]) -> str:

@@ -49,6 +49,8 @@ def test_no_dead_man(name: str, value: float) -> None:
 
 def test_a_dead_man_that_waits_long() -> None:
     refused(FakeSub(parameters={"FS_PILOT_TIMEOUT": 10.0}), "FS_PILOT_TIMEOUT is 10 s, .* set it to 3 or less")
+    unknown = {"FS_PILOT_TIMEOUT": math.nan}
+    refused(FakeSub(parameters=unknown), "FS_PILOT_TIMEOUT is unknown, so long would the vehicle drive on")
 
 
 def test_sticks_that_would_be_passed_over() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 from fake_ardusub import FakeSub, alive, campaign_of
-from link_processes import ALONE, children_of, collecting, ended, token_in
+from link_processes import ALONE, children_of, collecting, ended, free_port, token_in
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
@@ -33,7 +33,7 @@ def served(folder: Path, vehicle: FakeSub, port: int) -> subprocess.Popen[bytes]
     return subprocess.Popen([*ALONE, "serve", str(folder), *options], stdout=subprocess.DEVNULL)
 
 
-def until(what: Any, seconds: float = 60.0) -> None:
+def until(what: Any, seconds: float = 600.0) -> None:
     """Wait until something is so."""
     ends = time.monotonic() + seconds
     while not what():
@@ -43,7 +43,7 @@ def until(what: Any, seconds: float = 60.0) -> None:
 
 def begun(tmp_path: Path, vehicle: FakeSub, campaign: LinkCampaign) -> list[subprocess.Popen[bytes]]:
     """Server and collector, which hands the campaign over."""
-    port = 40000 + os.getpid() % 20000
+    port = free_port(os.getpid())
     (tmp_path / "campaign.json").write_text(campaign.text)
     server = served(tmp_path / "vehicle", vehicle, port)
     token = token_in(tmp_path / "vehicle")

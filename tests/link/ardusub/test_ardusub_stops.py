@@ -116,7 +116,7 @@ class Played:
         self.store.accept(campaign.text.encode(), campaign.id)
         clock = Tank(vehicle, [in_the_run(vehicle, lambda _: act(self), self.marks)])
         Player(self.store, ArduSub(vehicle.address, clock=clock), 1e3, self._lives).play()
-        (self.state,) = self.store.state()["campaigns"]
+        (self.state,) = self.store.state().campaigns
 
     def _lives(self) -> bool:
         return self.lives and (not self.store.is_stopped(self._campaign) or self.store.is_playing())
@@ -131,8 +131,8 @@ def test_a_stop_is_neutral_then_silence(tmp_path: Path) -> None:
     vehicle = FakeSub()
     found = Played(tmp_path, vehicle, LONG, lambda played: played.store.stop())
     assert_quiet_since(vehicle, found.marks[0])
-    assert [log.name for log in found.store.logs()] == [f"{LONG.log_name(LONG.runs[0])}_stopped.csv"]
-    assert (found.state["over"], found.state["why_stopped"], found.state["played"]) == (True, "asked to stop", 1)
+    assert [log.name for log in found.store.listing().runs] == [f"{LONG.log_name(LONG.runs[0])}_stopped.csv"]
+    assert (found.state.over, found.state.why_stopped, found.state.played) == (True, "asked to stop", 1)
     rows = list(found.rows(f"{LONG.log_name(LONG.runs[0])}_stopped.csv"))
     assert {float(row["tau"]) for row in rows} == {0.0, 0.6} and float(rows[-1]["tau"]) == 0.0
     assert rows[-1]["stick"] == "0"
@@ -142,8 +142,8 @@ def test_a_lost_lease_is_neutral_then_silence(tmp_path: Path) -> None:
     vehicle = FakeSub()
     found = Played(tmp_path, vehicle, LONG, lambda played: setattr(played, "lives", False))
     assert_quiet_since(vehicle, found.marks[0])
-    assert [log.name for log in found.store.logs()] == [f"{LONG.log_name(LONG.runs[0])}_interrupted.csv"]
-    assert not found.state["over"] and found.state["why_stopped"] is None
+    assert [log.name for log in found.store.listing().runs] == [f"{LONG.log_name(LONG.runs[0])}_interrupted.csv"]
+    assert not found.state.over and found.state.why_stopped is None
 
 
 @pytest.mark.parametrize("number", [511, 176, 400])
@@ -168,12 +168,12 @@ def test_a_stop_at_any_command_leaves_it_disarmed(tmp_path: Path, number: int) -
 def test_what_the_vehicle_refuses_stops_the_campaign(tmp_path: Path) -> None:
     vehicle = FakeSub()
     found = Played(tmp_path, vehicle, LONG, lambda played: vehicle.disarm("Leak Detected"))
-    assert found.state["why_stopped"] == "the vehicle disarmed itself (Leak Detected); correct that first"
-    assert [log.name for log in found.store.logs()] == [f"{LONG.log_name(LONG.runs[0])}_stopped.csv"]
+    assert found.state.why_stopped == "the vehicle disarmed itself (Leak Detected); correct that first"
+    assert [log.name for log in found.store.listing().runs] == [f"{LONG.log_name(LONG.runs[0])}_stopped.csv"]
 
 
 def test_a_run_that_is_refused_leaves_no_log(tmp_path: Path) -> None:
     vehicle = FakeSub(parameters={"FS_PILOT_INPUT": 0.0})
     found = Played(tmp_path, vehicle, LONG, lambda played: None)
-    assert list(found.store.logs()) == [] and list(found.store.runs.iterdir()) == []
-    assert found.state["over"] and str(found.state["why_stopped"]).startswith("FS_PILOT_INPUT is 0, so that")
+    assert list(found.store.listing().runs) == [] and list(found.store.runs.iterdir()) == []
+    assert found.state.over and str(found.state.why_stopped).startswith("FS_PILOT_INPUT is 0, so that")

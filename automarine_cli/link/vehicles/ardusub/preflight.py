@@ -109,17 +109,19 @@ def hears_us(heard: Heard) -> None:
 
 def has_a_dead_man(heard: Heard) -> None:
     """Raise SettingError where the vehicle would drive on when we fall silent."""
+    known = heard.parameters
     for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE"):
-        if (found := heard.parameters.get(name)) != DISARMS:
-            told = "unknown" if found is None else f"{found:g}"
+        if known.get(name) != DISARMS:
+            told = f"{known[name]:g}" if name in known else "unknown"
             raise SettingError(
                 f"{name} is {told}, so that the vehicle would drive on when we fall silent; set it to {DISARMS:g}, "
                 "which disarms it"
             )
-    if not 0.0 < (seconds := heard.parameters.get("FS_PILOT_TIMEOUT", LONGEST_PILOT_S)) <= LONGEST_PILOT_S:
+    if not 0.0 < known.get(name := "FS_PILOT_TIMEOUT", math.inf) <= LONGEST_PILOT_S:
+        told = f"{known[name]:g} s" if name in known else "unknown"
         raise SettingError(
-            f"FS_PILOT_TIMEOUT is {seconds:g} s, so long would the vehicle drive on when we fall silent; set it to "
-            f"{LONGEST_PILOT_S:g} or less"
+            f"{name} is {told}, so long would the vehicle drive on when we fall silent; set it to {LONGEST_PILOT_S:g} "
+            "or less"
         )
 
 

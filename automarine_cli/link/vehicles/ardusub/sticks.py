@@ -10,6 +10,7 @@ from automarine_cli.control.members import Bend
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import Heard
+from automarine_cli.link.vehicles.base import refuse_beyond
 from automarine_cli.thrusters.map import ThrusterMap
 
 CENTRE, SPAN = 1500.0, 0.4
@@ -100,10 +101,5 @@ def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None
             "the campaign's moments are in N m, and ArduSub commands outputs from -1 to 1; give --full with the moment "
             "[N m] of the whole output, or --thrusters MAP.json and --arm METRES"
         )
-    for run in campaign.runs:
-        if not (asked := max(abs(moment) for moment, _ in run.commands)) <= full * (1.0 + 1e-9):
-            raise SettingError(
-                f"run {run.name} asks for a moment of {asked:g} {unit}, and the whole output gives {full:g}; plan with "
-                f"moments.largest = {full:g} in the limits, or correct --full"
-            )
+    refuse_beyond(campaign, full)
     return Authority(full, bend)

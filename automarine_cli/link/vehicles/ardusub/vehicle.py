@@ -1,6 +1,6 @@
 """ArduSub as a vehicle that plays campaigns."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,7 +41,7 @@ class ArduSub:
         with closing(Link(self.address, lambda: False, self.clock)) as link:
             preflight(link, Need.of(campaign, 0, self._authority(campaign), self.limits.depth))
 
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log: the moment as the vehicle's outputs made it, and the outputs.
 
         Each run is a whole: the vehicle is checked, armed, driven, turned back and disarmed, then there is silence.

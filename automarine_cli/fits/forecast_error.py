@@ -1,0 +1,286 @@
+"""Least squares of forecasts: the parameters that predict the readings of the next seconds best, in any motion.
+
+About once a second the model is restarted from the smoothed state and follows the logged commands, without a
+disturbance, for `HORIZON` seconds; its misses after each of these seconds are squared. What happens within a reading or
+two hardly counts, so that neither the noise of a sensor nor a disturbance that answers the commands can take the
+response away (Farina and Piroddi 2011, International Journal of Adaptive Control and Signal Processing 25:389).
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import FitError
+from automarine_cli.filters.kalman import Noises, smoothed
+from automarine_cli.filters.prediction import carried_by, shown_channel, targets_of
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
+from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.quantities import Floats
+from automarine_cli.simulation.batch import Channel
+
+HORIZON = 5
+"""Seconds of a forecast; misses are taken after each of them."""
+EVERY = 1.0
+"""Seconds between the starts of forecasts."""
+ITERATIONS, OF_LEFT_OUT = 40, 6
+"""Steps of a search, and of one without a run, which begins near its end."""
+SETTLED = 1e-3
+"""Decrease of half the sum of squares still to be expected below which a search has converged."""
+DAMPINGS, MOST_DAMPING = (0.0, 1e-2, 1.0), 1e6
+"""Shares of the curvature that are added to it, tried together, and where a search gives up."""
+BLOCKS = 8
+"""Pieces of a single run that are left out in turn."""
+FAR = 1e3
+"""Times the largest reading beyond which a forecast has run away."""
+
+
+@dataclass(frozen=True)
+class ForecastProblem:
+    """Forecasts of a model on the course of `driven`, with the model's own parameters, from smoothed `states`
+    (n, R, K + 1): of each of A windows the `run`, the `origin` node and the `unit` that is left out with it; `channels`
+    are the C that are predicted, `target` (C, H, A) the nodes after each second, -1 where there is none. `scale` (C,)
+    is what a channel misses by, which puts all on one scale."""
+
+    driven: DrivenProblem
+    noises: Noises
+    states: Floats = field(repr=False)
+    channels: tuple[Channel, ...] = field(repr=False)
+    run: NDArray[np.int64] = field(repr=False)
+    origin: NDArray[np.int64] = field(repr=False)
+    unit: NDArray[np.int64] = field(repr=False)
+    target: NDArray[np.int64] = field(repr=False)
+    scale: Floats
+
+    @property
+    def count(self) -> int:
+        """Number of the model's parameters."""
+        return len(self.driven.names) - len(self.driven.random)
+
+    @cached_property
+    def free(self) -> NDArray[np.int64]:
+        """Those of them that are not held."""
+        return self.driven.free[self.driven.free < self.count]
+
+    @cached_property
+    def measured(self) -> Floats:
+        """Readings at the targets (C, H, A), not a number where there are none."""
+        values = [of.values[self.run, at] for of, at in zip(self.channels, np.maximum(self.target, 0))]
+        return np.where(self.target >= 0, np.array(values), np.nan)
+
+    def misses(self, phi: Floats) -> Floats:
+        """Forecast less measured (P, C, H, A) under phi (P, p), zero where nothing was measured."""
+        theta = self.driven.natural(phi)[:, : self.count]
+        path = carried_by(
+            self.driven.model, self.driven.course, theta, self.noises, self.states, self.channels, self.run,
+            self.origin, self.target.max(axis=(0, 1)),
+        )  # fmt: skip
+        place = np.maximum(self.target - self.origin, 0)
+        window = np.arange(len(self.run))
+        found = np.stack([one[:, window, at] for one, at in zip(path, place)], axis=1)
+        most = FAR * max(float(np.nanmax(np.abs(self.measured))), 1e-9)
+        error = np.clip(np.nan_to_num(found - self.measured, nan=most), -most, most)
+        return np.where(self.target >= 0, error, 0.0)
+
+    def scaled(self, phi: Floats) -> Floats:
+        """Misses on one scale (P, C, H, A), whose squares sum up to about the number of windows that do not overlap."""
+        return np.asarray(self.misses(phi) / (HORIZON * self.scale[:, None, None]))
+
+    def rms(self, phi: Floats) -> Floats:
+        """Root mean square miss of each channel (C,) under phi (p,)."""
+        have = (self.target >= 0).sum(axis=(1, 2))
+        return np.asarray(np.sqrt((self.misses(phi[None])[0] ** 2).sum(axis=(1, 2)) / np.maximum(have, 1)))
+
+    def some(self, windows: NDArray[np.bool_]) -> "ForecastProblem":
+        """The same with some of the windows (A,)."""
+        return replace(
+            self, run=self.run[windows], origin=self.origin[windows], unit=self.unit[windows],
+            target=self.target[..., windows],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ForecastFit:
+    """Parameters of least misses: `phi` (p,) with those of what is random as they came, `left_out` (U, p) without each
+    unit (a run, or a piece of a single one), `covariance` (p, p) by the curvature, windows that overlap counted once,
+    `by_unit` (U, p, p) what each unit says of phi, `rms` (C,) of the channels' misses."""
+
+    phi: Floats
+    left_out: Floats
+    covariance: Floats
+    by_unit: Floats
+    rms: Floats
+    at_bound: tuple[int, ...]
+    iterations: int
+    converged: bool
+
+
+def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
+    """Forecasts on the course of `driven`, from states that are smoothed under phi (p,).
+
+    Raises FitError where no run is long enough.
+    """
+    course, own = driven.course, len(driven.names) - len(driven.random)
+    theta = driven.natural(phi)
+    noises = driven.noises(theta[None])
+    followed = smoothed(driven.model, course.unthinned, theta[:own], noises)
+    assert followed.states is not None
+    states = followed.states[:, 0]
+    states[[*followed.places.pushed, followed.places.gain]] = 0.0
+    channels = _predicted(driven)
+    time, seen = course.time, np.any([of.seen for of in channels], axis=0)
+    starts = [(r, int(i)) for r in range(len(course.names)) for i in _origins(time[r], seen[r])]
+    run, origin = np.array(starts, dtype=np.int64).reshape(-1, 2).T
+    seconds = np.arange(1.0, HORIZON + 1.0)
+    target = np.array([[targets_of(of.seen, time, run, origin, h) for h in seconds] for of in channels])
+    have: NDArray[np.bool_] = np.any(target >= 0, axis=(0, 1))
+    if not have.any():
+        raise FitError("no run is long enough to forecast a second of it; give longer runs")
+    unit = run if len(course.names) > 1 else (np.arange(len(run)) * BLOCKS) // len(run)
+    every = ForecastProblem(driven, noises, states, channels, run, origin, unit, target, np.ones(len(channels)))
+    return every.some(have)
+
+
+def _predicted(driven: DrivenProblem) -> tuple[Channel, ...]:
+    """Every position that is read, and in place of others their velocities."""
+    course = driven.course
+    read = [of.quantity for of in course.channels]
+    own = [c for c, of in enumerate(course.channels) if not of.velocity or course.motion.positions[of.dof] not in read]
+    return tuple(shown_channel(course, c) for c in own)
+
+
+def _origins(time: Floats, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Nodes with a reading about every second."""
+    read = np.flatnonzero(seen)
+    if len(read) < 2:
+        return read[:0]
+    clock = np.arange(time[read[0]], time[read[-1]], EVERY)
+    return np.unique(read[np.minimum(np.searchsorted(time[read], clock), len(read) - 1)])
+
+
+def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> ForecastFit:
+    """Fit the model's parameters from the best of `starts` (S, p) in theta, with states smoothed under phi (p,).
+
+    Raises FitError where no run is long enough, or no start leads anywhere.
+    """
+    problem = forecast_problem(driven, phi)
+    begins = np.clip(driven.search(starts), driven.limits[:, 0], driven.limits[:, 1])
+    begins[:, problem.count :] = phi[problem.count :]
+    problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
+    costs = (problem.scaled(begins) ** 2).sum(axis=(1, 2, 3))
+    climb = _descend(problem, begins[int(np.argmin(costs))], ITERATIONS)
+    problem = replace(problem, scale=np.maximum(problem.rms(climb.phi), 1e-12))
+    climb = _descend(problem, climb.phi, ITERATIONS)
+    units = int(problem.unit.max()) + 1
+    left_out = np.array([_without(problem, climb, u) for u in range(units)])
+    free, limits = problem.free, driven.limits
+    at_bound = (climb.phi - limits[:, 0] < 1e-9) | (limits[:, 1] - climb.phi < 1e-9)
+    at_bound[problem.count :] = False
+    inside = free[~at_bound[free]]
+    covariance, by_unit = np.zeros((len(climb.phi),) * 2), np.zeros((units, *(len(climb.phi),) * 2))
+    by_unit[:, free[:, None], free] = climb.by_unit + _prior(problem)[1] / units
+    covariance[np.ix_(inside, inside)] = linear_mixed.covariance_of(by_unit.sum(axis=0)[np.ix_(inside, inside)])
+    return ForecastFit(
+        climb.phi, left_out, covariance, by_unit, problem.rms(climb.phi),
+        tuple(int(i) for i in np.flatnonzero(at_bound)), climb.iterations, climb.converged,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Descent:
+    """Where a search got to; `by_unit` (U, f, f) are the curvatures of the units, `pull` (U, f) their slopes."""
+
+    phi: Floats
+    by_unit: Floats
+    pull: Floats
+    iterations: int
+    converged: bool
+
+
+def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
+    """Mean (f,) and precision (f, f) of the model's free parameters before the data."""
+    mean, precision = problem.driven.priors
+    return mean[problem.free], precision[np.ix_(problem.free, problem.free)]
+
+
+def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> _Descent:
+    """Levenberg and Marquardt's search from phi (p,) within the bounds."""
+    driven, free, limits = problem.driven, problem.free, problem.driven.limits[problem.free]
+    mean, precision = _prior(problem)
+    steps = driven.steps(phi)[: len(free)]
+
+    def cost(sets: Floats, errors: Floats) -> Floats:
+        away = sets[:, free] - mean
+        return np.asarray(0.5 * ((errors**2).sum(axis=(1, 2, 3)) + np.einsum("pi,ij,pj->p", away, precision, away)))
+
+    damping, converged, done = 1e-3, False, 0
+    while True:
+        moved = np.tile(phi, (1 + len(free), 1))
+        moved[np.arange(1, len(moved)), free] += steps
+        errors = problem.scaled(moved)
+        value = cost(phi[None], errors[:1])[0]
+        by = (errors[1:] - errors[0]) / steps[:, None, None, None]
+        units = int(problem.unit.max()) + 1
+        pull, curve = np.zeros((units, len(free))), np.zeros((units, len(free), len(free)))
+        np.add.at(pull, problem.unit, -np.einsum("cha,fcha->af", errors[0], by))
+        np.add.at(curve, problem.unit, np.einsum("fcha,gcha->afg", by, by))
+        gradient = pull.sum(axis=0) - precision @ (phi[free] - mean)
+        hessian = curve.sum(axis=0) + precision
+        if converged or done == iterations or damping > MOST_DAMPING:
+            return _Descent(phi, curve, pull, done, converged)
+        done += 1
+        trials = np.tile(phi, (len(DAMPINGS), 1))
+        for trial, share in zip(trials, DAMPINGS):
+            damped = hessian + share * damping * np.diag(np.diagonal(hessian) + 1e-12)
+            trial[free] = linear_mixed.bounded_solution(damped, gradient + damped @ phi[free], phi[free], limits)
+        step = trials[0, free] - phi[free]
+        expected = float(gradient @ step - 0.5 * step @ hessian @ step)
+        reached = cost(trials, problem.scaled(trials))
+        best = int(np.argmin(reached))
+        converged = expected < SETTLED
+        if reached[best] < value:
+            phi = trials[best]
+            damping *= 0.1 if best < len(DAMPINGS) - 1 else 3.0
+        else:
+            damping *= 100.0
+
+
+def _without(problem: ForecastProblem, climb: _Descent, unit: int) -> Floats:
+    """phi (p,) fitted without one unit; as it is where no other has a forecast."""
+    rest = problem.unit != unit
+    if not rest.any() or rest.all():
+        return climb.phi
+    return _descend(problem.some(rest), climb.phi, OF_LEFT_OUT).phi
+
+
+def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
+    """The fit as diagnosis, plans and reports ask for one: what is random is fitted by innovations beside the model's
+    parameters, which stay as they are. Raises FitError where no filter follows the runs."""
+    own = len(driven.names) - len(driven.random)
+    theta = driven.natural(fit.phi)
+    held = driven.bounds.copy()
+    held[:own] = theta[:own, None]
+    found = fit_innovations(replace(driven, bounds=held), theta[None])
+    runs, phi = len(driven.course.names), np.append(fit.phi[:own], found.phi[own:])
+    left_out, covariance, by_run = found.left_out.copy(), found.covariance.copy(), found.by_run.copy()
+    covariance[:own, :own] = fit.covariance[:own, :own]
+    if runs > 1:
+        left_out[:, :own] = fit.left_out[:, :own]
+        by_run[:, :own, :own] = fit.by_unit[:, :own, :own]
+    else:
+        left_out[:, :own] = fit.phi[:own]
+        spread = fit.left_out[:, :own] - fit.left_out[:, :own].mean(axis=0)
+        between = (len(spread) - 1) / len(spread) * np.diagonal(spread.T @ spread)
+        likely = np.diagonal(covariance)[:own]
+        grow = np.sqrt(np.maximum(np.divide(between, likely, out=np.ones(own), where=likely > 0), 1.0))
+        covariance[:own, :own] *= np.outer(grow, grow)
+        by_run[0, :own, :own] = fit.by_unit.sum(axis=0)[:own, :own]
+    density = driven.follow(left_out).log_density if runs > 1 else found.density[None]
+    return replace(
+        found, theta=np.append(theta[:own], found.theta[own:]), phi=phi, covariance=covariance, left_out=left_out,
+        predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
+        at_bound=tuple(sorted({*fit.at_bound, *(i for i in found.at_bound if i >= own)})), by_run=by_run,
+        converged=fit.converged and found.converged, iterations=fit.iterations + found.iterations,
+    )  # fmt: skip

@@ -1,0 +1,144 @@
+"""What a user knows before the fit: values of parameters, of the runs' starts and of their gains."""
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs import Dof
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.words import LONGEST
+from automarine_cli.quantities import Floats
+
+EXAMPLE = "I_r=915 or I_r=915±50"
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_KNOWN = re.compile(rf"\s*([^\s=]+)\s*=\s*({_NUMBER})\s*(?:(?:±|\+/?-)\s*({_NUMBER})\s*)?")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A value that is known beforehand, with its standard error; None: exactly. In the unit of the fit."""
+
+    value: float
+    stderr: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.value:g}" + ("" if self.stderr is None else f" ± {self.stderr:g}")
+
+
+@dataclass(frozen=True)
+class Known:
+    """What need not be estimated of the runs, and `parameters` by name, as users write them (I_r, sway.Y_v)."""
+
+    start_heading: bool = False
+    switch_instant: bool = False
+    gain: bool = False
+    parameters: Mapping[str, Prior] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, given: object) -> "Known":
+        """The record of what Python, the command line or a campaign file gives: a record, texts such as "I_r=915±50",
+        or a mapping {"I_r": 915} or {"I_r": (915, 50)}. Raises SettingError for what is none of these."""
+        if isinstance(given, Known):
+            return given
+        if isinstance(given, Mapping):
+            return cls(parameters={str(name): _prior(str(name), value) for name, value in given.items()})
+        texts = [given] if isinstance(given, str) else given
+        if not isinstance(texts, Iterable):
+            raise SettingError(f"known is {given!r}; expected a value by name, such as {EXAMPLE}")
+        parameters: dict[str, Prior] = {}
+        for text in (part for one in texts for part in str(one).split(",") if part.strip()):
+            match = _KNOWN.fullmatch(text)
+            if match is None:
+                raise SettingError(
+                    f"known is {text.strip()!r}; expected a name, a number and perhaps its standard error, in the unit "
+                    f"of the fit, such as {EXAMPLE}"
+                )
+            name, value, stderr = match.groups()
+            if name in parameters:
+                raise SettingError(f"known: {name} is given twice; give it once")
+            parameters[name] = _prior(name, value if stderr is None else (value, stderr))
+        return cls(parameters=parameters)
+
+    def named(self, names: Mapping[str, str], signed: Sequence[str] = ()) -> "Known":
+        """The same by the qualified names of a fit, `names` by what users may write; those of `signed` may have either
+        sign. Raises SettingError for another name, or a value that no vehicle has."""
+        found: dict[str, Prior] = {}
+        for name, prior in self.parameters.items():
+            whole = name if name in names.values() else names.get(name)
+            if whole is None:
+                close = difflib.get_close_matches(name[:LONGEST], names, n=1)
+                hint = f"; did you mean {close[0]}?" if close else ""
+                raise SettingError(f"known: {name!r} is no parameter of this fit; it has {', '.join(names)}{hint}")
+            if whole in found:
+                raise SettingError(f"known: {name} is given twice; give it once")
+            if whole not in signed and prior.value <= 0:
+                raise SettingError(f"known: {name} is {prior.value:g}; expected a number above 0")
+            found[whole] = prior
+        return replace(self, parameters=found)
+
+    def unused(self, names: Iterable[str]) -> list[str]:
+        """The parameters that are not among the qualified `names` of a model."""
+        return sorted(set(self.parameters) - set(names))
+
+    def sentences(self, units: Mapping[str, str], names: Iterable[str]) -> tuple[str, ...]:
+        """What was known, in the `units` of the fit by qualified name, and what a model of these `names` lacks."""
+        if not self.parameters:
+            return ()
+        values = (f"{name.partition('.')[2]} = {one} {units.get(name, '')}" for name, one in self.parameters.items())
+        lacking = [name.partition(".")[2] for name in self.unused(names)]
+        more = (f"The preferred model has no {' and no '.join(lacking)}; it was not used there.",) if lacking else ()
+        return (f"Known beforehand: {', '.join(one.strip() for one in values)}.", *more)
+
+
+NOTHING_KNOWN = Known()
+
+
+def _prior(name: str, given: object) -> Prior:
+    if isinstance(given, Prior):
+        return given
+    parts = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+    try:
+        value, *stderr = (float(str(part)) for part in parts)
+    except ValueError:
+        raise SettingError(
+            f"known: {name} is {given!r}; expected a number, or one and its standard error, in the unit of the fit"
+        ) from None
+    if len(stderr) > 1 or not all(map(math.isfinite, (value, *stderr))):
+        raise SettingError(f"known: {name} is {given!r}; expected a finite number, or one and its standard error")
+    if stderr and not stderr[0] > 0:
+        raise SettingError(f"known: the standard error of {name} is {stderr[0]:g}; expected a number above 0")
+    return Prior(value, *stderr)
+
+
+def names_in(dof: Dof, effects: Iterable[str] = ()) -> dict[str, str]:
+    """Qualified names of the parameters that fits of one motion may have, by what users write; `effects` are those of
+    the effects beside drag."""
+    roles = ("inertia", "linear", "quadratic", *(["constant"] if dof.has_constant else []))
+    return {dof.parameters[role]: dof.parameter(role) for role in roles} | {name: name for name in effects}
+
+
+def bounds_of(known: Mapping[str, Prior], names: Sequence[str], bounds: Floats) -> Floats:
+    """The bounds (p, 2) of a fit's parameters, by what is known exactly."""
+    exact = {name: one.value for name, one in known.items() if one.stderr is None}
+    held = [(exact[name], exact[name]) if name in exact else tuple(row) for name, row in zip(names, bounds)]
+    return np.array(held, dtype=float)
+
+
+def prior_of(
+    known: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_]
+) -> tuple[Floats, Floats] | None:
+    """Mean (p,) and precision (p, p) in the coordinates of a search; None where nothing is known with an error."""
+    at = {names.index(name): one for name, one in known.items() if name in names and one.stderr is not None}
+    if not at:
+        return None
+    mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    for i, one in at.items():
+        assert one.stderr is not None
+        mean[i] = np.log(one.value) if positive[i] else one.value
+        precision[i, i] = (one.value / one.stderr if positive[i] else 1.0 / one.stderr) ** 2
+    return mean, precision

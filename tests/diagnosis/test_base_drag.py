@@ -1,0 +1,82 @@
+"""The drag of the base put right beside what is missing, and what runs held out decide."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_contract import base_for, measured, planted, short_plans, unmeasured
+from few_candidates import few_candidates
+
+from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.refits import trial_of
+from automarine_cli.diagnosis.search import drag_right
+from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.report.diagnosis_tables import verdict_sentence
+from automarine_cli.runs.run import Run
+
+LINEAR = base_for("quadratic-drag")
+"""Linear drag alone, where a vehicle with quadratic drag is diagnosed."""
+
+
+def campaign(*names: str) -> list[Run]:
+    """A small campaign of a vehicle with quadratic drag and these effects."""
+    return planted(base_for(""), *names, seed=1, plans=short_plans())
+
+
+@pytest.mark.slow
+def test_an_effect_beside_a_wrong_drag_is_named_and_the_drag_counts_for_nothing() -> None:
+    with few_candidates({"tether-spring", "quadratic-drag", "battery-sag"}):
+        found = diagnose_runs(campaign("tether-spring"), LINEAR, hold_out=[])
+    assert found.verdict == "named"
+    assert {one.name for one in found.effects} == {"tether-spring", "quadratic-drag"}
+    assert found.found.final.counted == ("tether-spring",)
+    assert found.gap.after < 1.05 * found.gap.floor
+    assert "drag of the base" in verdict_sentence(found)
+
+
+@pytest.mark.slow
+def test_a_drag_that_is_missing_alone_has_its_name() -> None:
+    with few_candidates({"quadratic-drag", "cubic-drag"}):
+        found = diagnose_runs(campaign(), LINEAR, hold_out=[])
+    assert found.verdict == "named" and [one.name for one in found.effects] == ["quadratic-drag"]
+
+
+def test_drag_that_nothing_asks_for_is_dropped_and_what_is_lacking_added() -> None:
+    study = study_of(campaign("bias-moment"), base_for(""))
+    model = base_for("").with_effect("bias-moment", [0.05])
+    right = trial_of(study, model, ("bias-moment",), study.fit(model))
+    assert drag_right(study, right) is right
+    wide = model.with_effect("linear-drag", [0.01])
+    both = trial_of(study, wide, ("bias-moment", "linear-drag"), study.fit(wide))
+    assert drag_right(study, both).added == ("bias-moment",)
+    wrong = study_of(campaign("bias-moment"), LINEAR)
+    model = LINEAR.with_effect("bias-moment", [0.05])
+    bare = trial_of(wrong, model, ("bias-moment",), wrong.fit(model))
+    mended = drag_right(wrong, bare)
+    assert mended.added == ("bias-moment", "quadratic-drag") and mended.counted == ("bias-moment",)
+
+
+def test_only_drag_is_what_counts_where_nothing_else_was_added() -> None:
+    study = study_of(campaign(), LINEAR)
+    fit = study.fit(LINEAR)
+    assert Trial(("quadratic-drag",), LINEAR, fit, 0.0).counted == ("quadratic-drag",)
+    assert Trial((), LINEAR, fit, 0.0).counted == ()
+
+
+@pytest.mark.slow
+def test_runs_held_out_place_an_edge_that_no_fitted_command_lies_near() -> None:
+    """Fitted are moments of 0.1 and of 0.3 and more; the cut is at 0.24, and held out is one of 0.2."""
+    truth = base_for("").with_effect("dead-band", [0.24, 1.0, 0.5])
+    sizes = (0.1, 0.3, 0.7, 1.2)
+    plans = [[(side * size, 8.0)] for size in sizes for side in (1.0, -1.0) for _ in range(2)]
+    runs = measured(truth, [unmeasured(plan, i) for i, plan in enumerate(plans)], seed=3)
+    between = [[(side * 0.2, 8.0), (side * 0.8, 6.0)] for side in (1.0, -1.0)] * 2
+    kept = measured(truth, [unmeasured(plan, i) for i, plan in enumerate(between)], seed=4)
+    kept = [replace(run, name=f"kept {run.name}") for run in kept]
+    with few_candidates({"dead-band", "coulomb-drag"}):
+        found = diagnose_runs(runs, base_for(""), hold_out=kept)
+    assert found.verdict == "named" and [one.name for one in found.effects] == ["dead-band"]
+    assert found.held_out_gap is not None and found.held_out_gap.after < 1.1 * found.held_out_gap.floor
+    assert 0.2 < found.effects[0].parameters["width"].value < 0.3
+    assert "runs held out" in found.said.left and not np.isnan(found.gap.after)

@@ -1,0 +1,109 @@
+"""What keeps an effect from being added, and columns that gains follow or that only stand for time."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from effect_contract import base_for, planted, short_plans, unmeasured
+
+from automarine_cli.diagnosis.learned_scores import gains_follow, ranges
+from automarine_cli.diagnosis.outlook import Ahead, Outlook
+from automarine_cli.diagnosis.search import may_stand, obstacle
+from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.diagnosis.verdict import apart
+from automarine_cli.dofs import YAW
+from automarine_cli.runs.run import Run
+
+BASE = base_for("")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "stands"),
+    [
+        ("sensor-lag", [0.05], False),
+        ("sensor-lag", [0.3], True),
+        ("input-delay", [0.05, 0.0, 0.1], False),
+        ("thruster-lag", [0.0, 3.0, 1.2, 1.0], False),
+        ("thruster-lag", [0.06, 4.0, 1.2, 5.0], True),
+        ("bias-moment", [0.05], True),
+    ],
+)
+def test_a_lag_of_less_than_a_sample_is_a_shift_of_the_switches(name: str, values: list[float], stands: bool) -> None:
+    study = study_of(planted(BASE, seed=1, plans=short_plans()), BASE, driven=False)
+    assert study.logger_delay == pytest.approx(0.05)
+    fit: Any = SimpleNamespace(predictive=np.zeros(3), at_bound=())
+    gained: Any = SimpleNamespace(predictive=np.ones(3), at_bound=())
+    before = Trial((), BASE, fit, 0.0)
+    trial = Trial((name,), BASE.with_effect(name, values), gained, -50.0)
+    assert may_stand(study, trial, before) == stands
+    assert ("less than a sample" in obstacle(study, trial, before)) != stands
+    assert "predicted better" in obstacle(study, replace(trial, fit=fit), before)
+
+
+def in_water(count: int, column: str = "water_temp_C") -> list[Run]:
+    """Runs one after the other, each at another temperature in no order of time."""
+    runs = [unmeasured([(0.5, 6.0)], i) for i in range(count)]
+    order = np.random.default_rng(3).permutation(count)
+    return [
+        replace(run, position=0.0 * run.time, extras={column: np.full(len(run), 14.0 + 6.0 * at / (count - 1))})
+        for run, at in zip(runs, order)
+    ]
+
+
+def follows(runs: list[Run], gains: np.ndarray) -> str:
+    study = Study(tuple(runs), BASE, False, ())
+    trial: Any = SimpleNamespace(fit=SimpleNamespace(own=lambda name: gains[:, None]))
+    return gains_follow(study, trial, 0)
+
+
+def test_gains_that_go_up_and_down_with_a_column_are_seen() -> None:
+    """A sine of 1.8 periods, of which no line and no cubic says anything."""
+    runs = in_water(32)
+    warm = np.array([run.extras["water_temp_C"][0] for run in runs])
+    luck = 0.05 * np.random.default_rng(1).standard_normal(len(runs))
+    assert follows(runs, 0.3 * np.sin(1.9 * (warm - 14.0)) + luck) == "water_temp_C"
+    assert follows(runs, luck) == ""
+
+
+def test_by_chance_gains_seldom_follow_a_column() -> None:
+    runs = in_water(24)
+    drawn = np.random.default_rng(7).standard_normal((100, len(runs)))
+    assert sum(bool(follows(runs, gains)) for gains in drawn) <= 5  # of 100 at 1 %: more than 5 once in 1000
+
+
+def test_over_a_few_runs_no_curve_runs_over_what_only_stands_for_time() -> None:
+    clocked = {
+        count: [replace(run, extras={**run.extras, "row": 3.0 + 0.1 * run.time}) for run in in_water(count)]
+        for count in (9, 10)
+    }
+    few, many = (set(ranges(Study(tuple(runs), BASE, False, ()))) for runs in clocked.values())
+    assert many - few == {"campaign-clock", "row"} and "water_temp_C" in few
+
+
+def test_only_runs_that_turn_back_by_half_a_turn_show_moving_water() -> None:
+    ways = ([0.0, 4.0, 0.5], [0.0, -4.0, 1.0, 1.5], [0.0, 8.0], [0.0, 2.0, 0.0, 2.0])
+    runs = in_water(4)
+    runs = [
+        replace(run, position=np.interp(np.linspace(0.0, 1.0, len(run)), np.linspace(0.0, 1.0, len(way)), way))
+        for run, way in zip(runs, ways)
+    ]
+    assert Study(tuple(runs), BASE, True, ()).turns_back.tolist() == [True, True, False, False]
+
+
+def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
+    def outlook(after: float) -> Outlook:
+        ahead = [Ahead(horizon, 0.1, after, 0.3, 0.3) for horizon in (2.0, 5.0)]
+        return Outlook((*ahead, Ahead(15.0, 0.1, 0.2, 0.3, 0.3)), 3.0)
+
+    assert "5 s ahead" in outlook(0.101).doubt(YAW) and outlook(0.099).doubt(YAW) == ""
+
+
+PAIRS = [((2.04, 2.01), ("2.04", "2.01")), ((1.87, 1.85), ("1.87", "1.85")), ((17.6, 0.99), ("18", "0.99"))]
+
+
+@pytest.mark.parametrize(("pair", "written"), PAIRS)
+def test_two_numbers_are_written_so_that_they_differ(pair: tuple[float, float], written: tuple[str, str]) -> None:
+    assert apart(*pair) == written

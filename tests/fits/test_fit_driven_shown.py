@@ -1,0 +1,55 @@
+"""What people see of a fit of driven runs: figure, rows of effects, the time constant of model 1."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from made_driven import Sea, steered
+
+from automarine_cli.dofs import YAW
+from automarine_cli.fits.identify import identify_turns
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.report.yaw_report import sentences, tables
+from automarine_cli.workflows.fit_yaw import VIEW
+
+LATE = "input-delay t_d"
+
+
+@cache
+def driven() -> YawFit:
+    """Runs of a vehicle that answers 0.3 s late, fitted with that effect."""
+    return identify_turns(
+        YAW, (), (), lambda: steered(3, 1, Sea(delay=0.3), length=25.0), with_effects=("input-delay",)
+    )
+
+
+def test_the_figure_of_driven_runs_is_drawn() -> None:
+    assert VIEW.figures is not None
+    (draw,) = VIEW.figures(driven()).values()
+    assert draw().axes
+
+
+def test_effects_beside_drag_are_rows_with_intervals() -> None:
+    table, _ = tables(driven())
+    (row,) = (row for row in table.rows if str(row[0]).startswith(LATE))
+    assert all("[" in str(cell) for cell in row[1:]) and "[s]" in str(row[0])
+    (line,) = (line for line in VIEW.lines(driven()) if LATE in line)
+    assert "[" in line
+    value = next(one["value"] for one in VIEW.rows(driven()) if one["parameter"] == LATE)
+    assert value == pytest.approx(0.3, abs=0.15)  # type: ignore[call-overload]
+
+
+def test_model_1_tells_its_time_constant_and_never_the_angle_of_another() -> None:
+    fit = driven()
+    linear = replace(fit, preference=replace(fit.preference, number="1"))
+    said = " ".join(sentences(linear))
+    assert "Time constant I_r/k_r: " in said and "Inertial turn angle" not in said
+    found = linear.time_constant
+    assert found is not None and linear.to_json()["time_constant_s"] == found.to_json()
+    values = linear.preferred.estimates
+    assert found.value == pytest.approx(values["I_r"].value / values["k_r"].value)
+    assert found.ci95[0] < found.value < found.ci95[1] and np.isfinite(found.stderr)
+    assert linear.use is not None and linear.to_json()["proposed"] == dict(linear.use.proposed)
+    quadratic = replace(fit, preference=replace(fit.preference, number="3"))
+    assert "Inertial turn angle" in " ".join(sentences(quadratic)) and quadratic.time_constant is None

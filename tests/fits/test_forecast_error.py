@@ -1,0 +1,157 @@
+"""Least squares of forecasts beside likelihood: known truth, derived sensors, runs left out, what is preferred and
+said."""
+
+from dataclasses import replace
+
+import numpy as np
+from made_driven import Sea, steered
+
+from automarine_cli.dofs import SURGE, YAW
+from automarine_cli.filters.course import make_course
+from automarine_cli.filters.kalman import follow, smoothed
+from automarine_cli.filters.prediction import Predicted, predict
+from automarine_cli.fits.driven import base_starts, driven_problem
+from automarine_cli.fits.driven_fit import Worth
+from automarine_cli.fits.driven_use import Judgement, large_disturbance, prefer_driven
+from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
+from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.output_error import OutputErrorFit
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.report.tables import interval
+from automarine_cli.results.estimate import Estimate
+from automarine_cli.runs.run import Run
+
+NOTHING = Estimate(0.0, 0.0, (0.0, 0.0), "1")
+
+
+def problem_of(free: bool, sea: Sea, count: int = 4) -> DrivenProblem:
+    """Model 3 on made runs, from values that are off by half."""
+    runs = steered(count, 3, sea, length=40.0, free=free)
+    model = YawModel.base("3", 1.5, [0.8], "nu", YAW)
+    return driven_problem(model, make_course(runs, np.zeros(count, dtype=bool)))
+
+
+def begin(problem: DrivenProblem) -> np.ndarray:
+    """A start with what is random in the middle of its range."""
+    theta = base_starts(problem)[0]
+    theta[: len(problem.model.theta)] = problem.model.theta
+    return theta
+
+
+def test_parameters_come_back_within_their_own_errors() -> None:
+    problem = problem_of(True, Sea(size=0.1))
+    start = begin(problem)
+    fit = fit_forecasts(problem, problem.search(start), start[None])
+    assert fit.converged and not fit.at_bound
+    spread = fit.left_out[:, :2] - fit.phi[:2]
+    error = np.sqrt(np.maximum((spread**2).sum(axis=0) * 0.75, np.diagonal(fit.covariance)[:2]))
+    assert (np.abs(fit.phi[:2] - [0.0, 1.2]) < 3.2 * error).all()  # t with 3 degrees of freedom
+    assert error[0] < 0.15
+
+
+def test_what_is_random_is_fitted_beside_parameters_that_stay() -> None:
+    problem = problem_of(True, Sea(size=0.1))
+    start = begin(problem)
+    fit = fit_forecasts(problem, problem.search(start), start[None])
+    found = with_chance(problem, fit)
+    assert np.array_equal(found.of_model, problem.natural(fit.phi)[:2])
+    assert np.allclose(found.left_out[:, :2], fit.left_out[:, :2])
+    assert 0.5 < found.of_chance["yaw.disturbance"] / 0.1 < 2.0
+    assert np.isfinite(found.predictive).all()
+
+
+def test_a_run_left_out_is_that_fit_to_the_others() -> None:
+    problem = problem_of(True, Sea(size=0.1))
+    start = begin(problem)
+    phi = problem.search(start)
+    fit = fit_forecasts(problem, phi, start[None])
+    runs = steered(4, 3, Sea(size=0.1), length=40.0, free=True)
+    others = driven_problem(problem.model, make_course(runs[1:], np.zeros(3, dtype=bool)))
+    alone = fit_forecasts(others, phi, start[None])
+    assert np.allclose(fit.left_out[0, :2], alone.phi[:2], atol=0.1 * np.sqrt(alone.covariance[0, 0]))
+
+
+def test_states_by_later_readings_too_are_nearer_to_the_truth_and_end_as_filtered() -> None:
+    problem = problem_of(True, Sea(size=0.1, noise_deg=2.0))
+    theta = begin(problem)
+    theta[:2] = 1.0, 1.2
+    noises = problem.noises(theta[None])
+    after = smoothed(problem.model, problem.course, theta[:2], noises)
+    before = follow(problem.model, problem.course, theta[None, :2], noises, keep=True)
+    assert after.states is not None and before.states is not None
+    assert np.allclose(after.states[..., -1], before.states[..., -1])
+    truth = [run.position for run in steered(4, 3, Sea(size=0.1, noise_deg=0.0), length=40.0, free=True)]
+    last = min(len(one) for one in truth) - 1
+    runs = steered(4, 3, Sea(size=0.1, noise_deg=2.0), length=40.0, free=True)
+    at = [np.interp(problem.course.time[r], runs[r].time - runs[r].time[0], truth[r]) for r in range(4)]
+    missed = [np.std((states[0, 0] - np.array(at))[:, 8:last]) for states in (after.states, before.states)]
+    assert missed[0] < 0.8 * missed[1]
+
+
+def by_run(number: str, sizes: np.ndarray) -> tuple[str, tuple[Predicted, ...]]:
+    """Errors of model `number` by run [rad], the same ones 2 and 5 s ahead."""
+    run = np.arange(len(sizes))
+    return number, tuple(Predicted(h, run, run, run, sizes, 9.0 * sizes, 9.0 * sizes) for h in (2.0, 5.0))
+
+
+def fits_of(problem: DrivenProblem) -> dict[str, OutputErrorFit]:
+    """The three models with one outcome: only their numbers of parameters count."""
+    start = begin(problem)
+    fit = fit_forecasts(problem, problem.search(start), start[None])
+    found = with_chance(problem, fit)
+    one = OutputErrorFit(
+        "3", YawModel.base("3", 1.0, [1.0], "nu", YAW), {}, None, NOTHING, NOTHING, None, found, found.covariance, start
+    )
+    two = replace(one, number="2", model=YawModel.base("2", 1.0, [1.0, 1.0], "nu", YAW))
+    return {"1": replace(one, number="1"), "2": two, "3": one}
+
+
+def test_of_equally_simple_models_the_smaller_error_wins() -> None:
+    """Model 3 is worse than model 1 in one run by far and so passes as level; model 1 is worse by a sure little."""
+    fits = fits_of(problem_of(True, Sea(size=0.1)))
+    ahead = dict([
+        by_run("1", np.array([1.01, 1.02, 1.01, 1.02])), by_run("2", np.array([1.0, 1.0, 1.0, 1.0])),
+        by_run("3", np.array([0.9, 1.0, 1.0, 1.6])),
+    ])  # fmt: skip
+    preference = prefer_driven(fits, ahead, YAW)
+    assert preference is not None and preference.number == "1"
+
+
+def test_a_disturbance_as_large_as_the_commands_is_said() -> None:
+    problem = problem_of(True, Sea(size=0.1))
+    fit = fits_of(problem)["3"]
+    assert large_disturbance(problem.course, fit) == ""
+    found = fit.mixed
+    theta = found.theta.copy()
+    theta[found.names.index("yaw.disturbance")] = 2.0
+    said = large_disturbance(problem.course, replace(fit, mixed=replace(found, theta=theta)))
+    assert said.startswith("The disturbance is as large as the commands: a moment of 2 nu where")
+
+
+def test_a_fit_that_constants_beat_is_not_usable_whatever_fitted_it() -> None:
+    worth = (Worth(2.0, 1.0, 0.5, 2.0, 10), Worth(5.0, 3.0, 4.0, 2.0, 10))
+    judged = Judgement(worth, 4)
+    assert judged.warnings(YAW) == (judged.sentence(YAW),)
+    assert judged.sentence(YAW).startswith("This model is not usable: it predicts 5 s ahead to")
+
+
+def test_a_parameter_at_its_bound_has_no_interval() -> None:
+    one = Estimate(0.3, 0.0, (0.3, 0.3), "1", at_bound=True)
+    assert interval(one) == "0.3000 (at its bound)"
+    assert one.to_json()["at_bound"] is True
+    assert "at_bound" not in Estimate(0.3, 0.1, (0.1, 0.5), "1").to_json()
+
+
+def test_a_velocity_alone_has_no_bias_and_its_sum_is_predicted() -> None:
+    """Logged is a velocity that is 0.1 m/s throughout: two seconds ahead the vehicle is 0.2 m on, not nearer."""
+    time = np.arange(0.0, 30.0, 0.25)
+    speed = 0.1 + 0.002 * np.random.default_rng(0).standard_normal(len(time))
+    run = Run(
+        "drift", "", time, np.cumsum(speed) * 0.25, np.full(len(time), 0.1), "N", {SURGE.velocity: speed}, dof=SURGE
+    )
+    course = make_course([run], np.array([False]), channels=(SURGE.velocity,))
+    model = YawModel.base("1", 1.0, [1.0], "N", SURGE)
+    problem = driven_problem(model, course)
+    theta = np.append(model.theta, [one.median for one in problem.random])
+    predicted = predict(model, course, model.theta, problem.noises(theta[None]))
+    assert predicted[0].rmse() < 0.01

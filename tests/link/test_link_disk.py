@@ -1,0 +1,204 @@
+"""A vehicle's disk that is full, or fails: nothing is armed that cannot be logged, and a stop is in force at once."""
+
+import contextlib
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fake_ardusub import PORTS, FakeSub, Tank, campaign_of
+from made_link import MODEL, TOKEN, expected_logs, made_campaign
+from test_link_cuts import logs_in
+
+from automarine_cli.errors import OutputError, SettingError
+from automarine_cli.link import store as store_module
+from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.player import Player
+from automarine_cli.link.server import LinkServer
+from automarine_cli.link.store import DEATHS, Store
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+from automarine_cli.link.vehicles.simulated import Simulated
+
+CAMPAIGN = campaign_of(0.5, -0.5, seconds=4.0)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A folder on a disk of 256 kB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
+    if (
+        sys.platform != "linux"
+        or shutil.which("mount") is None
+        or subprocess.run(mount, capture_output=True).returncode
+    ):
+        pytest.skip("a small file system can be mounted by root on Linux only")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def fill(folder: Path) -> None:
+    """Leave no byte."""
+    with contextlib.suppress(OSError), (folder / "camera").open("wb", buffering=0) as file:
+        while True:
+            file.write(bytes(4096))
+
+
+def handed_over(folder: Path, campaign: LinkCampaign = CAMPAIGN) -> Store:
+    """A store that has accepted a campaign."""
+    store = Store(folder)
+    store.prepare()
+    store.accept(campaign.text.encode(), campaign.id)
+    return store
+
+
+def play(store: Store, vehicle: FakeSub) -> None:
+    """Play until the campaign is over."""
+    sub = ArduSub(vehicle.address, clock=Tank(vehicle))
+    try:
+        Player(store, sub, 1e3, lambda: bool(store.accepted()) or store.is_playing()).play()
+    finally:
+        while PORTS:
+            PORTS.pop().close()
+
+
+def arms(vehicle: FakeSub) -> int:
+    """How often it was told to arm."""
+    return sum(one.name == "COMMAND_LONG" and one.message.command == 400 and one.message.param1 == 1
+               for one in vehicle.packets)  # fmt: skip
+
+
+def test_a_full_disk_arms_nothing_and_can_be_stopped(small_disk: Path) -> None:
+    store, vehicle = handed_over(small_disk), FakeSub()
+    other = campaign_of(0.4)
+    store.accept(other.text.encode(), other.id)
+    fill(small_disk)
+    store.stop("somebody had a reason", [other.id])  # in force, and its reason kept
+    play(store, vehicle)
+    assert arms(vehicle) == 0 and not vehicle.sticks() and list(store.runs.iterdir()) == []
+    first, second = Store(small_disk).state().campaigns  # as a process that begins now reads it
+    assert (first.over, first.played) == (True, 0) and first.why_stopped is not None
+    assert first.why_stopped.endswith("cannot be logged (No space left on device); make room on the vehicle's disk, "
+                                      "then plan anew")  # fmt: skip
+    assert (second.over, second.why_stopped) == (True, "somebody had a reason")
+
+
+def test_a_run_that_has_its_room_is_logged_on_a_full_disk(small_disk: Path) -> None:
+    campaign = made_campaign(1)
+    store = handed_over(small_disk, campaign)
+
+    class Filled(Simulated):
+        def drive(self, *given: object) -> Iterator[str]:  # type: ignore[override]
+            fill(small_disk)
+            return super().drive(*given)  # type: ignore[arg-type]
+
+    Player(store, Filled(MODEL, 1e9), 1e9, lambda: bool(store.accepted())).play()
+    assert logs_in(store.runs) == expected_logs(campaign)
+
+
+def test_a_log_without_room_arms_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same where nobody can mount a disk: the run needs more room than any disk here has."""
+    store, vehicle = handed_over(tmp_path), FakeSub()
+    monkeypatch.setattr(LinkCampaign, "room", lambda *_: 1 << 43)
+    play(store, vehicle)
+    (state,) = store.state().campaigns
+    assert arms(vehicle) == 0 and state.over and " cannot be logged (" in str(state.why_stopped)
+    assert list(store.runs.iterdir()) == []
+
+
+def test_a_log_that_breaks_off_ends_the_run_and_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neutral, disarmed, over: also where the disk fails in the middle of a run."""
+    store, vehicle, written = handed_over(tmp_path), FakeSub(), list[bytes]()
+
+    def write(number: int, content: bytes) -> int:
+        if len(written) == 60:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        written.append(content)
+        return os_write(number, content)
+
+    os_write = os.write
+    monkeypatch.setattr(store_module.os, "write", write)
+    play(store, vehicle)
+    (state,) = store.state().campaigns
+    assert state.over and (state.played, arms(vehicle)) == (1, 1) and not vehicle.armed
+    assert "cannot be logged (Input/output error)" in str(state.why_stopped)
+    ((name, content),) = logs_in(store.runs).items()
+    assert name.endswith("_stopped.csv") and content == b"".join(written)
+    assert not vehicle.sticks()[-1].message.r
+
+
+def test_a_player_that_dies_before_its_log_begins_is_started_a_few_times_only(tmp_path: Path) -> None:
+    """Each start arms the vehicle and turns it: a supply that breaks down at that would have it armed for ever."""
+    store = handed_over(tmp_path)
+    name = CAMPAIGN.log_name(CAMPAIGN.runs[0])
+    for _ in range(DEATHS):
+        os.close(store.begin(name, 1000))  # and then there is silence
+        store.close_leftovers()
+    vehicle = FakeSub()
+    play(store, vehicle)
+    (state,) = store.state().campaigns
+    assert arms(vehicle) == 0 and state.over and state.played == 0
+    assert f"ended {DEATHS} times before {name} had a line in its log; look at" in str(state.why_stopped)
+
+
+def no_room(*_: object, **__: object) -> None:
+    """What writing a file says on a full disk."""
+    raise OutputError("no space left on device")
+
+
+def test_a_stop_needs_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = handed_over(tmp_path)
+    monkeypatch.setattr(store_module, "write_whole", no_room)
+    store.stop()
+    assert store.accepted() == [] and store.state().campaigns[0].why_stopped == "asked to stop"
+
+
+def test_a_log_is_closed_without_room_for_its_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign = made_campaign(2)
+    store = handed_over(tmp_path, campaign)
+    monkeypatch.setattr(store_module, "write_whole", no_room)
+    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: bool(store.accepted())).play()
+    assert logs_in(store.runs) == expected_logs(campaign)
+    monkeypatch.undo()
+    whole = handed_over(tmp_path / "other", campaign)
+    Player(whole, Simulated(MODEL, 1e9), 1e9, lambda: bool(whole.accepted())).play()
+    assert store.listing() == whole.listing()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs fallocate")
+def test_room_is_kept_out_of_sight_and_given_back(tmp_path: Path) -> None:
+    store = handed_over(tmp_path)
+    number = store.begin("log", 1_000_000)
+    store.write(number, "log", "time_s\n")
+    held = os.fstat(number)
+    os.close(number)
+    assert held.st_size == 7 and store.part("log").read_bytes() == b"time_s\n"
+    store.close("log", "")
+    assert held.st_blocks * 512 >= 1_000_000 > 65536 > (store.runs / "log.csv").stat().st_blocks * 512
+
+
+def test_a_disk_that_keeps_no_stop_ends_the_lease(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that takes nothing more, not even a new name: the player is left without its server's lease."""
+    store = handed_over(tmp_path)
+    store.lease.write_text("word")
+
+    def refused(*_: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    server = LinkServer(("127.0.0.1", 0), store, Simulated(MODEL), TOKEN)
+    try:
+        monkeypatch.setattr(Path, "replace", refused)
+        assert server.stop() and not store.lease.exists()
+        (trouble,) = server.state().troubles
+        assert "nothing is driven until `automarine serve` is started again" in trouble and "Read-only" in trouble
+        with pytest.raises(SettingError, match="nothing is driven until"):
+            server.accept(b"", "0" * 64)
+    finally:
+        server.server_close()
