@@ -142,7 +142,7 @@ LAWS: Mapping[tuple[str, int], Lines] = {
     ("water-swirl", 3): Lines(state=("water_dot = ({chi} * {F} / {tau_ref} - (1.0 - {chi}) * water) / {T_w}",)),
     ("water-swirl", 4): Lines(state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * abs(water) * water) / {T_w}",)),
     ("water-swirl", 6): Lines(
-        state=("water_dot = ({chi} * {F} / {tau_ref} - (1.0 - {chi}) * abs(water) * water) / {T_w}",)
+        state=("calms = (1.0 - {chi}) * abs(water) * water", "water_dot = ({chi} * {F} / {tau_ref} - calms) / {T_w}")
     ),
     ("water-swirl", 5): Lines(
         state=(

@@ -74,7 +74,9 @@ class Collector:
                 return state
             if (found := state.of(campaign.id)) is None:
                 why = "".join(f"; {trouble}" for trouble in state.troubles)
-                raise SettingError(f"the vehicle does not know campaign {campaign.id[:SHORT]} any more{why}")
+                raise SettingError(
+                    f"the vehicle does not know campaign {campaign.id[:SHORT]} any more; send it again{why}"
+                )
             if found.over:
                 return state
             time.sleep(self.poll_s)

@@ -208,7 +208,7 @@ class LinkServer(ThreadingHTTPServer):
 
     def silence(self, problem: Exception) -> None:
         """End the lease, as the disk is of no use: the player sends neutral and ends."""
-        self.silenced = f"nothing is driven until `automarine serve` is started again, for its disk failed ({problem})"
+        self.silenced = f"the disk failed ({problem}), and nothing is driven; start `automarine serve` again"
         with contextlib.suppress(OSError):
             self.store.lease.unlink(missing_ok=True)
 
@@ -273,15 +273,15 @@ def token_of(folder: Path) -> str:
         sync_folder(folder)
     mode = file.lstat().st_mode
     if not stat.S_ISREG(mode):
-        raise SettingError(f"{file} is a link or a folder; remove it, and a new token is made")
+        raise SettingError(f"{file} is a link or a folder; delete it, and a new token is made")
     if os.name != "nt" and mode & 0o077:
         raise SettingError(
-            f"others may read or change {file} (mode {mode & 0o777:o}); remove it, and a new token is made, or "
+            f"others may read or change {file} (mode {mode & 0o777:o}); delete it, and a new token is made, or "
             f"`chmod 600` it"
         )
     token = file.read_text(encoding="utf-8", errors="replace").strip()
     if not token or not token.isascii() or not token.isprintable():
-        raise SettingError(f"{file} holds no token; remove it, and a new one is made")
+        raise SettingError(f"{file} holds no token; delete it, and a new one is made")
     return token
 
 

@@ -131,8 +131,14 @@ def look_at(
     yaw = [file for layout in layouts if layout.dof.wraps and not layout.bollard for file in layout.files]
     read = partial(_runs_of, columns=columns, dof=YAW)
     runs = ordered_map(read, yaw, jobs, progress=progress, stage="looking at runs")
-    unread = {file for layout in layouts if YAW.position not in layout.lacking
-              and (layout.lacking or any(one.open for one in layout.columns)) for file in layout.files}  # fmt: skip
+    headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
+    unread = {
+        file
+        for layout in layouts
+        if not (headed and YAW.position in layout.lacking)
+        and (layout.lacking or any(column.open for column in layout.columns))
+        for file in layout.files
+    }
     unread -= {file for file, (good, _) in zip(yaw, runs) if good}
     aside += [one for file, (_, bad) in zip(yaw, runs) if file not in unread for one in bad]
     bad_tests = {one.file for one in aside}

@@ -23,6 +23,7 @@ PASSED_ON = {
     "{str(problem)}", "{where}: {problem}", "{run.source}, run {run.name}: {error}",
     "{printable(self.path.name)}: logs.{kind}: {problem}",
     "the vehicle refuses: {printable(str(data.get('error')))[:600]}",
+    "{self.silenced}",  # which ends: start `automarine serve` again
     "no usable run in {files} log{'s' * (files != 1)}: {reasons}{more}",
 }  # fmt: skip
 """Refusals whose sentence was made elsewhere, by a refusal that is read here."""
@@ -30,7 +31,7 @@ PASSED_ON = {
 VERBS = (
     "add", "allow", "analyse", "ask", "call", "check", "choose", "close", "compare", "complete", "copy", "correct",
     "cut", "delete", "drop", "export", "fit", "free", "give", "hold", "install", "keep", "leave", "log", "look",
-    "make", "map", "measure", "name", "pull", "rename", "report", "run", "save", "say", "set", "shorten", "sort",
+    "make", "map", "measure", "name", "pull", "rename", "report", "run", "save", "say", "send", "set", "shorten", "sort",
     "split", "start", "take", "tell", "try", "use", "validate", "wait", "write",
 )  # fmt: skip
 CLAUSE = re.compile(rf"(?:^|[.;:,}}] ?|[(]|\b(?:or|and|so|please) )(?:{'|'.join(VERBS)})\b", re.IGNORECASE)

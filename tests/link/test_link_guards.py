@@ -49,7 +49,7 @@ def collected(url: str, folder: Path, campaign: LinkCampaign | None = None) -> S
 def test_a_file_without_a_token_opens_nothing(content: str, tmp_path: Path) -> None:
     (tmp_path / "token").write_text(content)
     (tmp_path / "token").chmod(0o600)
-    with pytest.raises(SettingError, match="token holds no token; remove it, and a new one is made"):
+    with pytest.raises(SettingError, match="token holds no token; delete it, and a new one is made"):
         token_of(tmp_path)
 
 
@@ -358,7 +358,9 @@ def test_a_campaign_that_the_vehicle_lost_is_not_waited_for(tmp_path: Path) -> N
         put(vehicle.port, campaign)
         (document,) = vehicle.store.campaigns.glob("*.json")
         document.write_text(document.read_text().replace("wait_s", "wait_S"))
-        with pytest.raises(SettingError, match=f"does not know campaign {campaign.id[:8]} any more; campaigns/0001_"):
+        with pytest.raises(
+            SettingError, match=f"does not know campaign {campaign.id[:8]} any more; send it again; campaigns/0001_"
+        ):
             collected(vehicle.url, tmp_path / "pool", campaign)
         vehicle.alive.clear()
 
