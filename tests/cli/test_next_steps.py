@@ -31,8 +31,8 @@ PASSED_ON = {
 VERBS = (
     "add", "allow", "analyse", "ask", "call", "check", "choose", "close", "compare", "complete", "copy", "correct",
     "cut", "delete", "drop", "export", "fit", "free", "give", "hold", "install", "keep", "leave", "log", "look",
-    "make", "map", "measure", "name", "pull", "rename", "report", "run", "save", "say", "send", "set", "shorten", "sort",
-    "split", "start", "take", "tell", "try", "use", "validate", "wait", "write",
+    "make", "map", "measure", "name", "pull", "rename", "report", "run", "save", "say", "send", "set", "shorten",
+    "sort", "split", "start", "take", "tell", "try", "use", "validate", "wait", "write",
 )  # fmt: skip
 CLAUSE = re.compile(rf"(?:^|[.;:,}}] ?|[(]|\b(?:or|and|so|please) )(?:{'|'.join(VERBS)})\b", re.IGNORECASE)
 WANTED = re.compile(r"\b(?:expected|known are|takes|it has|there are|did you mean|go(?:es)? (?:with|together))\b")

@@ -11,7 +11,6 @@ import automarine_cli as am
 from automarine_cli.diagnosis.refits import trial_of
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.thrust_curve import curved, gain_exponent
-from automarine_cli.diagnosis.trials import number_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.models.yaw_model import YawModel
@@ -41,7 +40,7 @@ def test_both_are_found_together(power: float, idle: float) -> None:
     steep = gain_exponent(study, base.fit)
     assert base.fit.factor(GAIN) > 0.29 and steep is not None and steep.value > power - 1.0
     found = curved(study, base)
-    assert found is not None and found.added == ("dead-band", "thrust-exponent") and number_of(found.added) == 1
+    assert found is not None and found.added == ("dead-band", "thrust-exponent") and found.count == 1
     theta = dict(zip(found.model.parameter_names, found.model.theta))
     assert theta["dead-band.width"] == pytest.approx(idle, abs=0.015)
     assert theta["thrust-exponent.p"] == pytest.approx(power, abs=0.1)

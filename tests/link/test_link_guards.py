@@ -57,7 +57,7 @@ def test_a_token_that_others_may_read_is_refused(tmp_path: Path) -> None:
     token = token_of(tmp_path)
     assert len(token) >= 32 and token_of(tmp_path) == token
     (tmp_path / "token").chmod(0o640)
-    with pytest.raises(SettingError, match=r"others may read or change .*token \(mode 640\); remove it, .*`chmod 600`"):
+    with pytest.raises(SettingError, match=r"others may read or change .*token \(mode 640\); delete it, .*`chmod 600`"):
         token_of(tmp_path)
     (tmp_path / "token").unlink()
     (tmp_path / "secret").write_text("elsewhere")
