@@ -11,7 +11,7 @@ from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.driven_fit import beside_forecasts, fit_driven
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.fits.yaw_fit import YawFit
@@ -109,7 +109,8 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
     runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns, YAW)
     assert {run.moment_unit for run in runs} == {"N m"}
     moving = np.zeros(len(runs), dtype=bool)
-    fit = fit_driven(make_course(runs, moving), rough_model("1", make_batch(runs, 0.1)), "1")
+    course = make_course(runs, moving)
+    fit = beside_forecasts(course, fit_driven(course, rough_model("1", make_batch(runs, 0.1)), "1"))
     for name, estimate in fit.estimates.items():
         assert estimate.value == pytest.approx(nominal.output_error["1"].estimates[name].value, rel=0.25)
 

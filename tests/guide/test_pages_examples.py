@@ -22,6 +22,7 @@ ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 ANYTHING = "..."
+STEP_TOLD = re.compile(r"^\d+/\d+ [\w-]+: .*\n", re.MULTILINE)
 
 
 class Example(NamedTuple):
@@ -62,11 +63,11 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 def printed(line: str) -> str:
-    """Both streams of one command line."""
+    """Both streams of one command line, without the steps with their times that `run` tells a pipe alone."""
     program, *arguments = shlex.split(line)
     assert program in ALLOWED, f"{line!r} is not run by this test"
     if program == "automarine":
-        return CliRunner().invoke(automarine, arguments).output
+        return STEP_TOLD.sub("", CliRunner().invoke(automarine, arguments).output)
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
     return done.stdout
 
