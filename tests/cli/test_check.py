@@ -140,7 +140,7 @@ def test_the_lake_runs() -> None:
     assert [one.run for one in pieces] == ["run_11.1", "run_11.2"]
     assert all("beside a jump of the heading" in one.why for one in pieces)
     assert aside.run == "thrust_curve_static_bollard"
-    assert aside.why.startswith("no time, heading and yaw moment; found the columns command, mean_force_N;")
+    assert aside.why.startswith("no control signal and force; found the columns command, mean_force_N;")
 
 
 @pytest.mark.real_data(DATA)
