@@ -64,8 +64,8 @@ def test_a_diagnosis_names_them_and_says_what_scatters_still(tmp_path: Path) -> 
             {"name": "input-delay", "t_d": 0.12},
         ],
         "logger": {"rate_hz": 10.0, "noise_deg": 1.0}, "scatter": {"gain": 0.02},
-        "runs": [{"kind": "step", "moments": 2 * [s * m for m in (0.2, 0.35, 0.5, 0.75, 1.0) for s in (1, -1)],
-                  "turn_deg": 360.0}],
+        "runs": [{"kind": "step", "turn_deg": 360.0,
+                  "moments": [s * m for m in (0.2, 0.25, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0) for s in (1, -1)]}],
     }  # fmt: skip
     (tmp_path / "truth.json").write_text(json.dumps(specification))
     am.simulate(tmp_path / "truth.json", out=tmp_path / "day")

@@ -62,7 +62,7 @@ def test_a_token_that_others_may_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "token").unlink()
     (tmp_path / "secret").write_text("elsewhere")
     (tmp_path / "token").symlink_to("secret")
-    with pytest.raises(SettingError, match="is a link or a folder; remove it"):
+    with pytest.raises(SettingError, match="is a link or a folder; delete it"):
         token_of(tmp_path)
 
 
