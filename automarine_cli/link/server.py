@@ -208,7 +208,7 @@ class LinkServer(ThreadingHTTPServer):
 
     def silence(self, problem: Exception) -> None:
         """End the lease, as the disk is of no use: the player sends neutral and ends."""
-        self.silenced = f"the disk failed ({problem}), and nothing is driven; start `automarine serve` again"
+        self.silenced = f"the disk failed ({problem}); nothing is driven until `automarine serve` is started again"
         with contextlib.suppress(OSError):
             self.store.lease.unlink(missing_ok=True)
 
