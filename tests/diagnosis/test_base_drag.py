@@ -8,8 +8,9 @@ from effect_contract import base_for, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 
 from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.estimates import base_estimates
 from automarine_cli.diagnosis.refits import trial_of
-from automarine_cli.diagnosis.search import drag_right
+from automarine_cli.diagnosis.search import drag_right, without_idle_drag
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.report.diagnosis_tables import verdict_sentence
@@ -55,6 +56,20 @@ def test_drag_that_nothing_asks_for_is_dropped_and_what_is_lacking_added() -> No
     bare = trial_of(wrong, model, ("bias-moment",), wrong.fit(model))
     mended = drag_right(wrong, bare)
     assert mended.added == ("bias-moment", "quadratic-drag") and mended.counted == ("bias-moment",)
+    assert without_idle_drag(wrong, bare) is bare
+    lean = without_idle_drag(wrong, mended)
+    assert lean.added == mended.added and lean.model.drag()[0] == 0.0
+    own = base_estimates(wrong, lean)
+    assert own["k_r"].value == own["k_r"].ci95[1] == 0.0
+    assert own["I_r"].ci95[0] < LINEAR.inertia < own["I_r"].ci95[1]
+
+
+def test_drag_of_the_base_that_has_something_to_do_stays() -> None:
+    truth = LINEAR.with_effect("quadratic-drag", [0.8])
+    study = study_of(planted(truth, "bias-moment", seed=1, plans=short_plans()), LINEAR)
+    model = truth.with_effect("bias-moment", [0.05])
+    both = trial_of(study, model, ("quadratic-drag", "bias-moment"), study.fit(model))
+    assert without_idle_drag(study, both) is both
 
 
 def test_only_drag_is_what_counts_where_nothing_else_was_added() -> None:
