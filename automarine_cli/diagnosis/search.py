@@ -87,7 +87,7 @@ class _Runs(Judge[Trial, Round]):
 
     def able(self, look: Round, first: Round) -> list[Trial]:
         """The drag of the base comes first unless another effect reaches the noise without it: beside a wrong drag
-        everything is named that mends it."""
+        everything is named that mends it, a curve of the thrust too, which comes first where only gains show it."""
         current = look.before
         least = max(look.threshold, TRUST * (first.before.evidence - current.evidence))
         able = [t for t in look.trials if look.gain(t) > least and may_stand(self.study, t, current)]
@@ -95,8 +95,9 @@ class _Runs(Judge[Trial, Round]):
         if able and not self.study.driven and able[0].fit.noise > TO_THE_NOISE * self.study.sensor_floor:
             able.sort(key=lambda trial: not corrects(trial.added[-1]))
         if look is first and not (able and settles(able[0], current)):
-            curve = curved(self.study, current)
-            able = able if curve is None else [curve, *able]
+            curve, hidden = curved(self.study, current), current.fit.noise <= STANDS * self.study.sensor_floor
+            if curve is not None and (hidden or not able or curve.evidence < able[0].evidence):
+                able = [curve, *able]
         return able
 
     def full(self, model: Trial) -> bool:
