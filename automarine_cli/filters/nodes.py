@@ -14,6 +14,8 @@ from automarine_cli.runs.run import Run
 STEP, LEAST_STEP = 0.25, 0.1
 """Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
 controller answers every reading, and the commands would tell of one that was left out."""
+LONGEST = 0.2
+"""Longest step [s] between samples that are further apart; longer ones are divided."""
 APART = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 SMOOTH_GYRO = 0.25
@@ -46,8 +48,8 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
     return STEP
 
 
-def nodes_of(run: Run, step: float, quantities: Sequence[str]) -> Floats:
-    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals. Where a sensor is
+def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -> Floats:
+    """Clock of the filter's nodes: samples about `step` apart, intervals divided about `longest`. Where a sensor is
     slower than the log, the samples of the slowest come first."""
     read = [channel for channel in map(run.channel, quantities) if channel is not None]
     slow = min((_fresh(one) for one in read), key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
@@ -61,7 +63,7 @@ def nodes_of(run: Run, step: float, quantities: Sequence[str]) -> Floats:
             kept.append(i)
             last, firm = now, now if first else firm
     gaps = np.diff(run.time[kept])
-    count = np.maximum(np.ceil(gaps / step - 0.25).astype(int), 1)
+    count = np.maximum(np.ceil(gaps / longest - 0.25).astype(int), 1)
     which = np.repeat(np.arange(len(gaps)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
