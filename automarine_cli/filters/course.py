@@ -226,7 +226,7 @@ def _lay(
             continue
         here, found, noise[c] = readings_of(run.time, read, node, least_noise(motion.dofs[d], velocity))
         values[c, here], seen[c, here] = found, True
-        here, found, _ = (here, found, 0.0) if velocity else readings_of(run.time, read, node, 0.0)
+        here, found, _ = readings_of(run.time, read, node, 0.0)
         often[0, c, here], often[1, c, here] = found, 1.0
     return _Laid(
         length=np.diff(node),
