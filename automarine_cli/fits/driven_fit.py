@@ -101,10 +101,10 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
     forecasts.
 
-    Judged are predictions of runs left out. Least squares have to be better by CLEARLY over each of COMPARED, or at
-    least as good but for LEVEL with an inertia that survives leaving runs out better: commands that answer a
-    disturbance tell of it, which flatters least squares over long horizons and biases them, innovations not. Where
-    least squares are taken, the square of the difference of both is added to the covariance.
+    Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
+    over long horizons and biases them, innovations not. So least squares have to be better by CLEARLY over each of
+    COMPARED, or at least as good but for LEVEL with an inertia that survives leaving runs out better; the square of the
+    difference of both is then added to the covariance.
     """
     found, dof = likely.mixed, likely.model.dof
     assert isinstance(found, InnovationsFit)
@@ -127,11 +127,13 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     surer = bool(run_covariance(plain)[0, 0] < run_covariance(found)[0, 0])
     better = better or (level and surer)
     names = list(errors) if better else list(errors)[::-1]
+    fits = (plain, found) if better else (found, plain)
     shown = [" and ".join(f"{dof.shown(one):.3g}" for one in errors[name]) for name in names]
+    sizes = [f"{fit.theta[0]:.3g}" for fit in fits]
     ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
     says = (
         f"by {names[0]}: runs left out are predicted {ahead} s ahead to {shown[0]} {dof.units.shown}, by {names[1]} to "
-        f"{shown[1]}"
+        f"{shown[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
     )
     if not better:
         return replace(likely, estimator=says)
