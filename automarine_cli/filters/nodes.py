@@ -14,7 +14,7 @@ from automarine_cli.runs.run import Run
 STEP, LEAST_STEP = 0.25, 0.1
 """Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
 controller answers every reading, and the commands would tell of one that was left out."""
-LONGEST = 0.2
+LONGEST = 0.15
 """Longest step [s] between samples that are further apart; longer ones are divided."""
 APART = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
