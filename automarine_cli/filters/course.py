@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
-from automarine_cli.filters.nodes import least_noise, nodes_of, readings_of, step_of
+from automarine_cli.filters.nodes import LONGEST, least_noise, nodes_of, readings_of, step_of
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
@@ -147,8 +147,9 @@ def make_course(
         if (quantity in channels if channels is not None else quantity == position)
     ]
     wanted = [quantity for _, quantity, _ in sensors]
-    step = step_of(runs, motion, wanted) if step is None else step
-    laid = [_lay(run, nodes_of(run, step, wanted), motion, signals, sensors) for run in runs]
+    own = step_of(runs, motion, wanted) if step is None else step
+    longest = max(own, LONGEST) if step is None else step
+    laid = [_lay(run, nodes_of(run, own, longest, wanted), motion, signals, sensors) for run in runs]
     nodes, fine = max(len(one.at) for one in laid), max(len(one.width) for one in laid)
     at = padded([one.at for one in laid], nodes)
     for row, one in zip(at, laid):
@@ -225,7 +226,7 @@ def _lay(
             continue
         here, found, noise[c] = readings_of(run.time, read, node, least_noise(motion.dofs[d], velocity))
         values[c, here], seen[c, here] = found, True
-        here, found, _ = (here, found, 0.0) if velocity else readings_of(run.time, read, node, 0.0)
+        here, found, _ = readings_of(run.time, read, node, 0.0)
         often[0, c, here], often[1, c, here] = found, 1.0
     return _Laid(
         length=np.diff(node),

@@ -8,20 +8,18 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.noise import position_noise
+from automarine_cli.runs.noise import fresh_readings, position_noise
 from automarine_cli.runs.run import Run
 
 STEP, LEAST_STEP = 0.25, 0.1
 """Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
 controller answers every reading, and the commands would tell of one that was left out."""
+LONGEST = 0.15
+"""Longest step [s] between samples that are further apart; longer ones are divided."""
 APART = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 SMOOTH_GYRO = 0.25
 """Share of a compass' least noise [per s] below which a gyro was filtered, or its rate is derived from headings."""
-HELD = 0.2
-"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
-FLAT = 3.0
-"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
 
 def least_noise(dof: Dof, velocity: bool) -> float:
@@ -38,7 +36,7 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
             for run in runs:
                 read = run.channel(quantity)
                 if quantity in quantities and read is not None:
-                    fresh = _fresh(read)
+                    fresh = fresh_readings(read)
                     noises.append(position_noise(run.time[fresh], read[fresh]))
             gyro = dof.wraps and quantity == dof.velocity
             if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
@@ -46,11 +44,11 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
     return STEP
 
 
-def nodes_of(run: Run, step: float, quantities: Sequence[str]) -> Floats:
-    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals. Where a sensor is
+def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -> Floats:
+    """Clock of the filter's nodes: samples about `step` apart, intervals divided about `longest`. Where a sensor is
     slower than the log, the samples of the slowest come first."""
     read = [channel for channel in map(run.channel, quantities) if channel is not None]
-    slow = min((_fresh(one) for one in read), key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
+    slow = min((fresh_readings(one) for one in read), key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
     own = np.append(run.time[slow], np.inf)
     wait = own[np.searchsorted(own, run.time, side="right")] - run.time
     kept, last, firm = [0], run.time[0], run.time[0]
@@ -61,7 +59,7 @@ def nodes_of(run: Run, step: float, quantities: Sequence[str]) -> Floats:
             kept.append(i)
             last, firm = now, now if first else firm
     gaps = np.diff(run.time[kept])
-    count = np.maximum(np.ceil(gaps / step - 0.25).astype(int), 1)
+    count = np.maximum(np.ceil(gaps / longest - 0.25).astype(int), 1)
     which = np.repeat(np.arange(len(gaps)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
@@ -77,7 +75,7 @@ def readings_of(time: Floats, read: Floats, node: Floats, floor: float) -> tuple
 
     Of a sensor that is faster than the filter the samples about a node are averaged, at the time of the node.
     """
-    fresh = _fresh(read)
+    fresh = fresh_readings(read)
     noise = position_noise(time[fresh], read[fresh])
     apart = APART if noise < floor else 0.0
     at = np.searchsorted(node, time - 1e-9)
@@ -107,20 +105,3 @@ def _averaged(time: Floats, read: Floats, at: NDArray[np.int64]) -> tuple[Floats
     slope = (read[high] - read[low]) / np.where(reach > 0, time[high] - time[low], 1.0)
     values = np.where(reach > 0, mean[1] + slope * (time[at] - mean[0]), read[at])
     return values, float(np.median(count))
-
-
-def _fresh(read: Floats) -> NDArray[np.bool_]:
-    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
-
-    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
-    """
-    found = np.isfinite(read)
-    at = np.flatnonzero(found)
-    if len(at) < 3:
-        return found
-    moved = np.abs(np.diff(read[at]))
-    same = moved < 1e-9
-    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
-        return found
-    found[at[1:][same]] = False
-    return found

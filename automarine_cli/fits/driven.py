@@ -126,6 +126,6 @@ def disturbed(
     free = driven_problem(model, course)
     quiet = driven_problem(model, course, quiet=True)
     starts = base_starts(free)
-    found = [fit_innovations(one, starts).log_likelihood for one in (free, quiet)]
+    found = [fit_innovations(one, starts, brief=True).log_likelihood for one in (free, quiet)]
     chance = 3.0 * float(np.log(max(len(some), 2))) + SURE
     return bool(2.0 * (found[0] - found[1]) > chance)

@@ -17,6 +17,7 @@ from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.known import Prior
 from automarine_cli.fits.outcome import natural_of, search_of
 from automarine_cli.fits.output_error import OutputErrorFit, estimate_of, run_covariance, run_dof
+from automarine_cli.fits.ways import ways_of
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
@@ -33,6 +34,8 @@ COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
 worse."""
 PROPOSED = ("input-delay", "dead-band")
 """Effects with which models of driven logs may begin, if the evidence asks."""
+WIDENED = ("estimates", "inertial_turn_angle", "covariance")
+"""What of a fit shows its intervals."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +97,14 @@ def fit_driven(
     return _outcome(problem, found, number, sided)
 
 
-def beside_forecasts(course: Course, likely: OutputErrorFit, sided: bool = False) -> OutputErrorFit:
+def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
     forecasts.
 
-    Judged are predictions of runs left out. Least squares have to be better by CLEARLY over each of COMPARED, or at
-    least as good but for LEVEL with an inertia that survives leaving runs out better: commands that answer a
-    disturbance tell of it, which flatters least squares over long horizons and biases them, innovations not.
+    Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
+    over long horizons and biases them, innovations not. So least squares have to be better by CLEARLY over each of
+    COMPARED, or at least as good but for LEVEL with an inertia that survives leaving runs out better; the square of the
+    difference of both is then added to the covariance.
     """
     found, dof = likely.mixed, likely.model.dof
     assert isinstance(found, InnovationsFit)
@@ -123,14 +127,27 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, sided: bool = False
     surer = bool(run_covariance(plain)[0, 0] < run_covariance(found)[0, 0])
     better = better or (level and surer)
     names = list(errors) if better else list(errors)[::-1]
+    fits = (plain, found) if better else (found, plain)
     shown = [" and ".join(f"{dof.shown(one):.3g}" for one in errors[name]) for name in names]
+    sizes = [f"{fit.theta[0]:.3g}" for fit in fits]
     ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
     says = (
         f"by {names[0]}: runs left out are predicted {ahead} s ahead to {shown[0]} {dof.units.shown}, by {names[1]} to "
-        f"{shown[1]}"
+        f"{shown[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
     )
-    best = _outcome(problem, plain, likely.number, sided) if better else likely
-    return replace(best, estimator=says)
+    if not better:
+        return replace(likely, estimator=says)
+    covariance = run_covariance(plain).copy()
+    own = plain.parameters
+    covariance[:own, :own] += np.outer(*[plain.phi[:own] - found.phi[:own]] * 2)  # one of the two is biased
+    best = _outcome(problem, plain, likely.number, _is_sided(likely), covariance)
+    ways = None if likely.ways is None else ways_of(best, dof) if _is_sided(likely) else likely.ways
+    return replace(best, estimator=says, by_forecasts=True, ways=ways)
+
+
+def _is_sided(fit: OutputErrorFit) -> bool:
+    """Whether the model has a drag of each way."""
+    return fit.model.dof.symbols.difference in fit.estimates
 
 
 def _start(name: str, largest: float) -> list[float]:
@@ -144,12 +161,12 @@ def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> 
     dof, largest = course.motion.dofs[0], float(np.abs(course.held).max())
     linear, quadratic = model.drag()
     slowness = model.fastest(largest)
-    deviation = float(np.sqrt(max(found.covariance[0, 0], 0.0)))
+    deviation = float(np.sqrt(max(run_covariance(found)[0, 0], 0.0)))
     if linear <= 0 and quadratic <= 0:
         what = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
     elif not QUICKEST < slowness < SLOWEST:
         what = f"it would answer its thrusters within {slowness:.2g} s"
-    elif found.names[0] not in found.known and (0 in found.at_bound or deviation <= 0.0 or deviation > 1.5):
+    elif found.names[0] not in found.known and (0 in found.at_bound or deviation <= 0.0 or deviation > np.log(3.0)):
         what = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
@@ -163,11 +180,13 @@ def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> 
     )
 
 
-def _outcome(problem: DrivenProblem, found: InnovationsFit, number: str, sided: bool) -> OutputErrorFit:
+def _outcome(
+    problem: DrivenProblem, found: InnovationsFit, number: str, sided: bool, covariance: Floats | None = None
+) -> OutputErrorFit:
     base = problem.model
     assert isinstance(base, YawModel)
     dof, unit = base.dof, base.moment_unit
-    covariance = run_covariance(found)
+    covariance = run_covariance(found) if covariance is None else covariance
     runs = len(found.left_out)
     alone = float(sum(found.read.values()) - len(found.theta)) if runs == 1 else None
     roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
@@ -245,23 +264,40 @@ def worth_of(predictions: Sequence[Predicted]) -> tuple[Worth, ...]:
     )
 
 
-def proposals(course: Course, fit: OutputErrorFit) -> Mapping[str, float]:
-    """Deviance gained by each of PROPOSED beside a fitted model, where the evidence asks for it."""
-    if not isinstance(fit.mixed, InnovationsFit):
-        return {}
-    have, gained = {term.name for term in fit.model.terms}, {}
+def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[str, float]]:
+    """The fit with intervals that allow for what it lacks, and the deviance gained by each of PROPOSED that the
+    evidence asks for.
+
+    The square of the shift by which the best of them moves the parameters is added to their covariance: a bias that
+    the structure may have, of either sign.
+    """
+    narrow = fit.mixed
+    if not isinstance(narrow, InnovationsFit):
+        return fit, {}
+    problem = driven_problem(fit.model, course).informed(narrow.known)
+    likelihood, own = narrow.log_likelihood, len(fit.model.theta)
+    if fit.by_forecasts:
+        likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
+    have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
     largest = float(np.abs(course.held).max()) or 1.0
     for name in PROPOSED:
         if name in have:
             continue
         start = _start(name, largest)
-        wider = driven_problem(fit.model.with_effect(name, start), course).informed(fit.mixed.known)
-        theta = np.array([*fit.mixed.of_model, *start])
-        found = fit_innovations(wider, starts_near(wider, [theta], fit.mixed.of_chance))
-        gain = 2.0 * (found.log_likelihood - fit.mixed.log_likelihood)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.known)
+        theta = np.array([*narrow.of_model, *start])
+        wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
+        gain = 2.0 * (wide.log_likelihood - likelihood)
         if gain > HEAD_START + np.log(max(len(course.names), 2)):
-            gained[name] = gain
-    return gained
+            phi = fit_forecasts(wider, wide.phi, wide.theta[None]).phi if fit.by_forecasts else wide.phi
+            gains[name], shifts[name] = gain, phi[:own] - narrow.phi[:own]
+    if not gains:
+        return fit, {}
+    covariance = fit.covariance.copy()
+    shift = shifts[max(gains, key=lambda name: gains[name])]
+    covariance[:own, :own] += np.outer(shift, shift)
+    wide_fit = _outcome(problem, narrow, fit.number, _is_sided(fit), covariance)
+    return replace(fit, **{name: getattr(wide_fit, name) for name in WIDENED}), gains
 
 
 def _joined(pieces: Sequence[Predicted]) -> Predicted:

@@ -58,11 +58,10 @@ def _fit_driven_model(
     batch, both = make_batch(runs, STEPS[0]), both_ways(runs)
 
     def fit(sided: bool) -> OutputErrorFit:
-        likely = fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, known)
-        return beside_forecasts(course, likely, sided)
+        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, known)
 
     try:
-        return by_way(fit, batch.dof, both)
+        return beside_forecasts(course, by_way(fit, batch.dof, both))
     except FitError as error:
         return error
 

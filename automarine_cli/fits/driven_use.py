@@ -10,7 +10,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.prediction import Predicted, free_run
 from automarine_cli.fits.driven import driven_problem
-from automarine_cli.fits.driven_fit import COMPARED, Worth, left_out_predictions, proposals, whole_predictions, worth_of
+from automarine_cli.fits.driven_fit import COMPARED, Worth, left_out_predictions, whole_predictions, worth_of
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.quantities import Floats
@@ -81,7 +81,8 @@ class Use(Judgement):
             f"{name} ({effects.get(name).card(dof).says.rstrip('.').lower()}) gains {gain:.0f} in deviance"
             for name, gain in self.proposed.items()
         )
-        return (*found, f"The data need more than drag: {asks}. Fit it with --with {names}.")
+        need = f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."
+        return (*found, need)
 
 
 def judged_of(worth: Sequence[Worth]) -> Worth | None:
@@ -164,8 +165,10 @@ def judged_whole(course: Course, fit: OutputErrorFit) -> Judgement:
     return Judgement(worth_of(whole_predictions(course, fit)), len(course.names))
 
 
-def use_of(course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...]) -> Use:
-    """Judge a fit of driven runs on each run by the others."""
+def use_of(
+    course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
+) -> Use:
+    """Judge a fit of driven runs on each run by the others; `proposed` is what it lacks."""
     found = fit.mixed
     assert isinstance(found, InnovationsFit)
     problem = driven_problem(fit.model, course)
@@ -174,7 +177,7 @@ def use_of(course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ..
     return Use(
         worth_of(predictions),
         len(course.names),
-        proposals(course, fit),
+        proposed,
         course,
         predictions,
         free_run(fit.model, course, found.of_model, problem.noises(found.theta[None])),

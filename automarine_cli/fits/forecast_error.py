@@ -262,7 +262,7 @@ def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
     theta = driven.natural(fit.phi)
     held = driven.bounds.copy()
     held[:own] = theta[:own, None]
-    found = fit_innovations(replace(driven, bounds=held), theta[None])
+    found = fit_innovations(replace(driven, bounds=held), theta[None], brief=True)
     runs, phi = len(driven.course.names), np.append(fit.phi[:own], found.phi[own:])
     left_out, covariance, by_run = found.left_out.copy(), found.covariance.copy(), found.by_run.copy()
     covariance[:own, :own] = fit.covariance[:own, :own]

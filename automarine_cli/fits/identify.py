@@ -13,6 +13,7 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.nodes import averaged_over
 from automarine_cli.fits.drag import FEWEST_A_WAY
+from automarine_cli.fits.driven_fit import widened
 from automarine_cli.fits.driven_models import STEPS, both_ways, fitted_driven, is_driven
 from automarine_cli.fits.driven_use import Judgement, judged_whole, left_out, prefer_driven, use_of
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
@@ -206,6 +207,9 @@ def _fit_whole(
     )
     ahead = left_out(course, fits) if driven else {}
     preference = (prefer_driven(fits, ahead, dof) if driven else None) or prefer(fits)
+    proposed: dict[str, float] = {}
+    if driven:
+        fits[preference.number], proposed = widened(course, fits[preference.number])
     if estimator := fits[preference.number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
@@ -216,7 +220,7 @@ def _fit_whole(
         use = judged_whole(make_course(moving, at_rest, channels=chosen.names), fits[number])
         warnings = (*use.warnings(dof), *warnings)
     else:
-        use = use_of(course, fits[number], ahead[number])
+        use = use_of(course, fits[number], ahead[number], proposed)
         missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
         warnings = (*use.warnings(dof), *missing, *warnings)
     return YawFit(

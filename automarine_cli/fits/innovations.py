@@ -165,6 +165,35 @@ def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
     return _Climb(phi, value, slopes, done, converged)
 
 
+def _climb_without_each(problem: DrivenProblem, phi: Floats) -> Floats:
+    """LOOK steps of Fisher scoring from phi (R, p), each without its own run; all are filtered together."""
+    free, limits, others = problem.free, problem.limits[problem.free], ~np.eye(len(phi), dtype=bool)
+    slopes = problem.slopes(phi)
+
+    def value(at: Floats, reached: list[Slopes]) -> Floats:
+        each = zip(at, reached, others)
+        return np.array([float(s.density[rest].sum()) + float(problem.prior(x)) for x, s, rest in each])
+
+    best, damping = value(phi, slopes), np.full(len(phi), LEAST_DAMPING)
+    for _ in range(LOOK):
+        trials = phi.copy()
+        for r, (x, slope, rest) in enumerate(zip(phi, slopes, others)):
+            gradient = slope.gradient[rest].sum(axis=0) + problem.prior_gradient(x)
+            hessian = slope.information[rest].sum(axis=0) + problem.prior_information
+            if np.isfinite(gradient).all() and np.isfinite(hessian).all():
+                damped = hessian + damping[r] * np.diag(np.diagonal(hessian) + 1e-12)
+                trials[r, free] = linear_mixed.bounded_solution(damped, gradient + damped @ x[free], x[free], limits)
+        tried = problem.slopes(trials)
+        reached = value(trials, tried)
+        better = reached > best + 0.1 * SETTLED
+        phi, best = np.where(better[:, None], trials, phi), np.where(better, reached, best)
+        slopes = [new if took else old for new, old, took in zip(tried, slopes, better)]
+        damping = np.where(better, np.maximum(0.1 * damping, LEAST_DAMPING), 100.0 * damping)
+        if not better.any():
+            break
+    return phi
+
+
 def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> InnovationsFit:
     phi, slopes = reached.phi, reached.slopes
     free, limits, count = problem.free, problem.limits, len(problem.names)
@@ -183,9 +212,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
-        for r in range(runs):
-            others = replace(problem, course=problem.course.some(np.arange(runs) != r))
-            left_out[r] = _climb(others, left_out[r], LOOK).phi
+        left_out = _climb_without_each(problem, left_out)
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
     information += 0.0 if problem.smooth is None else problem.smooth / runs

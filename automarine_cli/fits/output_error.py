@@ -44,7 +44,7 @@ class OutputErrorFit:
     instant [sample intervals], `gain_scatter` run to run (relative), `noise` of the positions [rad] (None where they do
     not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit, `start` (p,)
     the theta that the search began with; `ways` the drag of each way where that was asked. `estimator` says by what the
-    parameters were estimated, and of driven runs why.
+    parameters were estimated, and of driven runs why; `by_forecasts` is True where that is least squares of forecasts.
     """
 
     number: str
@@ -59,6 +59,7 @@ class OutputErrorFit:
     start: Floats
     ways: Ways | None = None
     estimator: str = ""
+    by_forecasts: bool = False
 
 
 @dataclass(frozen=True)

@@ -224,12 +224,12 @@ def _because(
     for one, way, judged in fitted:
         share = float(np.expm1(judged.score - chosen[2].score))
         if judged is not chosen[2]:
-            which = "for the simplest structure " if one.structure == simplest != chosen[0].structure else ""
-            more.append(f"{100 * abs(share):.0f} % {'larger' if share >= 0 else 'smaller'} {which}{WAYS[way]}")
+            which = "of the simplest structure " if one.structure == simplest != chosen[0].structure else ""
+            more.append(f"one {which}{WAYS[way]} by {100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}")
     own = f"Fitted {WAYS[chosen[1]]}"
     if not more or not chosen[2].worth[HEADING]:
         return f"{own}."
-    return f"{own}. Errors on runs left out, 2 to 15 s ahead, would be {', '.join(more)}."
+    return f"{own}. Of runs left out, 2 to 15 s ahead, other fits miss: {'; '.join(more)}."
 
 
 def _usual(rough: Mapping[str, float], dof: str) -> float:

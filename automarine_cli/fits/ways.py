@@ -82,14 +82,14 @@ def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
             middle * axes[i] + sign * axes[j],
         )  # phi holds the logarithm of the middle
         deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
-        of_log = deviation / max(value, 1e-3 * middle)
+        of_log = deviation / max(value, 1e-3 * middle, 1e-300)
         drag[way] = Estimate.from_log(value, of_log, freedom(slope), fit.estimates[main].unit)
         if role == "quadratic":
-            ratio = axes[of_inertia] - slope / max(value, 1e-3 * middle)
+            ratio = axes[of_inertia] - slope / max(value, 1e-3 * middle, 1e-300)
             spread = float(np.sqrt(max(ratio @ covariance @ ratio, 0.0)))
             inertia = fit.estimates[own.inertia].value
             distance[way] = Estimate.from_log(
-                inertia / max(value, 1e-3 * middle), spread, freedom(ratio), dof.unit_of("ratio")
+                inertia / max(value, 1e-3 * middle, 1e-300), spread, freedom(ratio), dof.unit_of("ratio")
             )
     error = float(np.sqrt(max(covariance[j, j], 1e-300)))
     return Ways(dof, role, drag, distance, float(2.0 * special.stdtr(freedom(axes[j]), -abs(half) / error)))

@@ -13,7 +13,7 @@ from automarine_cli.logs.needs import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.flat import Indices, Mask, edges_of, together
-from automarine_cli.runs.noise import NORMAL, median, slope
+from automarine_cli.runs.noise import NORMAL, fresh_readings, median, slope
 from automarine_cli.runs.plain import plain_positions
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, find_jumps, position_trouble, stuck
@@ -153,7 +153,9 @@ def _summed_up(run: Run) -> Run:
     """The run with the sum of its velocities for a position, of which it is told that no sensor gave it."""
     dof = run.dof
     velocity = run.extras[dof.velocity]
-    position = summed_position(run.time, velocity, _any_command(run), dof)
+    fresh = fresh_readings(velocity)  # a held reading is as old as it is long held
+    instant = np.interp(run.time, run.time[fresh], velocity[fresh])
+    position = summed_position(run.time, instant, _any_command(run), dof)
     note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
     return replace(run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note))
 

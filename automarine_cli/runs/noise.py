@@ -1,12 +1,17 @@
 """Noise of a position measured from the log alone, without any model of the vehicle."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.flat import Indices, medians
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME = 1e-9  # rad or m; positions closer than this are one
+HELD = 0.2
+"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
+FLAT = 3.0
+"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
 
 def position_noise(time: Floats, position: Floats) -> float:
@@ -80,3 +85,20 @@ def slope(time: Floats, position: Floats) -> tuple[float, float]:
     if square == 0:
         return 0.0, np.inf
     return float(centred @ (position - position.mean())) / square, 1 / np.sqrt(square)
+
+
+def fresh_readings(read: Floats) -> NDArray[np.bool_]:
+    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
+
+    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
+    """
+    found = np.isfinite(read)
+    at = np.flatnonzero(found)
+    if len(at) < 3:
+        return found
+    moved = np.abs(np.diff(read[at]))
+    same = moved < 1e-9
+    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
+        return found
+    found[at[1:][same]] = False
+    return found

@@ -20,7 +20,7 @@ from made_driven import Sea, steered
 
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven_fit import beside_forecasts, fit_driven
+from automarine_cli.fits.driven_fit import beside_forecasts, fit_driven, widened
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.report.tables import Table
@@ -46,12 +46,13 @@ def trial(index: int) -> Trial:
         runs = [smooth(run) for run in runs]
     course, batch = make_course(runs, np.ones(RUNS, dtype=bool)), make_batch(runs, 0.1)
     try:
-        fit = beside_forecasts(course, fit_driven(course, rough_model("3", batch), "3"))
+        fit, proposed = widened(course, beside_forecasts(course, fit_driven(course, rough_model("3", batch), "3")))
     except FitError as refusal:
         return Trial({}, refused=str(refusal))
     by = "least squares" if fit.estimator.startswith("by least") else "innovations"
     kind = f"{list(SEAS)[index % 2]}, {'smoothed' if index % 4 >= 2 else 'white'}"
     found = {"I_r": Outcome.of(fit.estimates["I_r"], sea.inertia), "k_rr": Outcome.of(fit.estimates["k_rr"], sea.k_rr)}
+    kind += ", widened" if proposed else ""
     split = {f"{name}, {kind}": one for name, one in found.items()}
     return Trial({**found, **split, **{f"{name}, by {by}": one for name, one in found.items()}}, fit.mixed.converged)
 

@@ -226,7 +226,7 @@ def main() -> None:
         for row in (pool.map if pool else map)(judged, items):
             rows.append(row)
             text = kept(options.out, rows, before, contacts)
-    planar = list(real_planar.planar_rows(options.only))
+        planar = list((pool.map if pool else map)(real_planar.judged, real_planar.planar_items(options.only)))
     if planar:
         text += "\n" + real_planar.table(planar).to_markdown()
         (options.out / "real.md").write_text(text)

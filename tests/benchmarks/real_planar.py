@@ -195,16 +195,17 @@ def fitted(runs: Sequence[Run]) -> PlanarFit:
     return PlanarFit(tried, likelihood.choose(tried), tuple(runs), seen)
 
 
-def judged(one: RealSet) -> Iterator[Row]:
-    """A row for either half that is fitted."""
+def judged(item: tuple[RealSet, str]) -> Row:
+    """The row of one half that is fitted: of a set, and which half."""
+    one, half = item
     with tempfile.TemporaryDirectory() as folder:
         columns = one.column_map(Path(folder)) or ColumnMap()
         runs = list(load_planar([str(one.path / one.glob)], columns).runs)
-    halves = one.halved(runs)
-    for name, own, kept in (("A", *halves), ("B", *halves[::-1])):
-        begun = time.perf_counter()
-        fit = fitted(own)
-        yield row_of(one.name, name, fit, own, kept) | {"seconds": round(time.perf_counter() - begun, 1)}
+    own, kept = one.halved(runs)[:: 1 if half == "A" else -1]
+    begun = time.perf_counter()
+    row = row_of(one.name, half, fitted(own), own, kept) | {"seconds": round(time.perf_counter() - begun, 1)}
+    print(f"{one.name}, planar, half {half}: {row['seconds']} s", file=sys.stderr, flush=True)
+    return row
 
 
 def row_of(name: str, half: str, fit: PlanarFit, own: Sequence[Run], kept: Sequence[Run]) -> Row:
@@ -250,14 +251,12 @@ def table(rows: Sequence[Row]) -> Table:
     return Table("Surge, sway and yaw together: errors 2 / 5 / 15 s ahead", header, tuple(lines))
 
 
-def planar_rows(only: str = "") -> Iterator[Row]:
-    """Every set at hand that is fitted as a whole and has `only` in "set/planar"."""
-    for one in {id(one): one for one, _ in present("")}.values():
-        if one.name in SETS and only in f"{one.name}/planar":
-            for row in judged(one):
-                print(f"{one.name}, planar, half {row['half']}: {row['seconds']} s", file=sys.stderr, flush=True)
-                yield row
+def planar_items(only: str = "") -> list[tuple[RealSet, str]]:
+    """Every half at hand that is fitted as a whole and has `only` in "set/planar"."""
+    sets = {one.name: one for one, _ in present("")}.values()
+    return [(one, h) for one in sets if one.name in SETS and only in f"{one.name}/planar" for h in "AB"]
 
 
 if __name__ == "__main__":
-    print(table(list(planar_rows(sys.argv[1] if len(sys.argv) > 1 else ""))).to_markdown())
+    every = planar_items(sys.argv[1] if len(sys.argv) > 1 else "")
+    print(table([judged(item) for item in every]).to_markdown())

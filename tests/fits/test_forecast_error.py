@@ -11,15 +11,18 @@ from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import follow, smoothed
 from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.driven import base_starts, driven_problem
-from automarine_cli.fits.driven_fit import Worth
+from automarine_cli.fits.driven_fit import Worth, fit_driven, widened
 from automarine_cli.fits.driven_use import Judgement, large_disturbance, prefer_driven
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
+from automarine_cli.fits.innovations import fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.output_error import OutputErrorFit
+from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.tables import interval
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
 
 NOTHING = Estimate(0.0, 0.0, (0.0, 0.0), "1")
 
@@ -155,3 +158,39 @@ def test_a_velocity_alone_has_no_bias_and_its_sum_is_predicted() -> None:
     theta = np.append(model.theta, [one.median for one in problem.random])
     predicted = predict(model, course, model.theta, problem.noises(theta[None]))
     assert predicted[0].rmse() < 0.01
+
+
+def averaged_compass(run: Run) -> Run:
+    """The run as a compass shows it that averages its last three readings."""
+    total = np.cumsum(np.pad(run.position, (3, 0), mode="edge"))
+    return replace(run, position=(total[3:] - total[:-3]) / 3)
+
+
+def test_intervals_hold_what_a_missing_delay_does() -> None:
+    """A compass that averages delays what it shows: the truth lies beside the plain interval and within the wider."""
+    runs = [averaged_compass(run) for run in steered(5, 1002, Sea(size=0.1), length=40.0)]
+    course = make_course(runs, np.ones(5, dtype=bool))
+    plain = fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3")
+    wider, gains = widened(course, plain)
+    assert list(gains) == ["input-delay"] and gains["input-delay"] > 50.0
+    low, high = plain.estimates["I_r"].ci95
+    assert not low < 1.0 < high
+    for name, truth in (("I_r", 1.0), ("k_rr", 1.2)):
+        low, high = wider.estimates[name].ci95
+        assert low < truth < high and wider.estimates[name].value == plain.estimates[name].value
+
+
+def test_intervals_of_a_complete_model_stay() -> None:
+    runs = steered(5, 1000, Sea(size=0.1), length=40.0)
+    course = make_course(runs, np.ones(5, dtype=bool))
+    plain = fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3")
+    assert widened(course, plain) == (plain, {})
+
+
+def test_left_out_fits_made_together_are_those_made_alone() -> None:
+    problem = problem_of(True, Sea(size=0.1))
+    fit = fit_innovations(problem, begin(problem)[None])
+    for r in range(4):
+        others = replace(problem, course=problem.course.some(np.arange(4) != r))
+        alone = fit_innovations(others, fit.theta[None], brief=True)
+        assert np.allclose(fit.left_out[r, :2], alone.phi[:2], atol=0.02)

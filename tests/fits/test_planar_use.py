@@ -129,8 +129,8 @@ def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch
     best = chosen(monkeypatch, (0.5, 0.4, 0.6, float("nan")))
     assert best.way == FORECASTS and best.best.structure.couplings == ("Y_r",)
     assert best.because == (
-        "Fitted to forecasts over 5 s. Errors on runs left out, 2 to 15 s ahead, would be 25 % larger by the "
-        "innovations of a filter, 50 % larger for the simplest structure by the innovations of a filter."
+        "Fitted to forecasts over 5 s. Of runs left out, 2 to 15 s ahead, other fits miss: one by the innovations of a "
+        "filter by 25 % more; one of the simplest structure by the innovations of a filter by 50 % more."
     )
     assert chosen(monkeypatch, (0.5, 0.495, 0.6, 0.6)).way == LIKELIHOOD  # too little to leave it
     assert not chosen(monkeypatch, (0.5, 0.6, 0.7, 0.4)).best.structure.couplings
