@@ -16,7 +16,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.crowd import compensating, one_instead
 from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, varied, without
-from automarine_cli.diagnosis.scores import candidates, law_of, probes, score
+from automarine_cli.diagnosis.scores import candidates, law_of, penalty, probes, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.diagnosis.thrust_curve import curved, settles
 from automarine_cli.diagnosis.trials import (
@@ -87,7 +87,7 @@ class _Runs(Judge[Trial, Round]):
 
     def able(self, look: Round, first: Round) -> list[Trial]:
         """The drag of the base comes first unless another effect reaches the noise without it: beside a wrong drag
-        everything is named that mends it."""
+        everything is named that mends it, a curve of the thrust too, which comes first where only gains show it."""
         current = look.before
         least = max(look.threshold, TRUST * (first.before.evidence - current.evidence))
         able = [t for t in look.trials if look.gain(t) > least and may_stand(self.study, t, current)]
@@ -95,8 +95,9 @@ class _Runs(Judge[Trial, Round]):
         if able and not self.study.driven and able[0].fit.noise > TO_THE_NOISE * self.study.sensor_floor:
             able.sort(key=lambda trial: not corrects(trial.added[-1]))
         if look is first and not (able and settles(able[0], current)):
-            curve = curved(self.study, current)
-            able = able if curve is None else [curve, *able]
+            curve, hidden = curved(self.study, current), current.fit.noise <= STANDS * self.study.sensor_floor
+            if curve is not None and (hidden or not able or curve.evidence < able[0].evidence):
+                able = [curve, *able]
         return able
 
     def full(self, model: Trial) -> bool:
@@ -148,7 +149,7 @@ def search(study: Study, seed: int, each: Each) -> Found:
         p_values[current.counted[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
     names = {name: p_values.get(name, LEVEL) for name in current.added}
     found = Found(
-        study, base, current, rounds, names, _rivals(current, around), more,
+        study, base, without_idle_drag(study, current), rounds, names, _rivals(current, around), more,
         crowd=crowd, compensating=compensating(study, base, current),
     )  # fmt: skip
     return found if current.added else replace(found, doubtful=_doubtful(found))
@@ -169,6 +170,18 @@ def drag_right(study: Study, current: Trial) -> Trial:
             other = add_effect(study, current, (name, probes(study, name)[0].values[0]))
             if other is not None and current.evidence - other.evidence > TIE and may_stand(study, other, current):
                 current = other
+    return current
+
+
+def without_idle_drag(study: Study, current: Trial) -> Trial:
+    """The model with a drag term of the base held at nothing, where the drag put right leaves it nothing to do."""
+    if study.driven or not any(map(corrects, current.added)):
+        return current
+    cost = penalty(1, len(study.runs))
+    for term in [term for term in current.model.terms if term.own and corrects(term.name)]:
+        terms = (replace(other, values=(0.0,)) if other is term else other for other in current.model.terms)
+        idle = varied(study, current, ITERATIONS, replace(current.model, terms=tuple(terms)))
+        current = current if idle is None or idle.evidence > current.evidence + cost else idle
     return current
 
 

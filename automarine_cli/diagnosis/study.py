@@ -190,12 +190,14 @@ class Study:
         for i, term in enumerate(model.terms):
             own = i < len(self.base.terms)
             effect = effects.get(term.name)
-            for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
+            dropped = own and term.values == (0.0,) != self.base.terms[i].values
+            held = [dropped] if dropped else effect.held(term.values)
+            for parameter, value, fixed in zip(effect.parameters, term.values, held):
                 logger = self.logger_delay if effect.shifts(term.values) and not own else -np.inf
                 lower = max(parameter.lower, logger)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
-                positive.append(parameter.log or (own and effect.role == main))
+                positive.append(parameter.log or (own and effect.role == main and not dropped))
         return replace(
             problem,
             effects=problem.effects.with_scale(disturbance=0.0),

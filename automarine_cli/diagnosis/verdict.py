@@ -41,7 +41,7 @@ MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
 EVEN = 0.5
-"""Weight against its rivals below which an effect of driven runs is a tie and no name."""
+"""Weight against its rivals below which an effect is a tie and no name."""
 MOST_RIVALS = 3
 """Rivals that are told to people."""
 FEWEST_GAINS = 10
@@ -133,10 +133,10 @@ def _beyond_chance(doubtful: Found) -> str:
 
 def _no_name(found: Found, kept: Gap | None) -> str:
     """Why effects that are borne out have no names of their own: two undo each other and leave something on runs held
-    out, or on driven runs rivals are together likelier; empty where neither is so."""
+    out, or rivals are together likelier; empty where neither is so."""
     if found.compensating and (kept is None or _something_left(kept)):
         return found.compensating[0].says
-    tied = [name for name in found.final.counted if found.weight(name) < EVEN] if found.study.driven else []
+    tied = [name for name in found.final.counted if found.weight(name) < EVEN]
     if not tied:
         return ""
     others = " or ".join(rival.name for rival in found.rivals if rival.replaces == tied[0])

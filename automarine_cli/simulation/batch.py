@@ -20,6 +20,8 @@ from automarine_cli.runs.steps import find_steps, released
 WINDOW = 2.0
 """Length [s] of the windows in which a disturbance moment is held."""
 
+WHITE = 2.33
+"""Standard deviations of von Neumann's ratio by which neighbouring readings are more alike than white noise (1 %)."""
 MOST_SWITCHES = 24
 """Runs with more changes of command than this (closed-loop driving) get one delay for all their changes
 together."""
@@ -191,8 +193,20 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
 
 
 def signals_of(runs: Sequence[Run], name: str) -> list[Floats]:
-    """A signal of every run that has it, (N,) each."""
-    return [found for run in runs if (found := run.signal(name)) is not None]
+    """A signal of every run that has it, (N,) each, without a sensor's noise where it is nothing else."""
+    return [without_noise(found) for run in runs if (found := run.signal(name)) is not None]
+
+
+def without_noise(values: Floats) -> Floats:
+    """A column of a run (N,), or its mean in every row where it scatters about that like white noise: a simulation
+    sums up what it reads, and steep dependences would wander with the noise.
+
+    Von Neumann's ratio, below one by more than WHITE of its standard deviations where neighbours are alike.
+    """
+    if len(values) < 2 or not np.ptp(values) > 0:
+        return values
+    alike = 1.0 - 0.5 * float(np.mean(np.diff(values) ** 2) / np.var(values))
+    return values if alike * np.sqrt(len(values)) > WHITE else np.full_like(values, values.mean())
 
 
 def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:

@@ -8,7 +8,7 @@
 360, the commanded moment tau or tau_Nm, surge_m_s where it was logged) and base.json, the inertia and drag that a user
 would bring, some tenths off. The order of campaigns tells nothing. KEY.json, which no tool may see, holds the
 answers. Forms are all, quick (40 of them), short (21 effects with manoeuvres, three pairs, nothing hidden), noisy (the
-same from 24 noisy steps) and clean (nothing hidden, in four kinds).
+same from 24 noisy steps) and clean (nothing hidden, in four kinds; two idle columns, lost rows).
 
 `answer` is how automarine answers; it may be stopped and goes on where it was. Any other tool writes the same:
 
@@ -29,6 +29,7 @@ import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -38,7 +39,7 @@ import closed_loop_cases
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from blind import DRIVEN, all_cases, clean_cases, guess, judge, kind_of, short_cases
+from blind import CLEAN, DRIVEN, all_cases, clean_cases, guess, judge, kind_of, short_cases
 from blind_cases import LAWS, Case, make
 
 from automarine_cli.diagnosis.diagnose import diagnose_runs
@@ -68,7 +69,24 @@ def made(case: Case) -> tuple[Sequence[Run], YawModel, float]:
         steered = closed_loop_cases.make("clean", case.seed)
         return (*steered.fitted, *steered.kept), steered.base, np.inf
     campaign = make(case)
-    return campaign.runs, guess(case, campaign), campaign.visible
+    runs = campaign.runs if case.size not in CLEAN else with_idle_columns(campaign.runs, case.seed)
+    return runs, guess(case, campaign), campaign.visible
+
+
+def with_idle_columns(runs: Sequence[Run], seed: int) -> list[Run]:
+    """Runs as a logger with more sensors keeps them: a battery that empties, a temperature of each run, neither of any
+    consequence, and one row in a hundred lost."""
+    random, last = np.random.default_rng([seed, 77]), max(run.time[-1] for run in runs)
+    wider = []
+    for run in runs:
+        stays = random.random(len(run)) > 0.01
+        noise = random.standard_normal((2, len(run)))
+        voltage = 24.65 - 0.5 * run.time / last + 0.05 * random.standard_normal() + 0.03 * noise[0]
+        columns = {**run.extras, "voltage": voltage, "water_temp_C": random.uniform(14.0, 20.0) + 0.07 * noise[1]}
+        extras = {name: values[stays] for name, values in columns.items()}
+        moment = run.command[stays]
+        wider.append(replace(run, time=run.time[stays], position=run.position[stays], moment=moment, extras=extras))
+    return wider
 
 
 def write(folder: Path, key: Path, seeds: int, form: str) -> None:
@@ -106,7 +124,9 @@ def logged(run: Run) -> pd.DataFrame:
         "heading_deg": np.degrees(run.position).round(4) % 360.0,
         moment: run.moment,
     }
-    return pd.DataFrame(columns | {f"{name}_m_s": values.round(5) for name, values in run.extras.items()})
+    units = {"surge": "_m_s", "voltage": "_V"}
+    more = {name + units.get(name, ""): values.round(5) for name, values in run.extras.items()}
+    return pd.DataFrame(columns | more)
 
 
 def answer(folder: Path, answers: Path, jobs: int) -> None:

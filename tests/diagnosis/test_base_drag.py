@@ -7,11 +7,14 @@ import pytest
 from effect_contract import base_for, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 
+from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
-from automarine_cli.diagnosis.refits import trial_of
-from automarine_cli.diagnosis.search import drag_right
+from automarine_cli.diagnosis.estimates import base_estimates
+from automarine_cli.diagnosis.refits import add_effect, trial_of
+from automarine_cli.diagnosis.scores import law_of
+from automarine_cli.diagnosis.search import drag_right, without_idle_drag
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.diagnosis.trials import STANDS, Trial
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.runs.run import Run
 
@@ -55,6 +58,20 @@ def test_drag_that_nothing_asks_for_is_dropped_and_what_is_lacking_added() -> No
     bare = trial_of(wrong, model, ("bias-moment",), wrong.fit(model))
     mended = drag_right(wrong, bare)
     assert mended.added == ("bias-moment", "quadratic-drag") and mended.counted == ("bias-moment",)
+    assert without_idle_drag(wrong, bare) is bare
+    lean = without_idle_drag(wrong, mended)
+    assert lean.added == mended.added and lean.model.drag()[0] == 0.0
+    own = base_estimates(wrong, lean)
+    assert own["k_r"].value == own["k_r"].ci95[1] == 0.0
+    assert own["I_r"].ci95[0] < LINEAR.inertia < own["I_r"].ci95[1]
+
+
+def test_drag_of_the_base_that_has_something_to_do_stays() -> None:
+    truth = LINEAR.with_effect("quadratic-drag", [0.8])
+    study = study_of(planted(truth, "bias-moment", seed=1, plans=short_plans()), LINEAR)
+    model = truth.with_effect("bias-moment", [0.05])
+    both = trial_of(study, model, ("quadratic-drag", "bias-moment"), study.fit(model))
+    assert without_idle_drag(study, both) is both
 
 
 def test_only_drag_is_what_counts_where_nothing_else_was_added() -> None:
@@ -80,3 +97,21 @@ def test_runs_held_out_place_an_edge_that_no_fitted_command_lies_near() -> None:
     assert found.held_out_gap is not None and found.held_out_gap.after < 1.1 * found.held_out_gap.floor
     assert 0.2 < found.effects[0].parameters["width"].value < 0.3
     assert "runs held out" in found.said.left and not np.isnan(found.gap.after)
+
+
+@pytest.mark.slow
+def test_a_fit_that_stopped_in_a_valley_is_begun_from_many_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = base_for("").with_effect("water-swirl", [0.5, 4.0, 2.0, 1.2, 1.0])
+    plans = [[(side * size, 8.0), (0.0, 4.0)] for size in (0.3, 1.0) for side in (1.0, -1.0) for _ in range(2)]
+    runs = measured(truth, [unmeasured(plan, i) for i, plan in enumerate(plans)], seed=3)
+    study = study_of(runs, base_for(""), driven=False)
+    base = trial_of(study, study.base, (), study.fit(study.base))
+    stopped = add_effect(study, base, ("water-swirl", np.array([0.02, 150.0, 0.0, 1.2, 1.0])), iterations=4)
+    assert stopped is not None and stopped.fit.noise > STANDS * study.sensor_floor
+    done = {law_of("water-swirl", stopped.model.terms[-1].values): stopped}
+    monkeypatch.setattr(search, "VALLEY", 0.5 * (base.evidence - stopped.evidence))
+    found = search._from_many_starts(study, base, done, lambda f, work, label="": [f(one) for one in work])
+    best = min(found.values(), key=lambda trial: trial.evidence)
+    assert best.fit.noise < 1.05 * study.sensor_floor and best.model.terms[-1].values[2] == 2.0
+    monkeypatch.setattr(search, "VALLEY", 2.0 * (base.evidence - stopped.evidence))
+    assert search._from_many_starts(study, base, done, lambda f, work, label="": []) == {}

@@ -2,12 +2,14 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import automarine_cli as am
+from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.refits import trial_of
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.thrust_curve import curved, gain_exponent
@@ -52,6 +54,26 @@ def test_nothing_is_looked_for_where_gains_scatter_by_chance() -> None:
     study = steps(1.0, 0.0, scatter=0.15)
     base = trial_of(study, study.base, (), study.fit(study.base))
     assert base.fit.factor(GAIN) > 0.1 and curved(study, base) is None
+
+
+@pytest.mark.parametrize(("noise", "first"), [(1.1, "curve"), (17.0, "spring")])
+def test_it_goes_first_only_where_no_residual_shows_more(
+    noise: float, first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wrong drag of the base makes gains go with the size of the command, too."""
+
+    def trial(name: str, evidence: float) -> Any:
+        return SimpleNamespace(added=(name,), evidence=evidence, fit=SimpleNamespace(noise=1.0, factor=lambda _: 0.2))
+
+    before = SimpleNamespace(evidence=0.0, fit=SimpleNamespace(noise=noise, factor=lambda _: 0.3))
+    spring, curve = trial("spring", -2500.0), trial("curve", -150.0)
+    monkeypatch.setattr(search, "curved", lambda *of: curve)
+    monkeypatch.setattr(search, "may_stand", lambda *of: True)
+    look: Any = SimpleNamespace(
+        before=before, trials=(spring,), threshold=9.0, gain=lambda trial: before.evidence - trial.evidence
+    )
+    study: Any = SimpleNamespace(driven=False, sensor_floor=1.0)
+    assert search._Runs(study, 0, lambda *of: []).able(look, look)[0].added == (first,)
 
 
 @pytest.mark.slow

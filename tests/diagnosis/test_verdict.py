@@ -1,15 +1,18 @@
 """What a search is entitled to say: names need more than chance, and runs that no fit saw."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans
 
 from automarine_cli.diagnosis import diagnose, search
+from automarine_cli.diagnosis import verdict as verdicts
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.scores import Scores
-from automarine_cli.diagnosis.trials import WEAK, Compensating
+from automarine_cli.diagnosis.trials import WEAK, Compensating, Found, Rival
 from automarine_cli.diagnosis.where import Region
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.report.figures.diagnosis_words import verdict
@@ -103,3 +106,11 @@ def test_nothing_is_missing_only_where_nothing_stands_out(monkeypatch: pytest.Mo
     monkeypatch.setattr(diagnose, "find_where", lambda *of: replace(look(*of), regions=(region,)))
     found = diagnosed(runs, [], monkeypatch)
     assert found.verdict == "unexplained" and "voltage is 12 to 13 V" in found.said.why
+
+
+@pytest.mark.parametrize(("behind", "tied"), [((0.5, 1.0), True), ((3.0, 8.0), False)])
+def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tied: bool) -> None:
+    blank: Any = SimpleNamespace(counted=(NAME,))
+    rivals = tuple(Rival(NAME, f"other-{far:g}", far, blank) for far in behind)
+    said = verdicts._no_name(Found(blank, blank, blank, (), {}, rivals), None)
+    assert ("A tie" in said) == tied and all((rival.name in said) == tied for rival in rivals)

@@ -16,6 +16,7 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import apart
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import signals_of, without_noise
 
 BASE = base_for("")
 
@@ -66,6 +67,17 @@ def test_gains_that_go_up_and_down_with_a_column_are_seen() -> None:
     luck = 0.05 * np.random.default_rng(1).standard_normal(len(runs))
     assert follows(runs, 0.3 * np.sin(1.9 * (warm - 14.0)) + luck) == "water_temp_C"
     assert follows(runs, luck) == ""
+
+
+def test_a_column_of_nothing_but_noise_counts_as_its_mean() -> None:
+    random = np.random.default_rng(2)
+    noise, slow = 0.05 * random.standard_normal(250), np.sin(np.linspace(0.0, 3.0, 250))
+    assert (without_noise(15.0 + noise) == (15.0 + noise).mean()).all()
+    for values in (15.0 + slow + noise, np.full(5, 3.0), np.array([1.0]), np.arange(20.0)):
+        assert without_noise(values) is values
+    runs = [replace(run, extras={"voltage": 12.0 + 0.1 * random.standard_normal(len(run))}) for run in in_water(3)]
+    for run, values in zip(runs, signals_of(runs, "voltage")):
+        assert np.ptp(values) == 0.0 and values[0] == pytest.approx(run.extras["voltage"].mean())
 
 
 def test_by_chance_gains_seldom_follow_a_column() -> None:
