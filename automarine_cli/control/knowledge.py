@@ -88,14 +88,14 @@ def read_knowledge(
     name = printable(model.name)
     said = {} if diagnosis is None else read_plain(diagnosis, "JSON", ModelError)
     _refuse(known.model, name, known)
-    main = Explanation(known.model, _covariance(known, known.model, data), "the model as it was named")
+    main = Explanation(known.model, _covariance(known, known.model, data, said), "the model as it was named")
     bare = known.stored.models[known.stored.preferred]
     largest = _largest(data)
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     if len(bare.terms) < len(known.model.terms):
         names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
         others.append(
-            Explanation(bare, _covariance(known, bare, data), f"the model without {', '.join(names)}", names[0])
+            Explanation(bare, _covariance(known, bare, data, said), f"the model without {', '.join(names)}", names[0])
         )
     others += _idle(main, said, largest or 1.0)
     late, unknown, note = _late(known.model, said, delay)
@@ -194,7 +194,7 @@ def _refuse(model: YawModel, name: str, known: PriorResults) -> None:
             )
 
 
-def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object]) -> Floats:
+def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object], said: Mapping[str, object]) -> Floats:
     """Covariance of theta (p, p): the file's own, and standard errors where it says no more."""
     names, size = model.short_names, len(model.theta)
     found = np.diag([_error(known, model, k) ** 2 for k in range(size)])
@@ -205,11 +205,23 @@ def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object]
         rows = [order.index(names[k]) for k in there]
         found[np.ix_(there, there)] = matrix[np.ix_(rows, rows)]
     added = [name.partition(".")[0] in known.stored.effects for name in model.parameter_names]
-    most = np.where(added, FAINT * _sizes(model), np.inf)
+    free = np.count_nonzero(np.diagonal(found)[added])
+    most = np.where(added, (_faint(said) if free == 1 else FAINT) * _sizes(model), np.inf)
     share = np.minimum(most / np.maximum(np.sqrt(np.diagonal(found)), 1e-300), 1.0)
     found = found * np.outer(share, share)
     fitted = np.diagonal(found) > 0
     return found + np.diag(np.where(fitted, (OWN_LAWS * model.theta) ** 2, 0.0))
+
+
+def _faint(said: Mapping[str, object]) -> float:
+    """Largest standard error of the size that a diagnosis named alone, as a share of it: half of it, and less where it
+    gained far more than chance does, for a size that is off by all of itself loses all that it gained."""
+    effects, threshold, tried = (said.get(key) for key in ("effects", "threshold", "candidates"))
+    if not (isinstance(effects, list) and isinstance(tried, list) and isinstance(threshold, float)):
+        return FAINT
+    names = [one.get("name") for one in effects]
+    gain = max((float(one["gain"]) for one in tried if [one["name"]] == names), default=0.0)
+    return min(FAINT, (threshold / gain) ** 0.5) if gain > 0.0 else FAINT
 
 
 def _error(known: PriorResults, model: YawModel, place: int) -> float:

@@ -129,6 +129,21 @@ def test_a_rival_is_as_unsure_as_what_it_stands_for(tmp_path: Path) -> None:
     assert rival.covariance[held, held] == 0.0
 
 
+@pytest.mark.parametrize(("gain", "share"), [(900.0, 0.125), (20.0, 0.5)])
+def test_what_gained_far_more_than_chance_is_not_open(tmp_path: Path, gain: float, share: float) -> None:
+    """A standard error that reaches down to no delay contradicts an evidence that no chance reaches."""
+    late = {"t_d": estimate(0.4, "s", 0.7)}
+    extended = written(tmp_path / "extended.json", model("nu", 1.0, [{"name": "input-delay", "parameters": late}]))
+    said = diagnosis("input-delay", late, "dead-band")
+    said["effects"][0]["rivals"] = []
+    tried = [{"name": "thruster-lag", "gain": 2000.0}, {"name": "input-delay", "gain": gain}]
+    found = written(tmp_path / "d.json", said | {"threshold": 14.0625, "candidates": tried})
+    (main,) = read_knowledge(extended, found, None, (0.9, 1.1)).explanations[:1]
+    place = main.model.index("input-delay.t_d")
+    own_laws = 0.03 * 0.4
+    assert main.covariance[place, place] == pytest.approx((share * 0.4) ** 2 + own_laws**2)
+
+
 @pytest.mark.slow
 def test_the_planned_runs_settle_an_unknown_delay(tmp_path: Path) -> None:
     """The truth is 0.02 s late: its planned runs, diagnosed, give what could not be promised before."""
@@ -165,4 +180,4 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     (effect,) = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())["effects"]
     assert effect["name"] == "input-delay" and not effect["rivals"]
     after = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python")
-    assert after.made.open != "dead-band"  # how late the vehicle is beyond that may still be open
+    assert after.made.verdict == "gains" and after.made.open == ""
