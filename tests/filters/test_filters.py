@@ -47,7 +47,7 @@ def noisy(run: Run, degrees: float = 1.0) -> Run:
 
 
 def uneven_run() -> Run:
-    """Commands at random on a clock that wanders, with a gap of three seconds; a battery's voltage that wanders beside them."""
+    """Commands at random on a clock that wanders, with a gap of three seconds; a voltage that drifts beside them."""
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(0.06, 0.4, 90))
     time[50:] += 3.0
