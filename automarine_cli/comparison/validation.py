@@ -30,13 +30,16 @@ from automarine_cli.filters.course import make_course
 from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem
 from automarine_cli.fits.driven_fit import Worth, worth_of
+from automarine_cli.fits.driven_models import STEPS
 from automarine_cli.fits.driven_use import judged_of
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import fit_innovations
+from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,11 @@ def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...
     at_rest = np.array([starts_at_rest(run) for run in runs])
     worth, by_run = {}, {}
     try:
-        if not disturbed(runs, stored.models[stored.preferred], at_rest, channels):
+        rough = rough_model("2", make_batch(runs, STEPS[0]))  # what runs are does not hang on the model to be judged
+    except FitError:
+        rough = stored.models[stored.preferred]
+    try:
+        if not disturbed(runs, rough, at_rest, channels):
             return None
         for number, model in stored.models.items():
             ahead = _predicted(model, runs, at_rest, channels)

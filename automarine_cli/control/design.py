@@ -33,8 +33,8 @@ from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Floats
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
-CROWD, PRESENT, JUDGED = 180, 60, 24
-ROUNDS, LAST = 5, 6
+CROWD, PRESENT, JUDGED = 180, 60, 12
+ROUNDS, LAST = 5, 20
 """Looks at the space of gains, each nearer to the best; sets that are judged by the crowd."""
 EXACT, STEADY = 0.02, 0.05
 """Loops of the flights that are promised, and of those that gains are chosen by: see `paced`."""

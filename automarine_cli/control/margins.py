@@ -87,7 +87,7 @@ def _gain_margin(ratio: Complexes) -> Floats:
 
 def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     """Smallest phase [deg], and smallest delay [s], that brings a loop to -1."""
-    size, turn = np.log(np.abs(ratio)), np.unwrap(np.angle(ratio), axis=1)
+    size, turn = np.log(np.maximum(np.abs(ratio), np.finfo(float).tiny)), np.unwrap(np.angle(ratio), axis=1)
     crosses = size[:, 1:] * size[:, :-1] < 0
     share = np.where(crosses, size[:, :-1] / np.where(crosses, size[:, :-1] - size[:, 1:], 1.0), 0.0)
     angle = turn[:, :-1] + share * np.diff(turn, axis=1) + np.pi

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
-from automarine_cli.effects.thruster_imbalance import lacking_signal
+from automarine_cli.effects.thruster_imbalance import PARTS, lacking_signal
 from automarine_cli.errors import RunError
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
@@ -193,8 +193,10 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
 
 
 def signals_of(runs: Sequence[Run], name: str) -> list[Floats]:
-    """A signal of every run that has it, (N,) each, without a sensor's noise where it is nothing else."""
-    return [without_noise(found) for run in runs if (found := run.signal(name)) is not None]
+    """A signal of every run that has it, (N,) each; measured ones, which commands are not, without noise where they
+    are nothing else."""
+    signals = [found for run in runs if (found := run.signal(name)) is not None]
+    return signals if name in PARTS else [without_noise(signal) for signal in signals]
 
 
 def without_noise(values: Floats) -> Floats:

@@ -131,3 +131,9 @@ def test_margins_are_those_of_the_loop_at_rest() -> None:
     omega = grid_for(target, [Crowd("", bare)], 1000)
     first, second = (all_margins(target, own, one, omega).disk[0] for one in (bare, dragged))
     assert second == pytest.approx(first, abs=1e-4)
+
+
+def test_a_loop_that_gives_nothing_has_margins_without_a_warning() -> None:
+    """Within a dead-band no output moves the vehicle: the loop is 0 at every frequency."""
+    found = margins(lambda s: np.zeros((1, len(s)), complex), frequencies(10.0, 50), np.array([[-1.0 + 0j]]), 0)
+    assert found.stable.all() and found.disk[0] == pytest.approx(2.0) and np.isinf(found.phase[0])

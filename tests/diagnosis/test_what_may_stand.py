@@ -76,6 +76,8 @@ def test_a_column_of_nothing_but_noise_counts_as_its_mean() -> None:
     for values in (15.0 + slow + noise, np.full(5, 3.0), np.array([1.0]), np.arange(20.0)):
         assert without_noise(values) is values
     runs = [replace(run, extras={"voltage": 12.0 + 0.1 * random.standard_normal(len(run))}) for run in in_water(3)]
+    runs = [replace(run, extras={**run.extras, "port_forward": run.extras["voltage"]}) for run in runs]
+    assert all(values is run.extras["port_forward"] for run, values in zip(runs, signals_of(runs, "port_forward")))
     for run, values in zip(runs, signals_of(runs, "voltage")):
         assert np.ptp(values) == 0.0 and values[0] == pytest.approx(run.extras["voltage"].mean())
 

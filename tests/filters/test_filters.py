@@ -47,11 +47,11 @@ def noisy(run: Run, degrees: float = 1.0) -> Run:
 
 
 def uneven_run() -> Run:
-    """Commands at random on a clock that wanders, with a gap of three seconds; the battery's voltage beside them."""
+    """Commands at random on a clock that wanders, with a gap of three seconds; a voltage that drifts beside them."""
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(0.06, 0.4, 90))
     time[50:] += 3.0
-    return logged(time, np.sin(time), rng.uniform(-1, 1, 90), voltage=rng.uniform(14, 16, 90))
+    return logged(time, np.sin(time), rng.uniform(-1, 1, 90), voltage=15.0 + np.cumsum(rng.normal(0.0, 0.1, 90)))
 
 
 def by_hand(run: Run, column: Floats, begin: float, end: float) -> tuple[float, float]:
