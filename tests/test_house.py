@@ -31,11 +31,11 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 
 MOST_LINES = {
     "workflows": 7193, "fits": 7176, "report": 5816, "logs": 5024, "diagnosis": 4869, "runs": 3997, "thrusters": 3944,
-    "control": 2743, "link": 2743, "effects": 2413, "simulation": 2395, "planning": 2283, "exports": 2259,
-    "pipeline": 2103, "cli": 1843, "models": 1300, "comparison": 1286, "filters": 1071, "results": 686, "dofs": 672,
+    "control": 2743, "link": 2743, "effects": 2413, "simulation": 2397, "planning": 2283, "exports": 2259,
+    "pipeline": 2103, "cli": 1843, "models": 1300, "comparison": 1293, "filters": 1071, "results": 686, "dofs": 672,
     "top": 550, "guide": 212,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 62082
+MOST_LINES_IN_ALL = 62091
 MOST_FILES = 460
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
