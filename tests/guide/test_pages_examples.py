@@ -13,6 +13,7 @@ import pytest
 from bluerov2_day import write_bluerov2_day
 from click.testing import CliRunner
 from pool_day import write_pool_day
+from printed import same, words
 from repository import ROOT, SAMPLE_RUNS
 from test_readme import PAGES, fences
 
@@ -20,7 +21,6 @@ from automarine_cli.cli import automarine
 
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
-NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 ANYTHING = "..."
 STEP_TOLD = re.compile(r"^\d+/\d+ [\w-]+: .*\n", re.MULTILINE)
 
@@ -75,26 +75,6 @@ def printed(line: str) -> str:
 EXAMPLES = list(examples())
 
 
-def words(text: str) -> list[str]:
-    """The words of an output: how lines are folded, and how long rules are, depends on the terminal."""
-    return [word for word in text.split() if word.strip("-")]
-
-
-def same(shown: str, found: str) -> bool:
-    """Equal words; numbers within `CLOSE`, or one in the last decimal."""
-    if NUMBER.sub("0", shown) != NUMBER.sub("0", found):
-        return False
-    pairs = zip(NUMBER.findall(shown), NUMBER.findall(found), strict=True)
-    return all(abs(float(a) - float(b)) <= max(CLOSE * abs(float(a)), last_digit(a)) for a, b in pairs)
-
-
-def last_digit(number: str) -> float:
-    """One in the last decimal of a number as it is written; none for a count."""
-    digits, _, power = number.partition("e")
-    decimals = len(digits.partition(".")[2])
-    return 1.01 * 10.0 ** (int(power or 0) - decimals) if decimals else 0.0
-
-
 def difference(shown: str, found: str) -> str:
     """Where what is shown departs from what was found ("" where it does not); `...` stands for any words."""
     given, place = words(found), 0
@@ -107,7 +87,7 @@ def difference(shown: str, found: str) -> str:
         if last and not first:
             starts = starts[-1:] if len(given) - len(piece) >= place else range(0)
         for start in starts:
-            if all(map(same, piece, given[start : start + len(piece)])):
+            if all(same(*pair, CLOSE) for pair in zip(piece, given[start:])):
                 place = start + len(piece)
                 break
         else:
