@@ -7,7 +7,7 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.smooth import elsewhere, learned_term, places, prior_of
+from automarine_cli.diagnosis.smooth import learned_term, places
 from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.effects.learned import DRAG, GAIN, MOMENT, PREFIX, Learned, basis, kind_of, scale_of
@@ -22,9 +22,7 @@ class LearnedCurve:
     """A curve over `variable` [`unit`]: `y` (POINTS,) at `x` [`y_unit`], with its 95 % band from `low` to `high`.
 
     It is in the gauge of the fit: of a gain the mean is in inertia and drag, of a moment over the speed what drag of
-    the model would do is in that. `values` (K,) at the `knots` (K,) have the posterior covariance `covariance` (K, K);
-    the data alone say of them `information` (K, K) and `pull` (K,). `other` (n, K) are the curves that other terms of
-    the model are.
+    the model would do is in that.
     """
 
     variable: str
@@ -35,15 +33,8 @@ class LearnedCurve:
     y: Floats
     low: Floats
     high: Floats
-    knots: Floats
-    values: Floats
-    covariance: Floats
-    information: Floats
-    pull: Floats
-    other: Floats
     sized: bool
     needs: tuple[str, ...]
-    read: str
 
     @property
     def range(self) -> float:
@@ -64,8 +55,8 @@ class LearnedCurve:
         }
 
 
-def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
-    """The learned curve of a trial in which noise of `floor` was expected; None where it has none."""
+def curve_of(trial: Trial) -> LearnedCurve | None:
+    """The learned curve of a trial; None where it has none."""
     inside = learned_term(trial.model)
     if inside is None:
         return None
@@ -77,13 +68,10 @@ def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
     y_unit = {MOMENT: "{force}", GAIN: "1", DRAG: "{force} s{/x}"}[kind]
     at = places(model)
     covariance, values = trial.fit.covariance[np.ix_(at, at)], trial.fit.theta[at]
-    stiff = np.linalg.inv(covariance)
-    own = prior_of(trial.fit, model, floor)
     x = np.linspace(low, high, POINTS)
     shape = basis(x, low, high, closed=bool(variable.turn))
     y = shape @ values * scale
     half = special.ndtri(0.975) * scale * np.sqrt(np.einsum("nk,kj,nj->n", shape, covariance, shape))
-    count = len(values)
     return LearnedCurve(
         variable=term.name.removeprefix(PREFIX),
         unit=model.dof.unit_in(variable.unit, model.moment_unit),
@@ -93,21 +81,14 @@ def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
         y=y,
         low=y - half,
         high=y + half,
-        knots=np.linspace(low, high, count + bool(variable.turn))[:count],
-        values=values * scale,
-        covariance=covariance * scale**2,
-        information=(stiff - own) / scale**2,
-        pull=stiff @ values / scale,
-        other=elsewhere(model, term),
         sized=variable.sized,
         needs=variable.needs,
-        read=variable.code,
     )
 
 
 def with_curves(found: Found, named: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
     """The effects named with what was learned, and a sentence that says whether it is thrust or a moment."""
-    curve = curve_of(found.final, found.study.sensor_floor)
+    curve = curve_of(found.final)
     return tuple(
         replace(one, learned=curve, says=sentence(curve, found))
         if curve is not None and one.name == PREFIX + curve.variable

@@ -31,11 +31,11 @@ Read = Callable[[State], Floats]
 
 @dataclass(frozen=True)
 class Variable:
-    """What a curve runs over: its unit (a template), how it is read from the state and the `code` that reads it, the
-    kinds that are tried.
+    """What a curve runs over: its unit (a template), how it is read from the state, the kinds that are tried.
 
     Where `sized` only its size counts, and a moment has its sign; `turn` is where it closes on itself; `steered`,
-    `placed` and `needs` as those of an effect, `motions` the names of the degrees of freedom that have it.
+    `placed` and `needs` as those of an effect, `motions` the names of the degrees of freedom that have it; `code` reads
+    it in exported files, where it is neither a column nor the position.
     """
 
     name: str
@@ -58,9 +58,7 @@ def hyphened(words: str) -> str:
 
 def variable_of(name: str) -> Variable:
     """The variable of that name: of the motion, of its command, a time, or else a logged column."""
-    return _own(name) or Variable(
-        name, "", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]"
-    )
+    return _own(name) or Variable(name, "", lambda state: state.signals[name], needs=(name,))
 
 
 def _own(name: str) -> Variable | None:
@@ -68,12 +66,9 @@ def _own(name: str) -> Variable | None:
     if name == TIME:
         return Variable(name, "s", lambda state: state.time, code="state.time")
     if name == CLOCK:
-        return Variable(name, "s", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]")
+        return Variable(name, "s", lambda state: state.signals[name], needs=(name,))
     if name == SINCE:
-        return Variable(
-            name, "s", lambda state: state.signals[name], kinds=(GAIN,), needs=(name,),
-            code=f"state.signals[{name!r}]",
-        )  # fmt: skip
+        return Variable(name, "s", lambda state: state.signals[name], kinds=(GAIN,), needs=(name,))
 
     def those(of: Callable[[Dof], str]) -> tuple[str, ...]:
         return tuple(dof.name for dof in DOFS.values() if hyphened(of(dof)) == name)
@@ -96,7 +91,7 @@ def _own(name: str) -> Variable | None:
         turn = DOFS[turning[0]].turn
         return Variable(
             name, "{x}", lambda state: state.position % turn, turn=turn, steered=True, placed=True,
-            motions=turning, code=f"state.position % {turn!r}",
+            motions=turning,
         )  # fmt: skip
     return None
 

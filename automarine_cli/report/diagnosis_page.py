@@ -16,7 +16,6 @@ from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED, WELL
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import fit_sentences
-from automarine_cli.report.diagnosis_learned import learned_lines
 from automarine_cli.report.diagnosis_page_tables import (
     MOST_REGIONS,
     budget_table,
@@ -133,11 +132,8 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     for rival in effect.few_rivals:
         lines.append(f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}.")
     lines += filter(None, [effect.other_rivals])
-    lines += (
-        []
-        if effect.learned is None
-        else learned_lines(effect.learned, len(diagnosis.study.runs), diagnosis.study.base.dof)
-    )
+    if effect.learned is not None:
+        lines += ["![What was learned](learned.png)", "The curve as a table is in diagnosis.json, under `learned`."]
     return "\n\n".join([*lines, f"Source: {law.source}."])
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 from automarine_cli.comparison.result_files import Contents
-from automarine_cli.effects.own import own_files
+from automarine_cli.effects import own_files
 from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_columns, whole_logs, with_joined
 from automarine_cli.pipeline.codec import Record
@@ -238,7 +238,7 @@ def inputs_of(asked: Record) -> list[Input]:
         if one.name == "columns":
             found += given_as(dbc=given_columns(value).database)
     found.sort(key=lambda one: one.role not in ("log", HOLD_OUT))
-    own = own_files().values() if getattr(asked, "by_effects", False) else ()
+    own = own_files() if getattr(asked, "by_effects", False) else ()
     return [*found, *(Input(path.name, path, "own_effect") for path in own)]
 
 

@@ -12,10 +12,8 @@ from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
 from automarine_cli.diagnosis.extended_model import extended_model
-from automarine_cli.diagnosis.formula_file import learned_json
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.verdict import NamedEffect
-from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.nodes import LEAST_STEP
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
@@ -81,7 +79,7 @@ class YawDiagnosis(Shown):
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
-            "effects": [_effect_json(effect, len(self.diagnosis.study.runs), dof) for effect in self.diagnosis.effects],
+            "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
             "where": [region.to_json(dof) for region in self.diagnosis.where.regions],
             "gap": {
                 "fitted_runs": self.diagnosis.gap.to_json(dof),
@@ -137,7 +135,7 @@ class YawDiagnosis(Shown):
         return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
 
 
-def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, object]:
+def _effect_json(effect: NamedEffect) -> dict[str, object]:
     return {
         "name": effect.name,
         **({"law": effect.law} if effect.law else {}),
@@ -146,13 +144,13 @@ def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, object]:
         "confidence": effect.confidence,
         "p_value": effect.p_value,
         "rivals": [asdict(rival) for rival in effect.rivals],
-        **({} if effect.learned is None else {"learned": learned_json(effect.learned, runs, dof)}),
+        **({} if effect.learned is None else {"learned": effect.learned.to_json()}),
     }
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseMotionOptions(DiagnoseOptions):
-    """The same; the effects of the user's own are read too."""
+    """The same; the effects of one's own are read too."""
 
     by_effects = True
 

@@ -2,15 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Effect, Parameter
 from automarine_cli.effects.base import EVEN, MIXED, ODD, ParameterCard
-from automarine_cli.effects.own import own_effect, own_folder
-from automarine_cli.errors import ModelError, OutputError, SettingError
-from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.words import listed
 from automarine_cli.report.tables import Table, number
 
 SCHEMA = "automarine/effects/1"
@@ -53,29 +51,6 @@ class EffectCards:
     def tables(self) -> tuple[Table | str, ...]:
         """The list of all, or sentences and the parameters of one."""
         return _card(self.cards[0], self.dof, self.every) if self.whole else (_list(self.cards, self.dof),)
-
-
-def keep_own(file: Path, *, overwrite: bool = False) -> EffectCards:
-    """Try an effect of the user's own, which runs the `file`, and keep a copy in the user's folder of effects.
-
-    Raises ModelError where it breaks the contract of an effect or has a name of the library, OutputError where there is
-    one of that name already.
-    """
-    if not file.is_file():
-        raise SettingError(f"{printable(str(file))}: no such file; give a file of Python with one subclass of Effect")
-    name = file.stem.replace("_", "-")
-    if name in library.built_in() or name.startswith("learned"):
-        raise ModelError(f"{file.name}: {name!r} is an effect of the library; give the file and the effect a new name")
-    effect = own_effect(file)
-    place = own_folder() / file.name
-    content = file.read_bytes()
-    if place.exists() and place.read_bytes() != content and not overwrite:
-        raise OutputError(f"{file.name} is in the folder of your own effects already; --overwrite replaces it")
-    place.parent.mkdir(parents=True, exist_ok=True)
-    half = place.with_suffix(".part")
-    half.write_bytes(content)
-    half.replace(place)
-    return EffectCards((effect,), True, next(dof for dof in DOFS.values() if effect.acts_in(dof)), True)
 
 
 def effects(name: str | None = None, motion: str | None = None) -> EffectCards:

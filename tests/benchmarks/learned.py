@@ -1,4 +1,4 @@
-"""What is learned where the library has no law: right variable, band, gap, formula; and silence where nothing is."""
+"""What is learned where the library has no law: right variable, band, gap; and silence where nothing is."""
 
 import argparse
 import json
@@ -11,11 +11,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
-from made_learned import BASE, LAWS, campaign, true_gap
+from made_learned import BASE, LAWS, campaign, true_curve, true_gap
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.formula import formula_of
-from automarine_cli.effects.learned import KNOTS, basis
 
 SEEDS, CLEAN = 2, 40
 SCATTERS = (0.0, 0.02, 0.05)
@@ -24,21 +22,17 @@ SCATTERS = (0.0, 0.02, 0.05)
 
 def judged(name: str, diagnosis: Diagnosis) -> dict[str, Any]:
     """What came of a campaign with a law in it."""
-    variable, _, law = LAWS[name]
+    variable = LAWS[name][0]
     found = {"verdict": diagnosis.verdict, "effects": list(diagnosis.found.final.added)}
     curve = next((one.learned for one in diagnosis.effects if one.learned is not None), None)
     if curve is None or diagnosis.held_out_gap is None:
         return found
-    off = np.eye(KNOTS) - np.linalg.pinv(curve.other) @ curve.other
-    truth = basis(curve.x, curve.x[0], curve.x[-1], closed=False) @ off @ law(curve.knots)
-    formula = formula_of(curve, len(diagnosis.study.runs))
+    truth = true_curve(name, diagnosis)
     return found | {
         "right": diagnosis.found.final.added == (f"learned:{variable}",),
         "rivals": [rival.name for rival in diagnosis.found.rivals],
         "inside_band": float(np.mean((truth > curve.low) & (truth < curve.high))),
         "held_out_gap_to_that_of_the_true_model": diagnosis.held_out_gap.after / true_gap(name, diagnosis),
-        "formula": None if formula is None else formula.text,
-        "parameters": None if formula is None else {k: e.to_json() for k, e in formula.parameters.items()},
     }
 
 

@@ -1,6 +1,5 @@
-"""What a person sees on a terminal, and a program in a pipe: widths, colours, bars, versions, completion."""
+"""What a person sees on a terminal, and a program in a pipe: widths, colours, bars, versions, the tab key."""
 
-import json
 import os
 import re
 import shutil
@@ -81,22 +80,13 @@ def test_a_table_in_a_pipe_is_as_wide_as_it_is(run: Callable[..., Result]) -> No
     assert ESCAPE not in found.stdout
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_is_what_click_makes(shell: str, run: Callable[..., Result]) -> None:
-    found = run("completion", shell)
-    assert found.exit_code == 0, found.stderr
-    assert f"_AUTOMARINE_COMPLETE={shell}_complete" in found.stdout
-    assert json.loads(run("completion", shell, "--json").stdout)["script"].strip() == found.stdout.strip()
-    assert run("completion", "tcsh").exit_code == 2
-
-
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 def test_bash_completes_a_command(tmp_path: Path) -> None:
     tool = tmp_path / "automarine"
     tool.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m automarine_cli "$@"\n', encoding="utf-8")
     tool.chmod(0o755)
     script = (
-        'eval "$(automarine completion bash)"; COMP_WORDS=(automarine fit-y); COMP_CWORD=1; '
+        'eval "$(_AUTOMARINE_COMPLETE=bash_source automarine)"; COMP_WORDS=(automarine fit-y); COMP_CWORD=1; '
         '_automarine_completion automarine; echo "${COMPREPLY[@]}"'
     )
     env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}

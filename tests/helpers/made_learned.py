@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.gap import gap
+from automarine_cli.diagnosis.smooth import elsewhere, learned_term
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
+from automarine_cli.effects.learned import KNOTS, basis
 from automarine_cli.models.vehicle import Bound
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
@@ -77,6 +79,16 @@ class Truth(YawModel):
 def true_model(name: str) -> Truth:
     """The base model with a law of LAWS."""
     return Truth(BASE.inertia, BASE.terms, BASE.moment_unit, BASE.dof, law(name))
+
+
+def true_curve(name: str, diagnosis: Diagnosis) -> Floats:
+    """The curve of a law where the learned one has points, less what inertia and drag have of it."""
+    model, x = diagnosis.found.final.model, diagnosis.effects[0].learned.x
+    at = learned_term(model)
+    assert at is not None
+    other = elsewhere(model, model.terms[at])
+    off = np.eye(KNOTS) - np.linalg.pinv(other) @ other
+    return basis(x, x[0], x[-1], closed=False) @ off @ LAWS[name][2](np.linspace(x[0], x[-1], KNOTS))
 
 
 def true_gap(name: str, diagnosis: Diagnosis) -> float:

@@ -1,11 +1,10 @@
-"""What was learned: the curve with its band, the formula that was proposed, and what the runs show of it themselves."""
+"""What was learned: the curve with its band, and what the runs show of it themselves."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.formula import formula_of
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, legend, new_figure
@@ -28,9 +27,6 @@ def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
         label="95 % band",
     )  # fmt: skip
     axes.plot(curve.x, scale * curve.y, color=COLOURS["blue"], label="learned curve")
-    formula = formula_of(curve, len(diagnosis.study.runs))
-    if formula is not None:
-        axes.plot(curve.x, scale * formula.y, color=COLOURS["vermilion"], linestyle="--", label=f"{formula.text}")
     axes.axhline(0.0, color="0.3", linewidth=0.6)
     unit, size = f" [{curve.unit}]" if curve.unit else "", "size of " * curve.sized
     axes.set_xlabel(f"{size}{curve.variable}{unit}", parse_math=False)
