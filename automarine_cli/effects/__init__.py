@@ -62,7 +62,7 @@ def _of_entry_point(name: str) -> Effect:
     except Exception as problem:
         why = f"{type(problem).__name__}: {problem}"
     if why:
-        raise ModelError(f"effect {name!r} of the entry point {point.value}: {why}; mend or remove that package")
+        raise ModelError(f"effect {name!r} of the entry point {point.value}: {why}; correct or delete that package")
     return effect
 
 
