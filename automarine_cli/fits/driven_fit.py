@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
@@ -137,9 +138,10 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     )
     if not better:
         return replace(likely, estimator=says)
-    covariance = run_covariance(plain).copy()
-    own = plain.parameters
-    covariance[:own, :own] += np.outer(*[plain.phi[:own] - found.phi[:own]] * 2)  # one of the two is biased
+    covariance, own = run_covariance(plain).copy(), plain.parameters
+    freedom = [run_dof(plain, axis) for axis in np.eye(len(plain.phi))[:own]]
+    bias = (plain.phi[:own] - found.phi[:own]) * special.ndtri(0.975) / special.stdtrit(freedom, 0.975)
+    covariance[:own, :own] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
     best = _outcome(problem, plain, likely.number, _is_sided(likely), covariance)
     ways = None if likely.ways is None else ways_of(best, dof) if _is_sided(likely) else likely.ways
     return replace(best, estimator=says, by_forecasts=True, ways=ways)
