@@ -35,8 +35,7 @@ COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
 worse."""
 PROPOSED = ("input-delay", "dead-band")
 """Effects with which models of driven logs may begin, if the evidence asks."""
-WIDENED = ("estimates", "inertial_turn_angle", "covariance")
-"""What of a fit shows its intervals."""
+WIDENED = ("estimates", "inertial_turn_angle", "covariance")  # what of a fit shows its intervals
 
 
 @dataclass(frozen=True)
@@ -139,8 +138,8 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     if not better:
         return replace(likely, estimator=says)
     covariance, own = run_covariance(plain).copy(), plain.parameters
-    freedom = [run_dof(plain, axis) for axis in np.eye(len(plain.phi))[:own]]
-    bias = (plain.phi[:own] - found.phi[:own]) * special.ndtri(0.975) / special.stdtrit(freedom, 0.975)
+    quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:own]]
+    bias = (plain.phi[:own] - found.phi[:own]) * special.ndtri(0.975) / quantiles
     covariance[:own, :own] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
     best = _outcome(problem, plain, likely.number, _is_sided(likely), covariance)
     ways = None if likely.ways is None else ways_of(best, dof) if _is_sided(likely) else likely.ways
@@ -270,8 +269,7 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     """The fit with intervals that allow for what it lacks, and the deviance gained by each of PROPOSED that the
     evidence asks for.
 
-    The square of the shift by which the best of them moves the parameters is added to their covariance: a bias that
-    the structure may have, of either sign.
+    The square of the shift by which the best of them moves the parameters is added to their covariance.
     """
     narrow = fit.mixed
     if not isinstance(narrow, InnovationsFit):
@@ -298,8 +296,8 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     covariance = fit.covariance.copy()
     shift = shifts[max(gains, key=lambda name: gains[name])]
     covariance[:own, :own] += np.outer(shift, shift)
-    wide_fit = _outcome(problem, narrow, fit.number, _is_sided(fit), covariance)
-    return replace(fit, **{name: getattr(wide_fit, name) for name in WIDENED}), gains
+    wider_fit = _outcome(problem, narrow, fit.number, _is_sided(fit), covariance)
+    return replace(fit, **{name: getattr(wider_fit, name) for name in WIDENED}), gains
 
 
 def _joined(pieces: Sequence[Predicted]) -> Predicted:
