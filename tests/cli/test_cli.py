@@ -258,7 +258,8 @@ def say(*flags: str) -> Result:
     return CliRunner().invoke(trial, list(flags))
 
 
-def test_tables_then_where_the_files_are() -> None:
+def test_tables_then_where_the_files_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # a folder `out` of a demo would count
     found = say("-o", "out")
     assert found.stdout == TABLE + "\nOne.\nTwo.\n\nResults are in out: a.json\n"
     assert say().stdout.endswith("\nNo files were written; use -o DIR to save the results.\n")
