@@ -7,7 +7,7 @@ def main() -> None:
     """The console script: heeds interrupts from here on, while the commands are still being loaded, to the end."""
     interrupts.heed()
     try:
-        from automarine_cli.cli import main as command_line
+        from automarine_cli.commands import main as command_line
 
         command_line()
     except KeyboardInterrupt:  # outside of any command

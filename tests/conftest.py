@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from once import made_once
 from small_campaign import make_small_campaign
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.workflows.run import run_campaign

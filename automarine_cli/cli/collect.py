@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import end_with
+from automarine_cli.commands.terminal import end_with
 
 
 @click.command("collect", short_help="On the surface: send a campaign, fetch logs.")

@@ -3,7 +3,7 @@
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import echo_result
+from automarine_cli.commands.terminal import echo_result
 
 
 @click.command("effects", short_help="List the library of effects, or show one.")

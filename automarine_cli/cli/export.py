@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import echo_result, verbosity_level
+from automarine_cli.commands.terminal import echo_result, verbosity_level
 
 _ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 

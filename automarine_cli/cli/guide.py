@@ -7,8 +7,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import echo_result, verbosity_level
-from automarine_cli.cli.terminal import coloured, width_of
+from automarine_cli.commands.terminal import coloured, echo_result, verbosity_level, width_of
 
 IN_A_PIPE = 100  # columns of a page that no terminal shows
 WIDEST = 110  # columns, beyond which lines are tiring to read

@@ -7,8 +7,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import verbosity_level
-from automarine_cli.cli.terminal import folded, width_of
+from automarine_cli.commands.terminal import folded, verbosity_level, width_of
 
 
 @click.command("init", short_help="Look at a folder of logs and write a campaign file.")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from automarine_cli.cli.echo import Result as Printed
-from automarine_cli.cli.echo import echo_result, terminal_progress, verbosity_level
+from automarine_cli.commands.terminal import Result as Printed
+from automarine_cli.commands.terminal import echo_result, terminal_progress, verbosity_level
 from automarine_cli.dofs import TRANSLATIONS
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import echo_result
+from automarine_cli.commands.terminal import echo_result
 
 
 @click.command("report", short_help="Write one report of a campaign's results.")

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import CampaignTeller, echo_result, end_with, terminal_progress
+from automarine_cli.commands.terminal import CampaignTeller, echo_result, end_with, terminal_progress
 
 
 def _steps() -> tuple[str, ...]:

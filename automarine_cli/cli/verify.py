@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import echo_result
+from automarine_cli.commands.terminal import echo_result
 
 
 @click.command("verify", short_help="Check that results are unchanged.")

@@ -1,10 +1,12 @@
 """Result files as sides of a comparison: their parameters with intervals, and what else they say of themselves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from automarine_cli.comparison.side_by_side import OverRuns
 from automarine_cli.results.estimate import Estimate, Given
 from automarine_cli.results.judged import DiagnosisFile, ValidationFile
+from automarine_cli.results.kinds import DIAGNOSIS, MODELS, THRUSTER_MAP, VALIDATION, ResultKind
 from automarine_cli.results.models import ModelFile, ThrusterFile
 from automarine_cli.results.records import ResultRecord
 
@@ -109,3 +111,12 @@ def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Contents:
 
 def _short(value: float) -> str:
     return f"{value:.3g}"
+
+
+COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Contents]] = {
+    **dict.fromkeys(MODELS.values(), of_model),
+    THRUSTER_MAP: of_thrusters,
+    VALIDATION: of_validation,
+    DIAGNOSIS: of_diagnosis,
+}
+"""What `compare` takes of each kind of result: parameters and facts, of the models that it is asked for."""

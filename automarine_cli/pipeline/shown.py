@@ -1,59 +1,36 @@
-"""What every result can show of itself to somebody who works in Python: a few lines, a frame, a figure.
+"""What every result can show of itself to somebody who works in Python: tables, a frame, a figure."""
 
-How each kind is shown its command says, which lists it here; the results themselves stay plain data.
-"""
-
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from automarine_cli.pipeline.plain_data import Document
-
-
-class View(Protocol):
-    """How one kind of result is shown."""
-
-    def text(self, result: Any) -> str:
-        """A few lines."""
-        ...
-
-    def html(self, result: Any) -> str:
-        """The tables."""
-        ...
-
-    def frame(self, result: Any) -> Any:
-        """The numbers, as a `pandas.DataFrame`."""
-        ...
-
-    def figure(self, result: Any, what: str | None) -> Any:
-        """A `matplotlib.figure.Figure`."""
-        ...
 
 
 class Shown:
     """Base of result classes; their `@dataclass` needs `repr=False`, or its own repr would hide this one."""
 
-    views: ClassVar[dict[type, View]] = {}
+    sections_of: ClassVar[Any]
+    """Gives `report.sections.Sections` of a result; set there."""
 
     def __repr__(self) -> str:
-        """A few lines: what it is, and the numbers that matter with their intervals."""
-        return self.view.text(self)
+        """The tables and sentences that the terminal shows."""
+        text: str = self.sections_of(self).text()
+        return text
 
     def _repr_html_(self) -> str:
         """The tables, for notebooks."""
-        return self.view.html(self)
+        html: str = self.sections_of(self).html()
+        return html
 
     def to_frame(self) -> Any:
-        """The numbers as a `pandas.DataFrame`, one row a parameter, run or score."""
-        return self.view.frame(self)
+        """Return the numbers as a `pandas.DataFrame`, one row a parameter, run or score."""
+        import pandas as pd  # here, as most commands make no frame
 
-    def plot(self, what: str | None = None) -> Any:
-        """A `matplotlib.figure.Figure`; `what` chooses where there are several. Raises SettingError for another."""
-        return self.view.figure(self, what)
+        return pd.DataFrame(list(self.sections_of(self).rows))
+
+    def plot(self, figure: str | None = None) -> Any:
+        """Draw a `matplotlib.figure.Figure`, by default the first. Raises SettingError with the names there are."""
+        return self.sections_of(self).figure(figure)
 
     def document(self, option: str) -> Document:
-        """The file that stands for this result where an option of that name wants one. Raises TypeError for none."""
+        """Return the file that stands for this result where an option of that name wants one. Raises TypeError."""
         raise TypeError(f"a {type(self).__name__} is no {option}; give the result of a fit, or a file")
-
-    @property
-    def view(self) -> View:
-        """How results of this kind are shown."""
-        return self.views[type(self)]

@@ -1,8 +1,24 @@
 """What `run` says of each result in a few words."""
 
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
 from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import AutomarineError
 from automarine_cli.report.tables import number
 from automarine_cli.results.judged import CheckFile, DiagnosisFile, TuningFile, ValidationFile
+from automarine_cli.results.kinds import (
+    CHECK,
+    DIAGNOSIS,
+    KINDS,
+    MODELS,
+    PLANAR_MODEL,
+    THRUSTER_MAP,
+    TUNING,
+    VALIDATION,
+    ResultKind,
+)
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
 
 
@@ -74,3 +90,24 @@ def of_diagnosis(file: DiagnosisFile) -> str:
     names = ", ".join(effect.name for effect in file.effects)
     said = file.verdict.replace("-", " ") + (f": {names}" if names else "")
     return f"{said}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"
+
+
+_OUTCOMES: Mapping[ResultKind[Any], Callable[[Any], str]] = {
+    CHECK: of_check, THRUSTER_MAP: of_thrusters, **dict.fromkeys(MODELS.values(), of_model), PLANAR_MODEL: of_planar,
+    VALIDATION: of_validation, DIAGNOSIS: of_diagnosis, TUNING: of_tuning,
+}  # fmt: skip
+
+
+def kind_of(command: str) -> ResultKind[Any] | None:
+    """Return the kind of result that a command writes, if it is one that a campaign tells of."""
+    return next((kind for kind in KINDS if kind.writer == command and kind in _OUTCOMES), None)
+
+
+def outcome(command: str, folder: Path) -> str:
+    """Say in a few words what the result of a command in a folder is; empty where its file cannot be read."""
+    if (kind := kind_of(command)) is None:
+        return ""
+    try:
+        return _OUTCOMES[kind](kind.read(folder / kind.file))
+    except AutomarineError:
+        return ""

@@ -1,6 +1,7 @@
 """All files of a yaw fit: tables, one row a run, figures."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -15,11 +16,12 @@ from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.ways import Ways
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.yaw_fit import YawFit, effect_estimates
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.driven import driven_runs_figure
 from automarine_cli.report.figures.files import Draw
+from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import Table, interval
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import shared_readings
@@ -113,29 +115,52 @@ def _by_way(ways: Ways, dof: Dof) -> str:
     return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {told} {unit}."
 
 
-def files(fit: YawFit) -> Iterator[tuple[str, str | bytes]]:
-    """Name and content of every file but the model's JSON and the figures."""
+@sections.register
+def _(fit: YawFit) -> Sections:
+    files: dict[str, Content] = {f"{fit.dof.name}_model.json": fit.to_json()}
     for name, table in zip(("table1", "table2"), tables(fit)):
-        yield f"{name}.csv", table.to_csv()
-        yield f"{name}.md", table.to_markdown()
-        yield f"{name}.tex", table.to_latex()
-    yield "runs.parquet", parquet(run_rows(fit))
+        files |= {f"{name}.csv": table.to_csv(), f"{name}.md": table.to_markdown(), f"{name}.tex": table.to_latex()}
+    files["runs.parquet"] = parquet(run_rows(fit))
+    drawings = _drawings(fit)
+    listed = (f"{fit.dof.name}_model.json", "table1 and table2 (.csv, .md, .tex)", "runs.parquet")
+    printed: tuple[Table | str, ...] = (*tables(fit, short=True), *sentences(fit))
+    return Sections(printed, files, drawings, (*listed, *(f"{name}.png" for name in drawings)), tuple(_numbers(fit)))
 
 
-def drawings(fit: YawFit) -> dict[str, Draw]:
+def _drawings(fit: YawFit) -> dict[str, Draw]:
     """What draws each figure, by the name of its file."""
     seed, data = fit.seed_method, fit.data
     if seed is None or data is None:
         use = fit.use
         if isinstance(use, Use):
-            return {"whole_runs": lambda: driven_runs_figure(fit, use)}
-        return {"whole_runs": lambda: figures.whole_runs_figure(fit)}
+            return {"whole_runs": partial(driven_runs_figure, fit, use)}
+        return {"whole_runs": partial(figures.whole_runs_figure, fit)}
     return {
-        fit.dof.steps_key: lambda: figures.half_turns_figure(fit),
-        "drag": lambda: figures.drag_figure(fit, seed),
-        "inertia": lambda: figures.inertia_figure(fit, seed),
-        "collapse": lambda: figures.collapse_figure(fit, data),
+        fit.dof.steps_key: partial(figures.half_turns_figure, fit),
+        "drag": partial(figures.drag_figure, fit, seed),
+        "inertia": partial(figures.inertia_figure, fit, seed),
+        "collapse": partial(figures.collapse_figure, fit, data),
     }
+
+
+def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
+    """One row a parameter of each model, by each method."""
+    for model, likeliest in fit.output_error.items():
+        estimates = dict(likeliest.estimates)
+        for effect, group in effect_estimates(likeliest).items():
+            estimates |= {f"{effect} {name}": estimate for name, estimate in group.items()}
+        for name, estimate in estimates.items():
+            yield {"model": model, "method": "maximum likelihood", "parameter": name} | numbers(estimate)
+    if fit.seed_method is None:
+        return
+    for model, drag in fit.seed_method.drag.items():
+        if model not in fit.output_error:  # with a constant moment: a test of symmetry, no model of its own
+            continue
+        estimates = dict(drag.estimates)
+        if model in fit.seed_method.inertia:
+            estimates[fit.dof.symbols.inertia] = fit.seed_method.inertia[model].overall
+        for name, estimate in estimates.items():
+            yield {"model": model, "method": "velocity error", "parameter": name} | numbers(estimate)
 
 
 def run_rows(fit: YawFit) -> pa.Table:

@@ -6,22 +6,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.commands import command as commands
+from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
-from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.reuse import why_made_again
 from automarine_cli.report.campaign_steps import StepFolder
+from automarine_cli.report.outcomes import kind_of
 from automarine_cli.results.kinds import DIAGNOSIS, MODELS
 from automarine_cli.workflows.campaign_file import Campaign, Together
 from automarine_cli.workflows.check import check
-from automarine_cli.workflows.command import Command, Runner, inputs_of, recorded, seed_of
+from automarine_cli.workflows.command import Runner, inputs_of, recorded, seed_of
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_planar import diagnose_planar
 from automarine_cli.workflows.fit_planar import fit_planar
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.tune import tune
 from automarine_cli.workflows.validate import validate
 from automarine_cli.workflows.validate_planar import validate_planar
@@ -30,7 +31,7 @@ FIGURES = ("png", "svg")  # for a person, and for the report
 RUNS = {"steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs"}
 
 
-Work = Command[Any, Any]
+Work = Any  # TODO until all are moved
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,24 @@ class Plan:
     """One step, ready to run: the command and its options."""
 
     work: Work
-    asked: Record
+    asked: Any
 
     def run(self, out: Path, overwrite: bool, jobs: int, progress: Progress) -> object:
         """Run it into the folder `out`."""
+        if isinstance(self.work, commands.Command):
+            more: dict[str, Any] = {
+                "overwrite": overwrite,
+                "jobs": jobs,
+                "progress": progress,
+                "figure_formats": FIGURES,
+            }
+            return self.work.run(self.asked, out=out, **more)
         return self.work.run(self.asked, Runner(self.work.name, out, overwrite, jobs, None, progress))
 
     def why(self, folder: Path) -> str | None:
         """Why the result in `folder` is not the one that this plan makes, or None if it is."""
+        if isinstance(self.work, commands.Command):
+            return self.work.why_again(self.asked, folder, FIGURES)
         return why_made_again(
             folder, command=self.work.name, options=recorded(self.asked), seed=seed_of(self.asked),
             inputs=inputs_of(self.asked),
@@ -53,6 +64,9 @@ class Plan:
 
 
 def _plan(work: Work, logs: list[LogFile], **settings: object) -> Plan:
+    if isinstance(work, commands.Command):
+        settings.pop("figure_formats", None)
+        return Plan(work, work.settings({"logs": logs, **settings}))
     return Plan(work, work.asked({"logs": logs, **settings}))
 
 
@@ -213,9 +227,9 @@ STEPS = (
     Step("tune", "tune", tune, _tune, "tune"),
 )
 FOLDERS = tuple(
-    StepFolder(step.folder, step.name, step.work.kept.kind, not step.motion)
+    StepFolder(step.folder, step.name, kind, not step.motion)
     for step in STEPS
-    if step.work.kept is not None
+    if (kind := kind_of(step.command)) is not None
 )
 """What a report is made from."""
 REPORT = "report"

@@ -21,7 +21,6 @@ from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import together_stream
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report import outcomes
 from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import CHECK
@@ -29,7 +28,7 @@ from automarine_cli.results.records import runs_json
 from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_tables
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_runs, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
-from automarine_cli.workflows.command import Command, ReadBack, Runner
+from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.shared import Columns, OfLogs, counted
 from automarine_cli.workflows.view import Row, View
 
@@ -135,5 +134,5 @@ def _rows(result: Check) -> Iterator[Row]:
 
 check = Command(
     "check", CheckOptions, _check, {Check: View(Check.tables, _lines, _rows)},
-    files=lambda result: ("check.json", "check.md"), kept=ReadBack(CHECK, outcomes.of_check),
+    files=lambda result: ("check.json", "check.md"),
 )  # fmt: skip

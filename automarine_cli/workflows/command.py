@@ -13,9 +13,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
-from automarine_cli.comparison.result_files import Contents
 from automarine_cli.effects import own_files
-from automarine_cli.errors import AutomarineError, SettingError
+from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_columns, whole_logs, with_joined
 from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.manifest import Input, given_as
@@ -24,7 +23,6 @@ from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
-from automarine_cli.results.kinds import ResultKind
 from automarine_cli.results.records import ResultRecord
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.view import View
@@ -57,23 +55,6 @@ UNRECORDED: Mapping[str, object] = {"unrecorded": True}
 """Metadata of a field that no manifest tells: no result depends on it."""
 SELDOM: Mapping[str, object] = {"seldom": True}
 """Metadata of a field that a manifest records only where it is not the default."""
-
-
-@dataclass(frozen=True)
-class ReadBack(Generic[Kept]):
-    """How a command's result file is read back: its kind, what `run` says of it in a few words, and what `compare`
-    takes of it: parameters and facts, of the models that it is asked for."""
-
-    kind: ResultKind[Kept]
-    says: Callable[[Kept], str] = lambda file: ""
-    contents: Callable[[Kept, Sequence[str]], Contents] | None = None
-
-    def outcome(self, folder: Path) -> str:
-        """What `run` says of the result in a folder; empty where its file cannot be read."""
-        try:
-            return self.says(self.kind.read(folder / self.kind.file))
-        except AutomarineError:
-            return ""
 
 
 @dataclass(frozen=True)
@@ -123,7 +104,6 @@ class Command(Generic[Options, Result]):
     run: Callable[[Options, Runner], Result]
     views: Mapping[type, View[Any]]
     files: Callable[[Any], Sequence[str]] = lambda result: ()
-    kept: ReadBack[Any] | None = None
     section: str = ""
     instead: "Callable[[Mapping[str, object]], Command[Any, Any] | None]" = lambda settings: None
     python: str = ""
@@ -132,7 +112,12 @@ class Command(Generic[Options, Result]):
     __name__: ClassVar[str]
 
     def __post_init__(self) -> None:
-        Shown.views.update(self.views)
+        from automarine_cli.report.sections import Sections, sections
+
+        for kind, view in self.views.items():
+            sections.register(kind)(
+                lambda r, v=view: Sections(v.says(r), {}, v.figures(r), self.files(r), list(v.rows(r)))
+            )
         called = self.python or self.name.replace("-", "_")
         own = [inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=_default(one))
                for one in fields(self.options)]  # fmt: skip

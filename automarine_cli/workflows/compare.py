@@ -6,7 +6,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.comparison.result_files import Contents, shared_models
+from automarine_cli.comparison.result_files import COMPARED, Contents, shared_models
 from automarine_cli.comparison.side_by_side import Difference, OverRuns, Side, differences
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
@@ -20,7 +20,7 @@ from automarine_cli.report.tables import Table
 from automarine_cli.results.judged import DiagnosisFile
 from automarine_cli.results.records import ResultRecord
 from automarine_cli.workflows.campaign_steps import FOLDERS
-from automarine_cli.workflows.command import Command, Runner, commands, reads
+from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.shared import Drawn, numbers
 from automarine_cli.workflows.view import Row, View
 
@@ -145,14 +145,13 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 def _find(folder: Path, name: str) -> _Found:
     """The result in a folder. Raises SettingError if there is none, ModelError if it cannot be read."""
-    found = {one.name: one.kept for one in commands().values() if one.kept is not None and one.kept.contents}
-    files = [one.kind.file for one in found.values()]
-    for command, kept in found.items():
-        path = folder / kept.kind.file
-        if kept.contents is not None and path.is_file():
-            file = kept.kind.read(path, f"{name}/{path.name}")
+    files = [kind.file for kind in COMPARED]
+    for kind, contents in COMPARED.items():
+        path = folder / kind.file
+        if path.is_file():
+            file = kind.read(path, f"{name}/{path.name}")
             of_map = isinstance(file, DiagnosisFile) and file.of_thrusters
-            return _Found(name, path, file, f"{command} of thrusters" if of_map else command, kept.contents)
+            return _Found(name, path, file, f"{kind.writer} of thrusters" if of_map else kind.writer, contents)
     inside = [one.name for one in FOLDERS if one.kind.file in files and (folder / one.name / one.kind.file).is_file()]
     if inside:
         raise SettingError(f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}")

@@ -38,10 +38,10 @@ from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, command_warnings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
+from automarine_cli.thrusters.moments import with_moments
 from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
-from automarine_cli.workflows.moments import with_moments
 from automarine_cli.workflows.shared import numbers
 from automarine_cli.workflows.view import Figures, Row, View
 
@@ -272,5 +272,5 @@ diagnose: Command[DiagnoseMotionOptions, YawDiagnosis | PlanarDiagnosis | Thrust
     "diagnose", DiagnoseMotionOptions, _diagnose,
     {YawDiagnosis: View(YawDiagnosis.tables, _lines, _rows, _figures), **diagnose_planar.views,
      **diagnose_thrusters.views},
-    _files, diagnose_planar.kept, instead=_instead,
+    _files, instead=_instead,
 )  # fmt: skip

@@ -7,7 +7,6 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from automarine_cli.comparison.result_files import of_diagnosis
 from automarine_cli.diagnosis.diagnose import split_off
 from automarine_cli.diagnosis.outlook import Outlook
 from automarine_cli.diagnosis.planar import HEAD_START, Contender, PlanarSearch, find_missing
@@ -22,7 +21,7 @@ from automarine_cli.models.planar_store import load_planar_model, planar_json
 from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report import outcomes, planar_diagnosis_report
+from automarine_cli.report import planar_diagnosis_report
 from automarine_cli.report.figures.planar_diagnosis import before_after_figure, where_figure, why_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
@@ -30,7 +29,7 @@ from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import Run, SetAside
-from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, ReadBack, Runner, reads
+from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, aligned, numbers
 from automarine_cli.workflows.view import Figures, Row, View
@@ -230,5 +229,5 @@ def _figures(result: PlanarDiagnosis) -> Figures:
 diagnose_planar = Command(
     "diagnose", DiagnoseOptions, _diagnose,
     {PlanarDiagnosis: View(PlanarDiagnosis.tables, _lines, _rows, _figures)},
-    kept=ReadBack(DIAGNOSIS, outcomes.of_diagnosis, of_diagnosis), listed=False,
+    listed=False,
 )  # fmt: skip

@@ -9,12 +9,11 @@ from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import OWN, Observed, Structure, observed
 from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.report import outcomes, planar_report
+from automarine_cli.report import planar_report
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
-from automarine_cli.results.kinds import PLANAR_MODEL
 from automarine_cli.runs.run import Run, command_warnings
-from automarine_cli.workflows.command import UNRECORDED, Command, ReadBack, Runner
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Beforehand, Ending, Lever, OfLogs, aligned, counted, numbers
 from automarine_cli.workflows.view import Row, View
@@ -85,5 +84,4 @@ def _rows(fit: PlanarFit) -> Iterator[Row]:
 
 fit_planar = Command(
     "fit-planar", FitPlanarOptions, _fit_planar, {PlanarFit: View(_says, _lines, _rows)}, files=lambda fit: FILES,
-    kept=ReadBack(PLANAR_MODEL, outcomes.of_planar),
 )  # fmt: skip

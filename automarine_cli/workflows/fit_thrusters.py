@@ -5,21 +5,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count
 
-from automarine_cli.comparison.result_files import of_thrusters
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.report import outcomes, thruster_tables
+from automarine_cli.report import thruster_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
-from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.runs.load import told_beside
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.fit_records import fit_records
 from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.thrusters.result import ONE_PULLED, ThrusterFit
-from automarine_cli.workflows.command import Command, ReadBack, Runner
+from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
 from automarine_cli.workflows.view import Row, View
 
@@ -120,5 +118,5 @@ fit_thrusters = Command(
         lambda fit: [*thruster_tables.tables(fit), *thruster_tables.sentences(fit)], _lines, _rows,
         lambda fit: {"map": lambda: thruster_figure(fit)},
     )},
-    files=lambda fit: (*FILES, *_maps(fit)), kept=ReadBack(THRUSTER_MAP, outcomes.of_thrusters, of_thrusters),
+    files=lambda fit: (*FILES, *_maps(fit)),
 )  # fmt: skip

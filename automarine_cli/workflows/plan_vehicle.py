@@ -11,8 +11,8 @@ from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.prior_results import PriorResults
 from automarine_cli.planning.vehicle import Drive, consumption, drive_of
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.moments import map_and_arm
 from automarine_cli.thrusters.records import Series
-from automarine_cli.workflows.moments import map_and_arm
 
 LARGEST_NU = 1.0
 """Largest moment of a normalised model where the limits do not say."""

@@ -15,7 +15,7 @@ from automarine_cli.runs.load import Campaign, load_runs, none_left, refused_by_
 from automarine_cli.runs.planar import read_planar
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.moments import map_and_arm
+from automarine_cli.thrusters.moments import map_and_arm
 
 
 def load_planar(

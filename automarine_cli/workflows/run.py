@@ -12,6 +12,7 @@ from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
+from automarine_cli.report import outcomes
 from automarine_cli.report.campaign_steps import folder_of
 from automarine_cli.report.campaign_tables import cautions, steps_table
 from automarine_cli.report.outcomes import of_final
@@ -144,9 +145,9 @@ def _run(campaign: Campaign, asked: RunOptions, runner: Runner) -> CampaignRun:
     if REPORT in names:
         news.append(_report(campaign, out, content, asked.force, len(names), asked.tell))
     says = {
-        step.name: step.work.kept.outcome(out / step.folder)
+        step.name: outcomes.outcome(step.work.name, out / step.folder)
         for step in STEPS
-        if step.work.kept is not None and step.name in done and done[step.name].did in ("made", "kept")
+        if step.name in done and done[step.name].did in ("made", "kept")
     }
     for dof in DOFS.values():
         says |= _final(out, dof, says)

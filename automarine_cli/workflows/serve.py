@@ -21,8 +21,8 @@ from automarine_cli.link.vehicles.simulated import Simulated
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.planning.vehicle import drive_of
 from automarine_cli.report.tables import Table
+from automarine_cli.thrusters.moments import map_and_arm
 from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
-from automarine_cli.workflows.moments import map_and_arm
 from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/rehearsal/1"

@@ -16,13 +16,12 @@ from automarine_cli.pipeline.plain_data import Document, Source, read_plain
 from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.limits import Goal, Limits, Moments
-from automarine_cli.report import outcomes, tuning_tables
+from automarine_cli.report import tuning_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.tuning import tuning_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.kinds import TUNING
-from automarine_cli.workflows.command import Command, ReadBack, Runner
+from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.plan import PlanOptions, planning, write_plan
 from automarine_cli.workflows.shared import aligned
 from automarine_cli.workflows.tune_check import TuningCheck, tune_check
@@ -275,6 +274,6 @@ tune: Command[TuneOptions, Tuning | TuningCheck] = Command(
     "tune", TuneOptions, _tune,
     {Tuning: View(Tuning.tables, _lines, _rows, lambda result: {"tuning": lambda: tuning_figure(result.made)}),
      **tune_check.views},
-    files=_files, kept=ReadBack(TUNING, outcomes.of_tuning), section="tuning.md",
+    files=_files, section="tuning.md",
     instead=lambda settings: tune_check if settings.get("check") else None,
 )  # fmt: skip

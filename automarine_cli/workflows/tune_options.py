@@ -13,8 +13,8 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.moments import map_and_arm
 from automarine_cli.workflows.command import reads
-from automarine_cli.workflows.moments import map_and_arm
 from automarine_cli.workflows.shared import Columns, Drawn
 
 BAND_DEG, BAND_M = 2.0, 0.05

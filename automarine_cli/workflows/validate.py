@@ -28,8 +28,8 @@ from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice,
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, command_warnings
 from automarine_cli.runs.undriven import without_undriven
+from automarine_cli.thrusters.moments import moment_maker
 from automarine_cli.workflows.command import SELDOM, Command, Runner
-from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
 from automarine_cli.workflows.validate_planar import (
     Pictures,
@@ -279,6 +279,5 @@ def _figures(result: Validation) -> Figures:
 validate: Command[ValidateOptions, Validation | PlanarValidation] = Command(
     "validate", ValidateOptions, _validate,
     {Validation: View(Validation.tables, _lines, _rows, _figures), **validate_planar.views}, files,
-    validate_planar.kept,
     instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_MODEL.schema else None,
 )  # fmt: skip

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from automarine_cli.comparison.planar import MEANING, SCORES, PlanarFree, free_runs, overall
-from automarine_cli.comparison.result_files import of_validation
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import given_columns
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model
@@ -13,7 +12,6 @@ from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report import outcomes
 from automarine_cli.report.figures.files import Draw, Files, drawn, write_figure
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
@@ -21,7 +19,7 @@ from automarine_cli.results.kinds import VALIDATION
 from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import SetAside, command_warnings
-from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, ReadBack, Runner
+from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
 from automarine_cli.workflows.view import Figures, Row, View
@@ -186,6 +184,5 @@ def files(result: object) -> tuple[str, ...]:
 
 validate_planar = Command(
     "validate", ValidatePlanarOptions, _validate,
-    {PlanarValidation: View(PlanarValidation.tables, _lines, _rows, _figures)}, files,
-    ReadBack(VALIDATION, outcomes.of_validation, of_validation), listed=False,
+    {PlanarValidation: View(PlanarValidation.tables, _lines, _rows, _figures)}, files, listed=False,
 )  # fmt: skip

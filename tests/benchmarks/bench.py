@@ -29,7 +29,7 @@ from sensors import sensors
 from speed import Result, fit, simulator, startup
 from tails import tails
 
-from automarine_cli.cli.echo import terminal_progress
+from automarine_cli.commands.terminal import terminal_progress
 from automarine_cli.pipeline.progress import Progress
 
 CAMPAIGNS = {

@@ -10,6 +10,7 @@ import many_logs
 import numpy as np
 from campaigns import BOTH_SIDES, INERTIA, K_RR
 
+from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.dofs import YAW
@@ -20,7 +21,6 @@ from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.fit_yaw import fit_yaw
 
 Result = tuple[list[Table], dict[str, Any]]
 

@@ -222,7 +222,7 @@ def main() -> None:
     from coverage_effects import effect_coverage
     from coverage_thrusters import thruster_coverage
 
-    from automarine_cli.cli.echo import terminal_progress
+    from automarine_cli.commands.terminal import terminal_progress
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     part = parser.add_mutually_exclusive_group()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from paper_trials import CONSTANT, PRINTED, SETTINGS, run_trial
 
-from automarine_cli.cli.echo import terminal_progress
+from automarine_cli.commands.terminal import terminal_progress
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.report.tables import Table, number
 

@@ -261,7 +261,7 @@ def part(name: str, count: int, jobs: int, progress: Progress) -> tuple[Table, d
 
 def main() -> None:
     """Print the tables."""
-    from automarine_cli.cli.echo import terminal_progress
+    from automarine_cli.commands.terminal import terminal_progress
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")

@@ -96,14 +96,14 @@ def memory(full: bool, progress: Progress) -> Result:
 
 _START = "import sys; sys.path.insert(0, sys.argv[2])\n"
 READERS = {
-    "imports alone": _START + "import automarine_cli.workflows.fit_yaw",
+    "imports alone": _START + "import automarine_cli.commands.fit_motion",
     "every run in turn": _START
-    + "import automarine_cli.workflows.fit_yaw\n"
+    + "import automarine_cli.commands.fit_motion\n"
     + "from automarine_cli.logs import find_logs\nfrom automarine_cli.dofs import YAW\n"
     + "from automarine_cli.runs.load import read_runs\n"
     + "print(sum(len(runs) for file in find_logs(sys.argv[1:2]) for runs, _ in read_runs([file], dof=YAW)))",
     "half-turns of all runs": _START
-    + "import automarine_cli.workflows.fit_yaw\n"
+    + "import automarine_cli.commands.fit_motion\n"
     + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_half_turns\n"
     + "print(load_half_turns(sys.argv[1:2], dof=YAW).count)",
     "check": _START + "from automarine_cli.workflows.check import check\nprint(check(sys.argv[1:2]).logs)",

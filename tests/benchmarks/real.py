@@ -30,7 +30,7 @@ import real_planar
 from click.testing import CliRunner
 from real_sets import CONTACTS, Contact, RealSet, present
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.errors import AutomarineError
 from automarine_cli.report.tables import MISSING, Table
 from automarine_cli.runs.run import Run

@@ -34,7 +34,7 @@ from broken_logs.make import csv_of, good_table
 from click.testing import CliRunner
 from fuzzing import KINDS, Kind, case, outcome
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.errors import AutomarineError
 
 PATIENCE_S = 20  # one input may take

@@ -73,7 +73,7 @@ def startup(count: int, progress: Progress) -> Result:
 
 _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "click", "matplotlib")
 _LOADED = f"""import sys
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 automarine(sys.argv[1:], standalone_mode=False)
 names = [n for n, m in sys.modules.items() if n.split(".")[0] in {_LIBRARIES} and getattr(m, "__spec__", None)]
 print(*[n for n in names if all(part.isidentifier() for part in n.split("."))])

@@ -102,7 +102,7 @@ def tails(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[
 
 def main() -> None:
     """Run it and print its table."""
-    from automarine_cli.cli.echo import terminal_progress
+    from automarine_cli.commands.terminal import terminal_progress
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")

@@ -18,7 +18,8 @@ from click.testing import CliRunner, Result
 from repository import ROOT, SAMPLE_RUNS
 
 from automarine_cli import __version__
-from automarine_cli.cli import CommandFolder, automarine, echo, options
+from automarine_cli.commands import CommandGroup, automarine, options
+from automarine_cli.commands import terminal as echo
 from automarine_cli.errors import LogError
 from automarine_cli.report.tables import Table
 
@@ -26,7 +27,7 @@ HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib")
 
 LIST_HEAVY = f"""
 import sys
-from automarine_cli.cli import main
+from automarine_cli.commands import main
 try:
     main()
 except SystemExit:
@@ -35,17 +36,17 @@ except SystemExit:
 
 LIST_LOADED = """
 import sys
-from automarine_cli.cli import main
+from automarine_cli.commands import main
 try:
     main()
 except SystemExit:
     files = ("check", "fit_yaw", "run", "validate")
-    print([name for name in files if f"automarine_cli.cli.{name}" in sys.modules])
+    print([name for name in files if f"automarine_cli.commands.{name}" in sys.modules])
 """
 
 TRY = """
 import click
-from automarine_cli.cli import automarine, main
+from automarine_cli.commands import automarine, main
 automarine.add_command(click.Command("try", callback=lambda: {body}))
 main()
 """
@@ -88,9 +89,9 @@ def command_called(name: str) -> click.Command:
     return commands()[name] if name else automarine
 
 
-def trial_group(body: Callable[[], Any]) -> CommandFolder:
+def trial_group(body: Callable[[], Any]) -> CommandGroup:
     """A group of the house's kind with one command `try` that runs `body`."""
-    group = CommandFolder("automarine")
+    group = CommandGroup("automarine")
     group.add_command(options.verbosity(click.command("try")(body)))  # type: ignore[type-var]
     return group
 
@@ -187,7 +188,7 @@ SLOW = """
 import sys, time
 from pathlib import Path
 import click
-from automarine_cli.cli import automarine, main
+from automarine_cli.commands import automarine, main
 from automarine_cli.pipeline.outputs import result_folder
 
 def body():
@@ -246,8 +247,8 @@ def say(*flags: str) -> Result:
     """The shared tail of commands under these flags."""
 
     @click.command()
-    @options.out_option
-    @options.json_option
+    @options.out
+    @options.as_json
     @options.verbosity
     def trial(out: Path | None, as_json: bool) -> None:
         progress = echo.terminal_progress()
@@ -289,7 +290,7 @@ def test_quiet_says_nothing() -> None:
 
 
 def test_bar_comes_late_and_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
-    from automarine_cli.cli import echo
+    from automarine_cli.commands import terminal as echo
 
     clock = iter([0.0, 0.5, 2.0, 2.05, 3.0, 3.1])
     said: list[str] = []
@@ -305,7 +306,7 @@ def test_bar_comes_late_and_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_arm_must_be_a_length() -> None:
-    command = click.command()(options.arm_option(lambda arm: click.echo(repr(arm))))
+    command = click.command()(options.arm(lambda arm: click.echo(repr(arm))))
     assert CliRunner().invoke(command, ["--arm", "0.44"]).stdout == "0.44\n"
     for bad in ("0", "-1", "nan", "inf", "x"):
         assert CliRunner().invoke(command, ["--arm", bad]).exit_code == 2

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from repository import SAMPLE_RUNS
 
 from automarine_cli import effects, exports
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.dofs import DOFS, Dof
 
 STEPS = {"yaw": "hidden_one", "surge": "hidden_surge", "heave": "hidden_heave", "sway": "sway"}

@@ -16,7 +16,7 @@ from pseudo_terminal import ESCAPE, PATIENCE_S, on_terminal, without_bars
 from repository import ROOT
 from small_campaign import make_small_campaign
 
-from automarine_cli.cli.echo import Bar, terminal_progress
+from automarine_cli.commands.terminal import Bar, terminal_progress
 from automarine_cli.pipeline.progress import foretell
 from automarine_cli.report.table_text import text_table
 from automarine_cli.report.tables import Table

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from made_planar import HIDDEN, campaign, log
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.diagnosis.planar import Contender, PlanarSearch, find_missing, foretold
 from automarine_cli.diagnosis.planar_candidates import base_of
 from automarine_cli.diagnosis.planar_where import find_planar_where

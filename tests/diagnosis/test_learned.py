@@ -14,7 +14,7 @@ from made_driven import Sea, steered
 from made_learned import BASE, LAWS, campaign, true_curve, true_gap, written
 
 from automarine_cli import effects
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.learned import ties
 from automarine_cli.diagnosis.smooth import places, prior_of, smoothed

@@ -10,11 +10,11 @@ import pytest
 from repository import SAMPLE_RUNS
 
 from automarine_cli import effects
+from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.effects import Effect, Parameter, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.quantities import Floats
-from automarine_cli.workflows.fit_yaw import fit_yaw
 from automarine_cli.workflows.validate import validate
 
 ROOT = Path(__file__).parents[2]

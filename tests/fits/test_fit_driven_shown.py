@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from made_driven import Sea, steered
 
+from automarine_cli.commands.fit_motion import VIEW
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report.yaw_report import sentences, tables
-from automarine_cli.workflows.fit_yaw import VIEW
 
 LATE = "input-delay t_d"
 

@@ -10,6 +10,7 @@ from identified import identify
 from repository import SAMPLE_RUNS
 from specified import read_specification
 
+from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import starts_at_rest
@@ -23,7 +24,6 @@ from automarine_cli.runs.run import Run
 from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
-from automarine_cli.workflows.fit_yaw import FITS
 
 SURGE_TRUTH = {"m_u": 17.0, "X_uu": 24.0, "half_difference": -3.0}
 HEAVE_TRUTH = {"m_w": 26.0, "Z_ww": 45.0, "constant_force": -2.0, "half_difference": 6.0}

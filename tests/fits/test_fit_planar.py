@@ -13,7 +13,7 @@ from made_planar import Craft, driven, log, solved
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.diagnosis.planar_candidates import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR

@@ -51,7 +51,7 @@ def results(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     """Where `fit-yaw` wrote its results, and what it said."""
     from click.testing import CliRunner
 
-    from automarine_cli.cli import automarine
+    from automarine_cli.commands import automarine
 
     out = tmp_path_factory.mktemp("fitted") / "out"
     return out, CliRunner().invoke(automarine, ["fit-yaw", str(logs), "-o", str(out)])
@@ -246,7 +246,7 @@ def test_strict_refuses_what_would_be_set_aside(run: Command, logs: Path, tmp_pa
 
 
 def test_python_gets_the_result_object(run: Command, logs: Path) -> None:
-    from automarine_cli.workflows.fit_yaw import fit_yaw
+    from automarine_cli.commands.fit_motion import fit_yaw
 
     fit = fit_yaw([logs])
     assert isinstance(fit, YawFit) and fit.used == 12 and fit.preferred.number == "3"

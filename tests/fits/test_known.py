@@ -13,7 +13,8 @@ from made_planar import BARE
 from made_planar import campaign as planar_campaign
 from repository import SAMPLE_RUNS
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
+from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
@@ -28,7 +29,6 @@ from automarine_cli.runs.run import Run
 from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.workflows.campaign_file import read_campaign
-from automarine_cli.workflows.fit_yaw import fit_yaw
 
 
 def inertia_known(value: float, stderr: float | None = None) -> Known:

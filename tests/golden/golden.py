@@ -13,7 +13,7 @@ from typing import Any
 from click.testing import CliRunner
 from printed import same, words
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 
 HERE = Path(__file__).parent
 OUTPUTS = HERE / "outputs"

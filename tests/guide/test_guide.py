@@ -14,7 +14,7 @@ from repository import ROOT
 from test_readme import commands, flags_of
 
 from automarine_cli import guide
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.guide.text import formula, to_text
 
 Run = Callable[..., Result]

@@ -17,7 +17,7 @@ from printed import same, words
 from repository import ROOT, SAMPLE_RUNS
 from test_readme import PAGES, fences
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal

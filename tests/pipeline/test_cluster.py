@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from repository import ROOT
 from small_campaign import make_small_campaign
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.workflows.campaigns import run_campaigns

@@ -285,7 +285,7 @@ def test_an_interrupted_command_ends_with_its_processes_and_waits_for_no_work(
 DEAF = """
 import sys, time
 import click
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.__main__ import main
 
 def body():

@@ -27,7 +27,7 @@ COLUMNS = '[columns]\nheading_deg = "yaw"\ntau = { from = "cmd", sign = -1 }\n[d
 # One process for all commands of one place: its imports are most of the time.
 ALL = """
 import json, sys
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 for arguments in json.load(sys.stdin):
     automarine.main(arguments, standalone_mode=False, prog_name="automarine")
 """

@@ -43,7 +43,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Results of every command that takes yaw logs."""
     from click.testing import CliRunner
 
-    from automarine_cli.cli import automarine
+    from automarine_cli.commands import automarine
 
     folder = tmp_path_factory.mktemp("hostile")
     log, model = hostile_log(folder), model_file(folder / "yaw_model.json")

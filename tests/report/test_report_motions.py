@@ -9,6 +9,7 @@ from identified import identify
 from matplotlib.figure import Figure
 from repository import SAMPLE_RUNS
 
+from automarine_cli.commands.fit_motion import VIEW
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
@@ -24,7 +25,6 @@ from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.fit_yaw import VIEW
 
 FORCES = {dof.name: dof for dof in (SURGE, SWAY, HEAVE)}
 EVERY_FORCE = pytest.mark.parametrize("name", FORCES)

@@ -9,6 +9,7 @@ from identified import identify
 from repository import SAMPLE_RUNS
 from specified import make_runs
 
+from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
@@ -21,10 +22,9 @@ from automarine_cli.runs.unwrap import find_glitches, unwrap
 from automarine_cli.simulation.specification import specification_from
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.moments import moment_maker
 from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
 from automarine_cli.workflows.check import check
-from automarine_cli.workflows.fit_yaw import FITS
-from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.simulate import simulate
 
 MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))

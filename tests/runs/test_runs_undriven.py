@@ -12,7 +12,7 @@ from made_runs import mirrored, step_run, written
 from repository import DATA, SAMPLE_RUNS
 from tank import pool_campaign
 
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import RunError
 from automarine_cli.runs.load import load_runs

@@ -16,9 +16,9 @@ from repository import ROOT, SAMPLE_RUNS
 from small_campaign import make_small_campaign
 
 import automarine_cli as am
+from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.manifest import read_manifest
-from automarine_cli.workflows.fit_yaw import fit_yaw
 
 
 @pytest.fixture(scope="module")

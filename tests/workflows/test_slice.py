@@ -10,7 +10,7 @@ from click.testing import CliRunner, Result
 from repository import SAMPLE_RUNS
 
 import automarine_cli as am
-from automarine_cli.cli import automarine
+from automarine_cli.commands import automarine
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import LogFile, LogTable, find_logs, read_log

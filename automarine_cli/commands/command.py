@@ -1,0 +1,329 @@
+"""What a command is: a function whose decorators are its options.
+
+They are declared once: click parses them for the terminal, Python and campaign files give them by name, a manifest
+records them. A result is shown and saved by its sections, in the module of `report` that the command names.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+
+from automarine_cli.commands.terminal import echo_result, terminal_progress
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.plain_data import Document
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.shown import Shown
+
+EXECUTION = ("out", "overwrite", "jobs", "cluster", "as_json")
+"""Options that change no result."""
+HOLD_OUT = "hold_out"
+PNG = ("png",)
+
+Function = Callable[..., Any]
+
+
+class Setting:
+    """What a manifest and Python need to know of an option or argument.
+
+    `reads` says what it names: logs, one file (or the result that would be it), files or folders, of which the manifest
+    lists the inputs under `role`. Only what is `recorded` stands among its options; `seldom` where it is not the
+    default.
+    """
+
+    reads: Literal["", "logs", "file", "files"]
+    role: str
+    recorded: bool
+    seldom: bool
+
+    def describe(self, reads: Any = "", role: str = "", recorded: bool = True, seldom: bool = False) -> None:
+        """Set these."""
+        self.reads, self.role, self.recorded, self.seldom = reads, role, recorded, seldom
+
+
+class _Option(click.Option, Setting):
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.describe(**{key: kwargs.pop(key) for key in Setting.__annotations__ if key in kwargs})
+        super().__init__(*args, **kwargs)
+
+
+class _Argument(click.Argument, Setting):
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.describe(**{key: kwargs.pop(key) for key in Setting.__annotations__ if key in kwargs})
+        super().__init__(*args, **kwargs)
+
+
+def option(*names: str, **attributes: Any) -> Callable[[Function], Function]:
+    """Declare an option as `click.option` does; see `Setting` for what it may have beyond that."""
+    return click.option(*names, cls=_Option, **attributes)
+
+
+def argument(*names: str, **attributes: Any) -> Callable[[Function], Function]:
+    """Declare an argument as `click.argument` does; see `Setting` for what it may have beyond that."""
+    return click.argument(*names, cls=_Argument, **attributes)
+
+
+class Command(click.Command):
+    """A command of the terminal that Python calls as a function: the first of its settings alone, others by name.
+
+    Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
+    `each` is a map on the processes asked for. `report` is the module that shows the result; a command that `saves`
+    writes a folder of results with a manifest.
+    """
+
+    def __init__(
+        self, name: str, function: Function, report: str, *, saves: bool, figures: bool, by_effects: bool, python: str,
+        **attributes: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(name, help=inspect.getdoc(function), **attributes)
+        self.function, self.report = function, report
+        self.saves, self.figures, self.by_effects = saves, figures, by_effects
+        self.takes = set(inspect.signature(function).parameters)
+        self.own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
+        self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
+        self.__name__ = python or name.replace("-", "_")
+        self.__doc__ = function.__doc__
+        self.__signature__ = inspect.Signature([
+            inspect.Parameter(str(param.name), inspect.Parameter.KEYWORD_ONLY if i else
+                              inspect.Parameter.POSITIONAL_OR_KEYWORD) for i, param in enumerate(self.own)
+        ])  # fmt: skip
+
+    def __call__(
+        self,
+        *first: object,
+        out: str | Path | None = None,
+        overwrite: bool = False,
+        jobs: int = 1,
+        cluster: str | None = None,
+        progress: Progress = silent,
+        figure_formats: Sequence[str] = PNG,
+        **settings: object,
+    ) -> Any:
+        """Carry it out from Python: places may be texts, a single log or a table stands for a list of logs, a result
+        for the file that it would be."""
+        if len(first) > 1:
+            raise TypeError(f"{len(first)} arguments without a name; give {self.own[0].name} alone so, a list if many")
+        settings = {str(self.own[0].name): one for one in first} | settings
+        try:
+            return self.run(
+                self.settings(settings), out=None if out is None else Path(out), overwrite=overwrite, jobs=jobs,
+                cluster=cluster, progress=progress, figure_formats=figure_formats,
+            )  # fmt: skip
+        except click.UsageError as problem:
+            raise SettingError(problem.format_message()) from problem
+
+    def settings(self, given: Mapping[str, object]) -> dict[str, Any]:
+        """Complete and convert the settings given.
+
+        Raises TypeError for one that there is not, SettingError for a wrong value, LogError for no logs.
+        """
+        names = [str(param.name) for param in self.own]
+        unknown = [name for name in given if name not in names]
+        if unknown:
+            raise TypeError(f"{self.__name__} has no setting {unknown[0]!r}; it has {', '.join(sorted(names))}")
+        ctx = click.Context(self)
+        values: dict[str, Any] = {}
+        for param in self.own:
+            name = str(param.name)
+            if name in given:
+                values[name] = _converted(ctx, param, given[name])
+            elif param.required:
+                raise TypeError(f"{self.__name__} needs {name}; give it")
+            else:
+                values[name] = _default(ctx, param)
+        logs = [str(param.name) for param in self.own if param.reads == "logs"]
+        if logs:
+            from automarine_cli.logs import find_logs, given_columns, whole_logs
+
+            columns = given_columns(values.get("columns"))
+            for name in logs:
+                if values[name] or name == "logs":
+                    values[name] = whole_logs(find_logs(values[name]), columns)
+        return values
+
+    def run(
+        self,
+        settings: Mapping[str, Any],
+        *,
+        out: Path | None = None,
+        overwrite: bool = False,
+        jobs: int = 1,
+        cluster: str | None = None,
+        progress: Progress = silent,
+        figure_formats: Sequence[str] = PNG,
+    ) -> Any:
+        """Make the result of complete settings; save it in the folder `out`, if one is given. Raises OutputError."""
+        from automarine_cli.pipeline.parallel import lasting_map
+
+        with ExitStack() as stack:
+            folder = None
+            if out is not None and self.saves:
+                from automarine_cli.pipeline.outputs import result_folder
+                from automarine_cli.report.figures.files import refuse_unknown
+
+                refuse_unknown(figure_formats)
+                folder = stack.enter_context(result_folder(
+                    out, command=str(self.name), options=self.recorded(settings, figure_formats),
+                    inputs=self.inputs(settings), seed=self.seed(settings), overwrite=overwrite,
+                ))  # fmt: skip
+            each = None
+            if "each" in self.takes:
+                each = stack.enter_context(lasting_map(jobs, cluster=cluster, progress=progress))
+            execution = {
+                "jobs": jobs, "cluster": cluster, "progress": progress, "each": each, "out": out,
+                "overwrite": overwrite,
+            }  # fmt: skip
+            asked = {key: value for key, value in execution.items() if key in self.takes}
+            result = self.function(**settings, **asked)
+            import_module(f"automarine_cli.report.{self.report}")
+            if folder is not None:
+                from automarine_cli.report.sections import sections
+
+                if each is None and jobs > 1:
+                    each = stack.enter_context(lasting_map(jobs, progress=progress))
+                sections(result).save(folder, figure_formats, each)
+        return result
+
+    def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
+        """Say why the result in a folder is not what these settings would make; None if it is."""
+        from automarine_cli.pipeline.reuse import why_made_again
+
+        return why_made_again(
+            folder, command=str(self.name), options=self.recorded(settings, figure_formats), seed=self.seed(settings),
+            inputs=self.inputs(settings),
+        )  # fmt: skip
+
+    def recorded(self, settings: Mapping[str, Any], figure_formats: Sequence[str] = PNG) -> dict[str, object]:
+        """Select the options that a manifest records; of many files its inputs tell."""
+        options: dict[str, object] = {}
+        ctx = click.Context(self)
+        for param in self.own:
+            name = str(param.name)
+            value = settings[name]
+            default = param.seldom and value == _default(ctx, param)
+            if name == "seed" or not param.recorded or default:
+                continue
+            if param.reads in ("", "file"):
+                options[name] = list(value) if isinstance(value, tuple) else value
+            elif param.role == HOLD_OUT:
+                options[name] = [file.name for file in value]
+        return options | ({"figure_formats": list(figure_formats)} if self.figures else {})
+
+    def inputs(self, settings: Mapping[str, Any]) -> list[Any]:
+        """List every file that the settings name, as a manifest does."""
+        from automarine_cli.effects import own_files
+        from automarine_cli.logs import given_columns, with_joined
+        from automarine_cli.pipeline.manifest import Input, given_as
+        from automarine_cli.runs.load import has_bytes
+
+        files: list[Input] = []
+        for param in self.own:
+            value, name = settings[str(param.name)], str(param.name)
+            if param.reads == "logs":
+                logs = with_joined(value, given_columns(settings.get("columns")))
+                files += [Input(file.name, file.source, param.role) for file in logs if has_bytes(file)]
+            elif param.reads == "file":
+                files += given_as(**{name: value})
+            elif param.reads == "files":
+                files += [Input(path.name, path, param.role) for path in value]
+            if name == "columns":
+                files += given_as(dbc=given_columns(value).database)
+        files.sort(key=lambda file: file.role not in ("log", HOLD_OUT))
+        return [*files, *(Input(path.name, path, "own_effect") for path in own_files() if self.by_effects)]
+
+    def seed(self, settings: Mapping[str, Any]) -> int | None:
+        """Return the seed of everything random, None for a command that draws nothing."""
+        return next((settings["seed"] for param in self.own if param.name == "seed" and param.recorded), None)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Carry it out as the terminal gave it, and print what it says."""
+        given = {param.name: ctx.params[param.name] for param in self.own}
+        execution = {key: ctx.params[key] for key in EXECUTION if key in ctx.params}
+        as_json = execution.pop("as_json", False)
+        result = self.run(self.settings(given), **execution, progress=terminal_progress())
+        self.echo(result, as_json=as_json, out=execution.get("out"))
+        self.finish(ctx, result)
+        return result
+
+    def echo(self, result: Any, *, as_json: bool, out: Path | None) -> None:
+        """Print a result on the terminal."""
+        from automarine_cli.report.sections import sections
+
+        said = sections(result)
+        echo_result(
+            result, as_json=as_json, out=out if self.saves else None, tables=said.printed, files=said.listed,
+            keep_hint="-o DIR" if self.saves else None,
+        )  # fmt: skip
+
+
+def command(
+    name: str, *, report: str, saves: bool = True, figures: bool = True, by_effects: bool = False, python: str = ""
+) -> Callable[[Function], Command]:
+    """Make a command of a function, whose decorators below this one are its options; see `Command`.
+
+    `figures`: its manifest records their formats; `by_effects`: effects of one's own are among its inputs; `python` is
+    its name in Python where it has another there.
+    """
+    from automarine_cli.commands import short_help
+
+    def decorated(function: Function) -> Command:
+        params = list(reversed(getattr(function, "__click_params__", [])))
+        return Command(
+            name, function, report, saves=saves, figures=figures and saves, by_effects=by_effects, python=python,
+            params=params, short_help=short_help(name),
+        )  # fmt: skip
+
+    return decorated
+
+
+def _default(ctx: click.Context, param: Any) -> Any:
+    """The value of a setting that is not given."""
+    value = param.get_default(ctx)
+    if isinstance(value, str | int | float | tuple):
+        return param.type_cast_value(ctx, value)
+    return () if param.multiple or param.nargs == -1 else None
+
+
+def _converted(ctx: click.Context, param: Any, value: object) -> Any:
+    """A setting as the function takes it. Raises SettingError for a value of the wrong kind."""
+    name = str(param.name)
+    if param.reads == "logs":
+        from automarine_cli.logs.frames import as_logs
+
+        return as_logs(value, name)
+    if param.reads == "file":
+        return _document(value, name)
+    if param.reads == "files":
+        many = [value] if isinstance(value, str | Path) else value
+        return tuple(Path(place) for place in many)  # type: ignore[attr-defined]
+    if isinstance(value, str) and (param.multiple or param.nargs == -1):
+        value = (value,)
+    plain = value if isinstance(value, tuple | list) else (value,)
+    if not all(isinstance(part, str | int | float) for part in plain):
+        return value
+    try:
+        return param.type_cast_value(ctx, value)
+    except click.BadParameter as problem:
+        raise SettingError(f"{name} is {value!r}; {problem.message}") from None
+
+
+def _document(value: object, name: str) -> Any:
+    """A place, or the file that a result stands for; what we made ourselves is left as it is."""
+    if isinstance(value, Shown):
+        return value.document(name)
+    if isinstance(value, str):
+        return Path(value)
+    if name == "columns" and isinstance(value, Path) and value.is_fifo():  # which can be read but once
+        return Document("columns.toml", value.read_bytes())
+    if name == "columns" and isinstance(value, Mapping):
+        from automarine_cli.logs import ColumnMap, column_rules
+
+        return ColumnMap(columns=column_rules(value, name), source=name)
+    ours = type(value).__module__.startswith("automarine_cli.")
+    if value is None or isinstance(value, Path) or ours:
+        return value
+    raise SettingError(f"{name}: found {type(value).__name__}, expected a file or a result")

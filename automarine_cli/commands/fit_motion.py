@@ -1,0 +1,187 @@
+"""`fit-yaw`, `fit-surge`, `fit-sway`, `fit-heave`: step runs -> drag (Table 1), inertia (Table 2), model, figures;
+whole runs where there are no steps."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import Command, Function, command, option
+from automarine_cli.dofs import DOFS, HEAVE, SURGE, SWAY, YAW, Dof
+from automarine_cli.errors import SettingError
+
+if TYPE_CHECKING:
+    from automarine_cli.fits.yaw_fit import YawFit
+    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.runs.half_turn import Trim
+
+WHOLE_RUNS = "whole-runs"
+HELP = {
+    "yaw": """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
+
+    Each run is trimmed to its first half-turn and fitted twice: by the paper's steady rates and velocity
+    errors, and by maximum likelihood on the headings. Logs without steps are fitted as whole runs.
+
+    \b
+    Example:
+      automarine fit-yaw sample_runs/steps -o out/fit-yaw
+      automarine fit-yaw sample_runs/steps --tail 90
+    """,
+    "surge": """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
+
+    Logs hold distance_m and force_X_N (or X, normalised; or n_port and n_stbd with --thrusters). Each step is
+    fitted twice, as by fit-yaw; where drag ahead and astern differ, each has its own. Logs without steps are
+    fitted as whole runs.
+
+    \b
+    Example:
+      automarine fit-surge sample_runs/surge --within 3 -o out/surge
+      automarine fit-surge sample_runs/surge --within 3 --tail 1.5
+    """,
+    "sway": """Identify the sway model from step runs: distance against force, drag (Table 1) and mass (Table 2).
+
+    Logs hold distance_m and force_Y_N (or Y, normalised), positive to starboard. Each step is fitted twice, as by
+    fit-yaw; a hull drags alike to both sides. Logs without steps are fitted as whole runs.
+
+    \b
+    Example:
+      automarine fit-sway sample_runs/sway --within 3 -o out/sway
+      automarine fit-sway sample_runs/sway --within 3 --tail 1.5
+    """,
+    "heave": """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
+
+    Logs hold depth_m and force_Z_N (or Z, normalised; or n_vert with --thrusters), all positive down. Each step
+    is fitted twice, as by fit-yaw; a constant force is fitted with it, and where drag down and up differ, each has
+    its own. Logs without steps are fitted as whole runs.
+
+    \b
+    Example:
+      automarine fit-heave sample_runs/heave --depths 0.2 3 -o out/heave
+      automarine fit-heave sample_runs/heave --depths 0.2 3 --tail 1.2
+    """,
+}
+within = option(
+    "--within", type=options.ABOVE_ZERO, metavar="METRES",
+    help="Follow each step for so many metres, before the wall is felt; without it to its end.",
+)  # fmt: skip
+depths = option(
+    "--depths", nargs=2, type=float, metavar="FROM TO",
+    help="Follow each step while the depth is between so many metres, clear of surface and bottom.",
+)  # fmt: skip
+
+
+def _fit(
+    dof: Dof,
+    *,
+    logs: Sequence[Any],
+    columns: Any,
+    fit_to: str,
+    tail: float | None,
+    channels: str,
+    with_effects: tuple[str, ...],
+    known: Any,
+    strict: bool,
+    jobs: int,
+    progress: "Progress",
+    thrusters: Any = None,
+    arm: float | None = None,
+    within: float | None = None,
+    depths: tuple[float, float] | None = None,
+) -> "YawFit":
+    """The fit of any motion; see `fits.identify.identify_turns`."""
+    from automarine_cli import effects
+    from automarine_cli.fits.driven import wanted_effects
+    from automarine_cli.fits.identify import identify_turns
+    from automarine_cli.fits.known import Known, names_in
+    from automarine_cli.fits.linear_mixed import in_words_of
+    from automarine_cli.fits.output_error import OutputErrorFit
+    from automarine_cli.fits.tails import asked_tail
+    from automarine_cli.logs import given_columns
+    from automarine_cli.pipeline.parallel import ordered_map
+    from automarine_cli.runs.channels import wanted_channels
+    from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
+    from automarine_cli.thrusters.moments import moment_maker
+
+    if tail is not None and fit_to == WHOLE_RUNS:
+        raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
+    tail_start, trim = asked_tail(tail, dof), _trim(within, depths)
+    wanted_channels(channels, dof)
+    names = wanted_effects(with_effects, dof)
+    if names and fit_to not in ("auto", WHOLE_RUNS):
+        raise SettingError(f"--with fits whole runs; leave out --fit-to {fit_to}")
+    own = [f"{name}.{parameter}" for name in names for parameter in effects.get(name).names_in(dof)]
+    beforehand = Known.of(known).named(names_in(dof, own), signed=(dof.parameter("constant"), *own))
+    column_map = given_columns(columns)
+    drive = moment_maker(thrusters, arm, column_map, dof)
+    campaign = load_half_turns(
+        logs, column_map, drive, dof=dof, trim=trim, strict=strict, progress=progress, jobs=jobs
+    )  # fmt: skip
+    limits = list(campaign.limits)
+
+    def whole_runs() -> list[Any]:
+        loaded = load_runs(logs, column_map, dof=dof, progress=progress, jobs=jobs)
+        limits[:] = loaded.limits
+        return [trim.of_whole(run if drive is None else drive(run)) for run in loaded.runs]
+
+    def fit_models(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
+        return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
+
+    with told_beside(campaign.set_aside), in_words_of(dof):
+        fit = identify_turns(
+            dof, campaign.turns, campaign.not_turned, whole_runs, "half-turns" if fit_to == "steps" else fit_to,
+            beforehand, fit_models, channels, tail_start, names,
+        )  # fmt: skip
+    warnings = [*campaign.warnings, *(limit.warning for limit in limits if limit.dof is dof), *fit.warnings]
+    fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=tuple(warnings))
+    if strict and fit.set_aside:
+        raise refused_by_strict(fit.set_aside[0])
+    return fit
+
+
+def _trim(within: float | None, depths: tuple[float, float] | None) -> "Trim":
+    """How far a step is followed. Raises SettingError for no window."""
+    from automarine_cli.runs.half_turn import UNTRIMMED, Trim
+
+    if depths is not None:
+        if not depths[0] < depths[1]:
+            raise SettingError(f"depths are {depths[0]:g} and {depths[1]:g}; expected the smaller one first")
+        return Trim(None, *depths)
+    return UNTRIMMED if within is None else Trim(within)
+
+
+def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
+    """The fit of a motion, with the options that are its own."""
+    steps, unit = ("half-turns", "DEGREES") if dof is YAW else ("steps", "METRES")
+    where = " enough runs have them" if dof is YAW else " there are enough"
+    fit_to = option(
+        "--fit-to", type=click.Choice(("auto", steps, WHOLE_RUNS)), default="auto", show_default=True,
+        help=f"Part of the runs to fit; auto takes {steps} where{where}.",
+    )  # fmt: skip
+    tail = option(
+        "--tail", type=options.Finite(), metavar=unit,
+        help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
+        "is smallest.",
+    )  # fmt: skip
+
+    def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":
+        return _fit(dof, jobs=jobs, progress=progress, **settings)
+
+    fit.__doc__ = HELP[dof.name]
+    declared = options.together(
+        *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, options.channels,
+        options.with_effects, options.known, options.ending(options.strict, options.jobs),
+    )  # fmt: skip
+    return command(f"fit-{dof.name}", report="yaw_report")(declared(fit))
+
+
+FITS = {
+    YAW.name: _command(YAW, options.together(options.thrusters, options.arm)),
+    SURGE.name: _command(SURGE, options.thrusters, within),
+    SWAY.name: _command(SWAY, options.together(), within),
+    HEAVE.name: _command(HEAVE, options.thrusters, depths),
+}
+"""What fits each motion, by its name."""
+fit_yaw, fit_surge, fit_sway, fit_heave = FITS.values()
+assert FITS.keys() == DOFS.keys()

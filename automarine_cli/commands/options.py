@@ -1,0 +1,146 @@
+"""The options and arguments that commands share, as named decorators."""
+
+import math
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from automarine_cli.commands.command import HOLD_OUT, Function, argument, option
+
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
+
+
+class Finite(click.ParamType):
+    """A finite number, above zero if `positive`."""
+
+    name = "float"
+
+    def __init__(self, positive: bool = False) -> None:
+        self.type = ABOVE_ZERO if positive else click.FLOAT
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number. Raises BadParameter for another."""
+        number = float(self.type.convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number; give one", param, ctx)
+        return number
+
+
+class Names(click.ParamType):
+    """Names separated by commas."""
+
+    name = "names"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        """Return the names."""
+        parts = value.split(",") if isinstance(value, str) else value
+        return tuple(part.strip() for part in parts if part.strip())
+
+
+class OneOf(click.ParamType):
+    """One of the names that a registry holds, looked up when one is given: asking for help loads no room."""
+
+    name = "name"
+
+    def __init__(self, names: Callable[[], Iterable[str]]) -> None:
+        self.names = names
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name. Raises BadParameter for another, with all of them."""
+        return click.Choice(tuple(self.names())).convert(value, param, ctx)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+        """Offer the names that begin so."""
+        return click.Choice(tuple(self.names())).shell_complete(ctx, param, incomplete)
+
+
+def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
+    step = value if param.name == "verbose" else -value
+    ctx.meta["automarine.verbosity"] = ctx.meta.get("automarine.verbosity", 0) + step
+
+
+def verbosity(function: Function) -> Function:
+    """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
+    quiet = click.option(
+        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity, help="Print errors only."
+    )
+    verbose = click.option(
+        "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
+        help="Print more details; -vv adds tracebacks.",
+    )  # fmt: skip
+    return quiet(verbose(function))
+
+
+logs = argument(
+    "logs", nargs=-1, required=True, type=click.Path(readable=False), metavar="LOG...", reads="logs", role="log"
+)
+hold_out = option(
+    "--hold-out", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role=HOLD_OUT,
+    help="A log kept out of the fit, to test the model on; may be repeated. By default a quarter of the runs.",
+)  # fmt: skip
+columns = option(
+    "--columns", type=FILE, metavar="FILE.toml", reads="file", help="Map the logs' column names, units and signs."
+)
+model = option(
+    "--model", type=FILE, required=True, metavar="FILE", reads="file",
+    help="A yaw_model.json (or surge, sway, heave) of a fit (for diagnose also a thrusters.json).",
+)  # fmt: skip
+thrusters = option(
+    "--thrusters", type=FILE, metavar="FILE", reads="file",
+    help="A thrusters.json: makes the moment of n_port and n_stbd, or the force of these or n_vert.",
+)  # fmt: skip
+arm = option(
+    "--arm", type=Finite(positive=True), metavar="METRES",
+    help="Lever arm of the two thrusters, with --thrusters.",
+)  # fmt: skip
+channels = option(
+    "--channels", default="auto", show_default=True, metavar="WHICH", seldom=True,
+    help="Sensors that count: auto (those that agree with the position), position, all, or names with commas.",
+)  # fmt: skip
+with_effects = option(
+    "--with", "with_effects", default="", type=Names(), metavar="EFFECTS", seldom=True,
+    help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven ones.",
+)  # fmt: skip
+known = option(
+    "--known", multiple=True, metavar="NAME=VALUE[±STDERR]", seldom=True,
+    help="What is known of a parameter beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
+    "with commas, or repeated.",
+)  # fmt: skip
+inputs = option(
+    "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="FOLDER",
+    help="Look for the recorded inputs in this folder and below; may be repeated.",
+)  # fmt: skip
+strict = option("--strict", is_flag=True, help="Refuse an unusable run instead of setting it aside.")
+seed = option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Random seed."
+)  # fmt: skip
+out = option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write the results into this folder.")
+overwrite = option("--overwrite", is_flag=True, help="Replace results that are there already.")
+jobs = option(
+    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+    help="Parallel processes (results do not change).",
+)  # fmt: skip
+cluster = option(
+    "--cluster", metavar="ADDRESS",
+    help="A Dask scheduler, such as tcp://host:8786, whose workers do the work (results do not change).",
+)  # fmt: skip
+as_json = option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+
+
+def ending(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
+    """Where results go and how they are told, with `options` between."""
+    return together(out, overwrite, *options, as_json, verbosity)
+
+
+def together(*decorators: Callable[[Function], Function]) -> Callable[[Function], Function]:
+    """Several decorators as one, the first on top."""
+
+    def decorated(function: Function) -> Function:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return decorated
