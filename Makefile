@@ -88,7 +88,7 @@ check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q tests/test_house.py
 
-sample-runs: $(READY) ## Make sample_runs again from its specifications, byte for byte
+sample-runs: $(READY) ## Make sample_runs again from its specifications
 	$(AUTOMARINE) simulate sample_runs/campaign.toml -o $(OUT)/sample_runs --overwrite
 	for made in thrusters steps validation truth.json; do \
 	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs/$$made sample_runs/$$made || exit 1; done
