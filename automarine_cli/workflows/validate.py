@@ -25,9 +25,9 @@ from automarine_cli.report.validation_tables import ahead_table, overall_table, 
 from automarine_cli.results.kinds import PLANAR_MODEL, VALIDATION
 from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels, wanted_channels
+from automarine_cli.runs.checks import without_undriven
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, command_warnings
-from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.thrusters.moments import moment_maker
 from automarine_cli.workflows.command import SELDOM, Command, Runner
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
