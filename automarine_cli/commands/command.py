@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+from click.core import augment_usage_errors
 
 from automarine_cli.commands.terminal import echo_result, terminal_progress
 from automarine_cli.errors import SettingError
@@ -183,9 +184,9 @@ class Command(click.Command):
             if folder is not None:
                 from automarine_cli.report.sections import sections
 
-                if each is None and jobs > 1:
+                if each is None:
                     each = stack.enter_context(lasting_map(jobs, progress=progress))
-                sections(result).save(folder, figure_formats, each)
+                sections(result).save(folder, figure_formats if settings.get("figures", True) else (), each)
         return result
 
     def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
@@ -244,7 +245,8 @@ class Command(click.Command):
         given = {param.name: ctx.params[param.name] for param in self.own}
         execution = {key: ctx.params[key] for key in EXECUTION if key in ctx.params}
         as_json = execution.pop("as_json", False)
-        result = self.run(self.settings(given), **execution, progress=terminal_progress())
+        with augment_usage_errors(ctx):
+            result = self.run(self.settings(given), **execution, progress=terminal_progress())
         self.echo(result, as_json=as_json, out=execution.get("out"))
         self.finish(ctx, result)
         return result
