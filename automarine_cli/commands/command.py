@@ -31,12 +31,12 @@ Function = Callable[..., Any]
 class Setting:
     """What a manifest and Python need to know of an option or argument.
 
-    `reads` says what it names: logs, one file (or the result that would be it), files or folders, of which the manifest
-    lists the inputs under `role`. Only what is `recorded` stands among its options; `seldom` where it is not the
-    default.
+    `reads` says what it names: logs, one file (or the result that would be it), files, of which the manifest lists the
+    inputs under `role`, or folders, of which the command's `folder_inputs` does. Only what is `recorded` stands among
+    its options; `seldom` where it is not the default.
     """
 
-    reads: Literal["", "logs", "file", "files"]
+    reads: Literal["", "logs", "file", "files", "folders"]
     role: str
     recorded: bool
     seldom: bool
@@ -86,6 +86,7 @@ class Command(click.Command):
         self.takes = set(inspect.signature(function).parameters)
         self.own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
+        self.folder_inputs: Callable[[Any], list[Any]] = lambda folders: []
         self.__name__ = python or name.replace("-", "_")
         self.__doc__ = function.__doc__
         self.__signature__ = inspect.Signature([
@@ -106,6 +107,9 @@ class Command(click.Command):
     ) -> Any:
         """Carry it out from Python: places may be texts, a single log or a table stands for a list of logs, a result
         for the file that it would be."""
+        from automarine_cli.report.figures.files import refuse_unknown
+
+        refuse_unknown(figure_formats)
         if len(first) > 1:
             raise TypeError(f"{len(first)} arguments without a name; give {self.own[0].name} alone so, a list if many")
         settings = {str(self.own[0].name): one for one in first} | settings
@@ -164,9 +168,7 @@ class Command(click.Command):
             folder = None
             if out is not None and self.saves:
                 from automarine_cli.pipeline.outputs import result_folder
-                from automarine_cli.report.figures.files import refuse_unknown
 
-                refuse_unknown(figure_formats)
                 folder = stack.enter_context(result_folder(
                     out, command=str(self.name), options=self.recorded(settings, figure_formats),
                     inputs=self.inputs(settings), seed=self.seed(settings), overwrite=overwrite,
@@ -231,6 +233,8 @@ class Command(click.Command):
                 files += given_as(**{name: value})
             elif param.reads == "files":
                 files += [Input(path.name, path, param.role) for path in value]
+            elif param.reads == "folders":
+                files += self.folder_inputs(value)
             if name == "columns":
                 files += given_as(dbc=given_columns(value).database)
         files.sort(key=lambda file: file.role not in ("log", HOLD_OUT))
@@ -300,7 +304,7 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
         return as_logs(value, name)
     if param.reads == "file":
         return _document(value, name)
-    if param.reads == "files":
+    if param.reads in ("files", "folders"):
         many = [value] if isinstance(value, str | Path) else value
         return tuple(Path(place) for place in many)  # type: ignore[attr-defined]
     if isinstance(value, str) and (param.multiple or param.nargs == -1):

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 
 from automarine_cli.cli import fit_thrusters as fit_thrusters_command
 from automarine_cli.cli.options import OneOf
+from automarine_cli.commands.compare import compare
 from automarine_cli.report import thruster_tables
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.thrusters.forms import FORMS
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.fit_thrusters import FILES, fit_thrusters
 
 Run = Callable[..., Result]
