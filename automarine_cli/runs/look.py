@@ -2,17 +2,21 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.logs import LogTable
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_logs, require_thruster
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
 from automarine_cli.runs.command_range import undirected
 from automarine_cli.runs.half_turn import HalfTurn, why_none
 from automarine_cli.runs.joined import in_batches
+from automarine_cli.runs.load import runs_of_tables
 from automarine_cli.runs.noise import position_noises
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import segments
@@ -134,6 +138,28 @@ class ThrusterTestSeen:
     voltages: list[float]
     columns: list[str]
     notes: list[str]
+
+
+LogContents: TypeAlias = tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]
+
+
+def look_at_logs(files: Sequence[LogFile], columns: ColumnMap) -> list[LogContents]:
+    """Describe the runs and thruster tests of each file, and what is set aside; samples are dropped."""
+    tables = read_logs(files, columns, dof=None)
+    contents: dict[int, LogContents] = {}
+    for i, table in enumerate(tables):
+        if isinstance(table, LogError) or not is_thruster_test(table):
+            continue
+        try:
+            require_thruster(table)
+            contents[i] = [], *look_at_tests(table)
+        except LogError as error:
+            tables[i] = error
+    others = [i for i in range(len(files)) if i not in contents]
+    read = list(runs_of_tables([files[i] for i in others], [tables[i] for i in others]))
+    looks = look_at_runs(run for runs, _ in read for run in runs)
+    contents |= {i: ([*islice(looks, len(runs))], [], aside) for i, (runs, aside) in zip(others, read)}
+    return [contents[i] for i in range(len(files))]
 
 
 def look_at_runs(runs: Iterable[Run]) -> Iterator[RunSeen]:

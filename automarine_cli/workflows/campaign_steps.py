@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.commands import command as commands
+from automarine_cli.commands.check import check
 from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.commands.fit_planar import fit_planar
+from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.validate import validate
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
@@ -19,11 +21,9 @@ from automarine_cli.report.campaign_steps import StepFolder
 from automarine_cli.report.outcomes import kind_of
 from automarine_cli.results.kinds import DIAGNOSIS, MODELS
 from automarine_cli.workflows.campaign_file import Campaign, Together
-from automarine_cli.workflows.check import check
 from automarine_cli.workflows.command import Runner, inputs_of, recorded, seed_of
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_planar import diagnose_planar
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.tune import tune
 
 FIGURES = ("png", "svg")  # for a person, and for the report
@@ -98,8 +98,7 @@ def _fit_thrusters(campaign: Campaign, out: Path) -> Plan | str:
     logs, asked = campaign.files("thrusters"), campaign.asked.thrusters
     if not logs:
         return "the campaign names no thruster tests"
-    form = None if asked.form == "auto" else asked.form
-    return _plan(fit_thrusters, logs, thrusters_per_test=asked.per_test, form=form, **_common(campaign))
+    return _plan(fit_thrusters, logs, thrusters_per_test=asked.per_test, form=asked.form, **_common(campaign))
 
 
 def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
