@@ -66,7 +66,7 @@ class Sections:
                 folder.write(name, content)
             else:
                 folder.write_json(name, content)
-        write_figures(folder, self.figures, formats, each)
+        write_figures(folder, self.figures if formats else {}, formats, each)
 
 
 @singledispatch

@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.logs import LogTable
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
 from automarine_cli.runs.command_range import undirected
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none
+from automarine_cli.runs.load import runs_of_table, unreadable
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, segments
@@ -171,6 +173,24 @@ class ThrusterTestSeen:
     voltages: list[float]
     columns: list[str]
     notes: list[str]
+
+
+LogContents: TypeAlias = tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]
+
+
+def look_at_log(file: LogFile, columns: ColumnMap) -> LogContents:
+    """Describe the runs and thruster tests of a file, and what is set aside; samples are dropped."""
+    try:
+        table = read_log(file, columns, dof=None)
+        if is_thruster_test(table):
+            require_thruster(table)
+            return [], *look_at_tests(table)
+        runs, set_aside = runs_of_table(file, table)
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [], [unreadable(file, error)]
+    return [look_at_run(run) for run in runs], [], set_aside
 
 
 def look_at_run(run: Run) -> RunSeen:
