@@ -58,7 +58,7 @@ simulate.complete = _with_seed
 def _read(specification: Any) -> "Specification | PlanarSpecification":
     """The specification in a file, of one motion or of motion in the plane. Raises SettingError."""
     if not isinstance(specification, Path):
-        return specification  # type: ignore[no-any-return]
+        return specification
     from automarine_cli.pipeline.recipe import read_mapping
     from automarine_cli.pipeline.words import printable
     from automarine_cli.simulation.planar_specification import is_planar, planar_specification_from

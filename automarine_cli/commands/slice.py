@@ -119,11 +119,10 @@ def _cut(
 
 def _content(table: "LogTable", first: int, stop: int, form: str, comment: str) -> bytes:
     from automarine_cli.logs.table import columns_of, csv_text
-    from automarine_cli.simulation.log_files import gzip_bytes
-    from automarine_cli.simulation.parquet_bytes import parquet_bytes
+    from automarine_cli.simulation.log_files import gzip_bytes, parquet_bytes
 
     columns = columns_of(table, first, stop)
     if form == "parquet":
-        return parquet_bytes(columns, {"comment": comment}, "automarine")
+        return parquet_bytes(columns, comment)
     text = csv_text(columns, comment).encode()
     return text if form == "csv" else gzip_bytes(text)

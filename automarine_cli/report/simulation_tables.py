@@ -96,7 +96,7 @@ def _(result: PlanarSimulation) -> Sections:
     folders: dict[str, list[PlanarMade]] = {}
     for run in result.runs:
         folders.setdefault(run.group.folder, []).append(run)
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (folder, str(len(runs)), str(sum(len(run.columns["time_s"]) for run in runs)))
         for folder, runs in sorted(folders.items())
     ]

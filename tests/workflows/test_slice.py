@@ -163,7 +163,7 @@ def test_a_log_that_does_not_tell_is_refused(tmp_path: Path) -> None:
     assert slice_(tmp_path, "--by", "moment", "--strict").exit_code == 1
 
 
-def test_slices_are_logs_to_be_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slices_are_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     levels = [(sign * size, 90) for size in (0.3, 0.5, 0.8) for sign in (1, -1)]
     table(tmp_path, day([part for level in levels for part in ((0, 30), level)], mode=["M"] * 720))
     monkeypatch.chdir(tmp_path)
