@@ -44,7 +44,10 @@ def _(result: Check) -> Sections:
         tables.append(_test_table(result.tests))
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
-    files: dict[str, Content] = {"check.json": result.to_json(), "check.md": "\n".join(table.to_markdown() for table in tables)}
+    files: dict[str, Content] = {
+        "check.json": result.to_json(),
+        "check.md": "\n".join(table.to_markdown() for table in tables),
+    }
     return Sections(tables, files, listed=tuple(files), rows=rows)
 
 

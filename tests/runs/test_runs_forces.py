@@ -11,6 +11,7 @@ from specified import make_runs
 
 from automarine_cli.commands.check import check
 from automarine_cli.commands.fit_motion import FITS
+from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
@@ -25,7 +26,6 @@ from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.moments import moment_maker
 from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
-from automarine_cli.workflows.simulate import simulate
 
 MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))
 HEAVE_SPEC = {
