@@ -1,7 +1,7 @@
 """The campaign file that `init` writes and `run` follows: plain data, paths relative to the file itself."""
 
 import glob
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,14 +14,12 @@ from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, whole_logs
 from automarine_cli.logs.columns import columns_of, database
 from automarine_cli.logs.join import Join
-from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.report.campaign_file import OPEN, SCHEMA, open_questions
 from automarine_cli.runs.channels import AUTO, wanted_channels
 from automarine_cli.workflows.tune_options import TuneSection
 
-SCHEMA = "automarine/campaign/1"
-OPEN = "?"  # a value that a person still has to give
 Beforehand = Mapping[str, float | tuple[float, float]]
 """Parameters that are known beforehand, by name: a value, or one and its standard error."""
 
@@ -301,9 +299,3 @@ def read_campaign(path: Path) -> Campaign:
     return Campaign(
         path, asked, ColumnMap(column_rules(asked.columns, name), {}, "", database(asked.can, path), own, join)
     )
-
-
-def open_questions(data: object) -> list[str]:
-    """Paths of the keys whose value is still a question mark."""
-    places: Iterable[tuple[object, ...]] = (place for value, place in everything(data) if value == OPEN)
-    return [in_words(place).removesuffix(": ") for place in places]

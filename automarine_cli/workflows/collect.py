@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from automarine_cli.commands.init import NAME, init
 from automarine_cli.errors import SettingError
 from automarine_cli.link.answers import State
 from automarine_cli.link.client import Client
@@ -15,7 +16,6 @@ from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.campaign_file import read_campaign as read_analysis
 from automarine_cli.workflows.command import Command, Runner
-from automarine_cli.workflows.init import NAME, InitOptions, init
 from automarine_cli.workflows.run import CampaignRun, RunOptions, run_campaign
 from automarine_cli.workflows.view import View
 
@@ -114,7 +114,7 @@ def _analysed(folder: Path, logs: Iterable[str], runner: Runner) -> CampaignRun:
     """What `run` makes of the logs. Raises SettingError for a campaign file that leaves some of them out."""
     file = folder / NAME
     if not file.exists():
-        init.run(InitOptions(folder), replace(runner, out=file))
+        init(folder, out=file, jobs=runner.jobs, progress=runner.progress)
     named = {log.path.name for log in read_analysis(file).every_log()}
     if left := sorted(set(logs) - named):
         raise SettingError(

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from repository import SAMPLE_RUNS
 
+from automarine_cli.commands.init import init
 from automarine_cli.errors import SettingError
 from automarine_cli.workflows.campaign_file import read_campaign
-from automarine_cli.workflows.init import init
 from automarine_cli.workflows.report import report_files
 from automarine_cli.workflows.run import run_campaign
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from repository import SAMPLE_RUNS
 
+from automarine_cli.commands.init import init
 from automarine_cli.errors import SettingError
 from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaign_steps import STEPS
-from automarine_cli.workflows.init import init
 
 OWN = ["fit-planar", "validate-planar", "diagnose-planar"]
 
@@ -44,7 +44,7 @@ def test_init_offers_it(tmp_path: Path) -> None:
     asked = read_campaign(tmp_path / "campaign.toml").asked
     assert asked.planar is not None
     assert asked.planar.runs == ("planar",) and asked.planar.validation == ("planar_validation",)
-    assert not asked.logs.steps and not asked.logs.manoeuvres and "heave" in made.look.forces
+    assert not asked.logs.steps and not asked.logs.manoeuvres and "heave" in made.survey.forces
 
 
 def test_thrusters_need_an_arm(tmp_path: Path) -> None:

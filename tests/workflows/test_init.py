@@ -12,12 +12,13 @@ from made_campaigns import campaign
 from numpy.typing import NDArray
 from small_campaign import make_small_campaign
 
+from automarine_cli.commands.init import init
 from automarine_cli.errors import LogError, OutputError, SettingError
+from automarine_cli.logs.layouts import places_of
 from automarine_cli.logs.recognise import Span, recognise, words_of
+from automarine_cli.report.campaign_file import NewCampaign
 from automarine_cli.runs.run import Run
 from automarine_cli.workflows.campaign_file import read_campaign
-from automarine_cli.workflows.campaign_places import places_of
-from automarine_cli.workflows.init import Started, init
 from automarine_cli.workflows.run import run_campaign
 
 Column = Callable[[Run], NDArray[np.float64]]
@@ -39,7 +40,7 @@ def write_logs(folder: Path, columns: Mapping[str, Column], moments: tuple[float
     return folder
 
 
-def asked(folder: Path, **how: Any) -> tuple[Started, dict[str, Any]]:
+def asked(folder: Path, **how: Any) -> tuple[NewCampaign, dict[str, Any]]:
     """What `init` makes of a folder, and the data in its campaign file."""
     found = init(folder, **how)
     return found, tomllib.loads(found.text)

@@ -17,10 +17,10 @@ from made_campaigns import campaign
 from repository import ROOT
 
 from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.init import init
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.workflows.campaign_questions import answered
+from automarine_cli.report.campaign_file import NewCampaign, answered
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.init import Started, init
 from automarine_cli.workflows.run import run_campaign
 
 PWM = np.arange(1100.0, 1901.0, 25.0)
@@ -52,7 +52,7 @@ def steps(
         table(folder / f"{run.name}.csv", columns(run, command(each), command(-each)))
 
 
-def asked(folder: Path, **how: Any) -> tuple[Started, dict[str, Any]]:
+def asked(folder: Path, **how: Any) -> tuple[NewCampaign, dict[str, Any]]:
     """What `init` makes of a folder, and the data in its campaign file."""
     found = init(folder, overwrite=True, **how)
     return found, tomllib.loads(found.text)
@@ -197,7 +197,7 @@ def test_normalised_commands_do_not_fit_a_map_of_pulses(tmp_path: Path) -> None:
     assert data["columns"]["n_port"] == "port_cmd" and data["columns"]["n_stbd"] == "stbd_cmd"
     assert data["yaw"]["moment"] == "logged"
     assert "the logs hold a moment, and the commands port_cmd, stbd_cmd beside it" in found.text
-    assert "they look normalised (-1 to 1)" in found.look.misfit
+    assert "they look normalised (-1 to 1)" in found.survey.misfit
     names = tmp_path / "columns.toml"
     names.write_text('[columns]\nn = { from = "PWM_us", subtract = 1500 }\nn_port = "port_cmd"\nn_stbd = "stbd_cmd"\n')
     made = fit_thrusters(tmp_path / "bollard", columns=names)
@@ -237,7 +237,7 @@ def test_files_that_are_one_log_are_joined(
     found, data = asked(tmp_path)
     assert data["logs"]["join"] == [{**join, "take": "previous", "max_age_s": 5.0}]
     assert found_in is None or data["logs"]["steps"] == [found_in]
-    assert len(found.look.placed["steps"]) == len(MOMENTS)
+    assert len(found.survey.placed["steps"]) == len(MOMENTS)
     assert data["columns"]["time_s"] == "t" and data["columns"]["n_port"] == "port_cmd"
     assert 'surge_m_s = "speed_mps"' in found.text and "surge_m_s" not in data["columns"]  # offered
     if nav != "nav_{}":
@@ -284,7 +284,7 @@ def test_files_of_no_vehicle_are_told_and_left(tmp_path: Path) -> None:
     found, data = asked(tmp_path)
     assert found.questions == ()
     assert data["logs"]["steps"] == ["runs"]
-    assert found.look.strangers[0].path.name == "weather.csv"
+    assert found.survey.strangers[0].path.name == "weather.csv"
     assert "no column looks like a heading, a moment or a command" in found.text
 
 
@@ -325,8 +325,8 @@ def test_a_file_without_a_heading_is_no_step_run(tmp_path: Path) -> None:
         )
     table(tmp_path / "engine.csv", {"time_s": run.time, "tau": run.command, "oil_bar": 0.0 * run.time})
     started = init(tmp_path)
-    assert not any("engine" in file.name for files in started.look.placed.values() for file in files)
-    assert any("engine" in one.file for one in started.look.set_aside)
+    assert not any("engine" in file.name for files in started.survey.placed.values() for file in files)
+    assert any("engine" in one.file for one in started.survey.set_aside)
 
 
 def test_answers_on_a_terminal(tmp_path: Path) -> None:
