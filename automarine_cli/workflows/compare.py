@@ -19,7 +19,7 @@ from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
 from automarine_cli.results.judged import DiagnosisFile
 from automarine_cli.results.records import ResultRecord
-from automarine_cli.workflows.campaign_steps import FOLDERS
+from automarine_cli.results.steps import STEPS
 from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.shared import Drawn, numbers
 from automarine_cli.workflows.view import Row, View
@@ -152,7 +152,7 @@ def _find(folder: Path, name: str) -> _Found:
             file = kind.read(path, f"{name}/{path.name}")
             of_map = isinstance(file, DiagnosisFile) and file.of_thrusters
             return _Found(name, path, file, f"{kind.writer} of thrusters" if of_map else kind.writer, contents)
-    inside = [one.name for one in FOLDERS if one.kind.file in files and (folder / one.name / one.kind.file).is_file()]
+    inside = [one.folder for one in STEPS if one.kind.file in files and (folder / one.folder / one.kind.file).is_file()]
     if inside:
         raise SettingError(f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}")
     raise SettingError(
