@@ -50,7 +50,7 @@ def collect(ctx: click.Context, **given: Any) -> object:
     written = f"The logs are in {given['out']}" + (", the analysis is in its folder analysis" if given["then"] else "")
     found = options.perform_one(command, given, f"{written}.")
     if found.analysis is not None:
-        end_with(ctx, [f"{one.step}: {one.why}" for one in found.analysis.refused])
+        end_with(ctx, list(found.analysis.refused))
     if found.ended_early:
         click.echo(f"Error: {found.ended_early}", err=True)
         ctx.exit(1)

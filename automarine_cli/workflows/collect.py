@@ -6,17 +6,19 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from automarine_cli.commands.campaign import read_campaign as read_analysis
+from automarine_cli.commands.init import NAME, init
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import SettingError
 from automarine_cli.link.answers import State
 from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
 from automarine_cli.link.document import SHORT, read_campaign
 from automarine_cli.pipeline.words import printable
+from automarine_cli.report.campaign_run import CampaignRun
+from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import Table
-from automarine_cli.workflows.campaign_file import read_campaign as read_analysis
 from automarine_cli.workflows.command import Command, Runner
-from automarine_cli.workflows.init import NAME, InitOptions, init
-from automarine_cli.workflows.run import CampaignRun, RunOptions, run_campaign
 from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/collected/1"
@@ -55,7 +57,7 @@ class Collected:
         )  # fmt: skip
         table = Table("Campaigns", ("campaign", "runs", "interrupted", "state", "battery left Ah"), rows)
         came = f"{self.new} logs fetched, {self.bytes_in} bytes, {self.cuts} cuts; {len(self.runs)} are here."
-        run = () if self.analysis is None else self.analysis.tables()
+        run = () if self.analysis is None else sections(self.analysis).printed
         troubles = (f"On the vehicle {printable(trouble)}." for trouble in self.state.troubles)
         return (*([table] if rows else []), came, *troubles, *run, *([self.no_analysis] if self.no_analysis else []))
 
@@ -114,14 +116,17 @@ def _analysed(folder: Path, logs: Iterable[str], runner: Runner) -> CampaignRun:
     """What `run` makes of the logs. Raises SettingError for a campaign file that leaves some of them out."""
     file = folder / NAME
     if not file.exists():
-        init.run(InitOptions(folder), replace(runner, out=file))
+        init(folder, out=file, jobs=runner.jobs, progress=runner.progress)
     named = {log.path.name for log in read_analysis(file).every_log()}
     if left := sorted(set(logs) - named):
         raise SettingError(
             f"{NAME} in {folder} leaves out {len(left)} of {len(set(logs))} logs, such as {left[0]}; add them, or move "
             "the file away, and it is written anew"
         )
-    return run_campaign.run(RunOptions(file), replace(runner, out=folder / ANALYSIS))
+    result: CampaignRun = run_campaign(
+        file, out=folder / ANALYSIS, overwrite=runner.overwrite, jobs=runner.jobs, progress=runner.progress
+    )
+    return result
 
 
 collect = Command(
