@@ -72,7 +72,8 @@ class Command(click.Command):
 
     Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
     `each` is a map on the processes asked for. `report` is the module that shows the result; a command that `saves`
-    writes a folder of results with a manifest.
+    writes a folder of results with a manifest. `complete` may be set to fill in settings that follow from others and
+    refuse what contradicts, before logs are looked for; `finish` to what follows from the printed result.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Command(click.Command):
         self.takes = set(inspect.signature(function).parameters)
         self.own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
+        self.complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda settings: settings
         self.__name__ = python or name.replace("-", "_")
         self.__doc__ = function.__doc__
         self.__signature__ = inspect.Signature([
@@ -135,6 +137,7 @@ class Command(click.Command):
                 raise TypeError(f"{self.__name__} needs {name}; give it")
             else:
                 values[name] = _default(ctx, param)
+        values = self.complete(values)
         logs = [str(param.name) for param in self.own if param.reads == "logs"]
         if logs:
             from automarine_cli.logs import find_logs, given_columns, whole_logs

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.shown import Shown
@@ -27,7 +28,7 @@ class Sections:
 
     `printed` are tables and sentences; `files` by name are texts, bytes, or data to be written as JSON; `figures` draw
     what is saved as NAME.png, and can be pickled; `listed` are the files that the terminal names; `rows` are the
-    numbers, one mapping a parameter, run or score.
+    numbers, one mapping a parameter, run or score; `warnings` say what could not be made.
     """
 
     printed: Sequence[Table | str]
@@ -35,6 +36,7 @@ class Sections:
     figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     listed: Sequence[str] = ()
     rows: Sequence[Mapping[str, object]] = ()
+    warnings: Sequence[str] = ()
 
     def text(self, width: int = WIDTH) -> str:
         """Render what is printed as plain text."""
@@ -66,6 +68,8 @@ class Sections:
                 folder.write(name, content)
             else:
                 folder.write_json(name, content)
+        for warning in self.warnings:
+            folder.taken(Attempt(None, warning))
         write_figures(folder, self.figures, formats, each)
 
 

@@ -18,12 +18,28 @@ from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.runs.channels import AUTO, wanted_channels
-from automarine_cli.workflows.tune_options import TuneSection
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
 Beforehand = Mapping[str, float | tuple[float, float]]
 """Parameters that are known beforehand, by name: a value, or one and its standard error."""
+
+
+@dataclass(frozen=True)
+class TuneSection:
+    """The same in a campaign's file: the `target`, and what `tune` has to know beside the model; `thrusters` whether
+    the campaign's thruster map is flown, with its dead-band."""
+
+    target: str
+    full: float | None = None
+    delay: float | None = None
+    step: float | None = None
+    load: float = 10.0
+    margin: float = 0.75
+    present: str | None = None
+    sample_time: float | None = None
+    beyond_range: bool = False
+    thrusters: bool = False
 
 
 @dataclass(frozen=True)

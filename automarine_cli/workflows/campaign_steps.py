@@ -8,6 +8,7 @@ from typing import Any
 
 from automarine_cli.commands import command as commands
 from automarine_cli.commands.fit_motion import FITS
+from automarine_cli.commands.tune import tune
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
@@ -23,7 +24,6 @@ from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_planar import diagnose_planar
 from automarine_cli.workflows.fit_planar import fit_planar
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.tune import tune
 from automarine_cli.workflows.validate import validate
 from automarine_cli.workflows.validate_planar import validate_planar
 
@@ -169,8 +169,7 @@ def _tune(campaign: Campaign, out: Path) -> Plan | str:
         settings |= {"thrusters": drive, "arm": campaign.asked.vehicle.arm_m}
     if campaign.asked.tune.present is not None:
         settings = {**settings, "present": campaign.path.parent / campaign.asked.tune.present}
-    own = {"figure_formats": FIGURES, "seed": campaign.asked.seed}
-    return Plan(tune, tune.asked({"model": model, **settings, **own}))
+    return Plan(tune, tune.settings({"model": model, **settings, "seed": campaign.asked.seed}))
 
 
 def _none_named(kinds: tuple[str, ...], motion: str) -> str:

@@ -12,7 +12,6 @@ from automarine_cli.report.html.page import page
 from automarine_cli.results.judged import RunFile
 from automarine_cli.results.kinds import RUN
 from automarine_cli.workflows.campaign_steps import FOLDERS
-from automarine_cli.workflows.command import commands
 
 SCHEMA = "automarine/report/1"
 FILES = ("report.html", "report.md")
@@ -65,14 +64,10 @@ def _made(folder: Path, title: str | None, ran: RunFile | None) -> Report:
 
 
 def _also(folder: Path) -> dict[str, str]:
-    """What commands without a section of their own left in the folder, by heading."""
-    found = {}
-    for name, command in commands().items():
-        place = folder / name / command.section
-        if command.section and place.is_file():
-            text = place.read_text(encoding="utf-8", errors="replace")
-            text = re.sub(r"^(!\[.*\])\((\w+\.\w+)\)$", rf"\1({name}/\2)", text, flags=re.MULTILINE)
-            found[name.replace("-", " ").capitalize()] = re.sub(
-                r"^## ", "### ", re.sub(r"\A# .*\n", "", text), flags=re.MULTILINE
-            )
-    return found
+    """What `tune`, which has no section of its own, left in the folder, by heading."""
+    tuned = folder / "tune" / "tuning.md"
+    if not tuned.is_file():
+        return {}
+    text = tuned.read_text(encoding="utf-8", errors="replace")
+    text = re.sub(r"^(!\[.*\])\((\w+\.\w+)\)$", r"\1(tune/\2)", text, flags=re.MULTILINE)
+    return {"Tune": re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", text), flags=re.MULTILINE)}

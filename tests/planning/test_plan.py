@@ -15,7 +15,7 @@ import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.pipeline.recipe import from_mapping
 from automarine_cli.planning.limits import EXAMPLE, Limits, Pool
-from automarine_cli.workflows.plan import Plan
+from automarine_cli.planning.plan import Plan
 
 Run = Callable[..., Result]
 
@@ -122,12 +122,6 @@ def test_the_terminal_says_the_same(run: Run, made: tuple[Plan, Path]) -> None:
     done = run("plan", folder / "yaw_model.json", "--limits", folder / "limits.toml", "--json")
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout) == json.loads((folder / "plan" / "plan.json").read_text())
-
-
-def test_it_is_made_again_from_its_manifest(run: Run, made: tuple[Plan, Path]) -> None:
-    done = run("run", "--from", made[1] / "plan", "--inputs", made[1])
-    assert done.exit_code == 0, done.output
-    assert "files have the bytes recorded" in done.stdout
 
 
 def test_one_parameter_is_narrowed_more_when_it_alone_is_wanted(made: tuple[Plan, Path]) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from automarine_cli.control import design
 from automarine_cli.errors import SettingError
+from automarine_cli.report.outcomes import outcome
 from automarine_cli.workflows.run import run_campaign
 
 
@@ -36,7 +37,7 @@ def test_a_campaign_ends_with_gains_and_its_report_shows_them(
     made = report(out, overwrite=True)
     text = made.files["report.md"]
     assert "## Tune" in text and "(tune/tuning.png)" in text and "### What it rests on" in text
-    assert step.work.kept is not None and step.work.kept.outcome(out / "tune") == "gains for python"
+    assert outcome("tune", out / "tune") == "gains for python"
 
 
 def test_a_setting_that_there_is_not_is_refused_with_its_key(small_day: Path, tmp_path: Path) -> None:
@@ -69,4 +70,4 @@ def test_the_campaign_s_thruster_map_is_flown(small_day: Path, tmp_path: Path) -
     fitted.touch()
     plan = step.plan(known, out)
     assert not isinstance(plan, str) and isinstance(fitted, Source)
-    assert vars(plan.asked)["thrusters"] == fitted and vars(plan.asked)["arm"] == known.asked.vehicle.arm_m
+    assert plan.asked["thrusters"] == fitted and plan.asked["arm"] == known.asked.vehicle.arm_m
