@@ -16,6 +16,7 @@ from effect_contract import strange_to
 from export_readers import constants_of, number_in, yaml_of
 
 from automarine_cli import exports as targets
+from automarine_cli.commands.export import export
 from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FORCES, FRAMES, THRUSTER_MAP, Origin, Settings, Written, YawSubject
@@ -23,7 +24,6 @@ from automarine_cli.exports.conversions import in_enu
 from automarine_cli.exports.prepare import in_unit, refuse_inertia, refuse_motion, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.results.models import ModelEntry, ModelFile
-from automarine_cli.workflows.export import export
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
 PLACES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}

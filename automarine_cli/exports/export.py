@@ -1,8 +1,9 @@
 """`export`: a model written for a simulator or a paper; what the target cannot represent is listed, and refused."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from automarine_cli import exports as targets
 from automarine_cli.dofs.motion import PLANAR
@@ -36,14 +37,11 @@ from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.pipeline.reuse import logs_behind
 from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import PLANAR_MODEL
 from automarine_cli.results.kinds import THRUSTER_MAP as MAP
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.command import Command, Runner, reads
-from automarine_cli.workflows.view import View
-
-SCHEMA = "automarine/export/1"
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,7 @@ class Exported:
     carried: tuple[str, ...]
     left_out: tuple[LeftOut, ...]
     written: Written
+    out: Path | None = None
 
     @property
     def text(self) -> str:
@@ -65,30 +64,37 @@ class Exported:
         return self.written.text
 
     @property
+    def missing(self) -> tuple[str, ...]:
+        """A sentence for each effect that the file leaves out."""
+        return tuple(f"Left out: {effect.name}: {effect.why}." for effect in self.left_out)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the reader must not miss: effects left out, and the notes that warn."""
-        left = tuple(f"Left out: {one.name}: {one.why}." for one in self.left_out)
-        return left + tuple(note for note in self.written.notes if note.startswith(("Warning", "Left out")))
+        return (*self.missing, *(note for note in self.written.notes if note.startswith(("Warning", "Left out"))))
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, Any]:
         """Schema automarine/export/1."""
         return {
-            "schema": SCHEMA,
+            "schema": "automarine/export/1",
             "target": self.target,
             "form": self.form,
             "frame": self.frame,
             "moment_unit": self.moment_unit,
             "source": {"file": self.origin.file, "sha256": self.origin.sha256, "model": self.origin.number or None},
             "carried": list(self.carried),
-            "left_out": [vars(one) for one in self.left_out],
+            "left_out": [vars(effect) for effect in self.left_out],
             "notes": list(self.written.notes),
             "text": self.text,
         }
 
-    def tables(self) -> tuple[Table | str, ...]:
-        """What is in the file, what is not, and the notes."""
-        held = f"{self.target}, form {self.form}, frame {self.frame}: {listed(self.carried)}."
-        return (held, *(f"Left out: {one.name}: {one.why}." for one in self.left_out), *self.written.notes)
+
+@sections.register
+def _(result: Exported) -> Sections:
+    if result.out is None:
+        return Sections(())  # the text itself is printed
+    held = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
+    return Sections((held, *result.missing, *result.written.notes))
 
 
 @dataclass(frozen=True)
@@ -97,37 +103,36 @@ class Targets:
 
     targets: tuple[Target, ...]
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, Any]:
         """Schema automarine/export-targets/1."""
         return {
             "schema": "automarine/export-targets/1",
             "targets": [
                 {
-                    "name": one.name,
-                    "says": one.says,
-                    "takes": one.takes,
-                    "motions": _motions(one),
-                    "forms": dict(one.forms),
-                    "frames": list(one.frames),
-                    "effects": sorted(one.carries),
-                    "newton_metres": one.si,
-                    "source": one.source,
+                    "name": target.name,
+                    "says": target.says,
+                    "takes": target.takes,
+                    "motions": _motions(target),
+                    "forms": dict(target.forms),
+                    "frames": list(target.frames),
+                    "effects": sorted(target.carries),
+                    "newton_metres": target.si,
+                    "source": target.source,
                 }
-                for one in self.targets
+                for target in self.targets
             ],
         }
 
-    def tables(self) -> tuple[Table, ...]:
-        """One row a target."""
-        rows = tuple(
-            (one.name, one.says, _taken(one), ", ".join(one.forms), ", ".join(one.frames)) for one in self.targets
-        )
-        note = "The first form and the first frame are taken where none is asked for; --json lists the effects of each."
-        return (Table("Targets", ("target", "writes", "models of", "forms", "frames"), rows, notes=(note,)),)
 
-
-def _taken(target: Target) -> str:
-    return ", ".join(_motions(target)) or "thrusters"
+@sections.register
+def _(result: Targets) -> Sections:
+    rows = tuple(
+        (target.name, target.says, ", ".join(_motions(target)) or "thrusters", ", ".join(target.forms),
+         ", ".join(target.frames))
+        for target in result.targets
+    )  # fmt: skip
+    note = "The first form and the first frame are taken where none is asked for; --json lists the effects of each."
+    return Sections([Table("Targets", ("target", "writes", "models of", "forms", "frames"), rows, notes=(note,))])
 
 
 def _motions(target: Target) -> list[str]:
@@ -137,59 +142,48 @@ def _motions(target: Target) -> list[str]:
 
 
 def export_targets() -> Targets:
-    """Every target there is."""
+    """List every target there is."""
     return Targets(tuple(targets.get(name) for name in targets.names()))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """The model and the target; `number` is which of the file's yaw models (by default the preferred one), `frame` ENU
-    or NED (by default the target's own)."""
-
-    model: Source = field(metadata=reads("file"))
-    to: str
-    form: str | None = None
-    number: str | None = None
-    frame: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExportOptions(Settings, _Asked):
-    """The same, with the settings that targets use."""
-
-    @property
-    def settings(self) -> Settings:
-        """Those of targets alone."""
-        return Settings(**{one.name: getattr(self, one.name) for one in fields(Settings)})
-
-
-def _export(asked: ExportOptions, runner: Runner) -> Exported:
+def export_model(
+    model: Source,
+    to: str,
+    *,
+    form: str | None = None,
+    number: str | None = None,
+    frame: str | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
+    **settings: Any,
+) -> Exported:
     """Write the model in a file `model` for the target `to`, into the file `out` if that is given.
 
-    The settings are those of `exports.base.Settings`. Raises ModelError, SettingError or OutputError, for an effect too
-    that the target cannot represent, unless `allow_partial`.
+    `number` is which of the file's models (by default the preferred one), `frame` ENU or NED (by default the target's
+    own); the other settings are those of `exports.base.Settings`. Raises ModelError, SettingError or OutputError, for
+    an effect too that the target cannot represent, unless `allow_partial`.
     """
-    target, settings, out = targets.get(asked.to), asked.settings, runner.out
-    refuse_unused(target, settings)
-    data = read_plain(asked.model, "JSON", ModelError)
-    origin = Origin(printable(asked.model.name), sha256(asked.model))
+    target, chosen = targets.get(to), Settings(**settings)
+    refuse_unused(target, chosen)
+    data = read_plain(model, "JSON", ModelError)
+    origin = Origin(printable(model.name), sha256(model))
     planar = data.get("schema") == PLANAR_MODEL.schema
-    forms, frames = _taken_of_plane(target, origin, settings) if planar else (target.forms, target.frames)
+    forms, frames = _taken_of_plane(target, origin, chosen) if planar else (target.forms, target.frames)
     usual = next(iter(forms)) if planar else _form_by_ending(target, out)
-    form = _one_of(forms, asked.form or usual, f"--form of {target.name}")
-    frame = _one_of(frames, (asked.frame or frames[0]).upper(), f"--frame of {target.name}")
+    form = _one_of(forms, form or usual, f"--form of {target.name}")
+    frame = _one_of(frames, (frame or frames[0]).upper(), f"--frame of {target.name}")
     if out is not None:
-        refuse_existing(out, overwrite=runner.overwrite)
+        refuse_existing(out, overwrite=overwrite)
     if planar:
-        result = _planar(target, data, origin, form, frame, settings)
+        result = _of_plane(target, data, origin, form, frame, chosen)
     elif target.takes == THRUSTER_MAP:
-        result = _of_map(target, data, origin, form, frame, settings)
+        result = _of_map(target, data, origin, form, frame, chosen)
     else:
-        logs = logs_behind(asked.model, origin.sha256)
-        result = _of_yaw(target, data, origin, asked.number, form, frame, settings, logs)
+        logs = logs_behind(model, origin.sha256)
+        result = _of_yaw(target, data, origin, number, form, frame, chosen, logs)
     if out is not None:
         write_whole(out, result.text)
-    return result
+    return replace(result, out=out)
 
 
 def _taken_of_plane(target: Target, origin: Origin, settings: Settings) -> tuple[Mapping[str, str], Sequence[str]]:
@@ -207,7 +201,7 @@ def _taken_of_plane(target: Target, origin: Origin, settings: Settings) -> tuple
     return target.planar.forms, target.planar.frames
 
 
-def _planar(
+def _of_plane(
     target: Target, data: Mapping[str, object], origin: Origin, form: str, frame: str, settings: Settings
 ) -> Exported:
     """A model of surge, sway and yaw together."""
@@ -224,9 +218,8 @@ def _of_map(
     if data.get("schema") != MAP.schema and "models" in data:
         motion = motion_of(data).name
         raise SettingError(f"{origin.file} is a {motion} model; --to {target.name} takes the thrusters.json of a fit")
-    found = ThrusterMap.from_json(data, origin.file)
     full_scale = MAP.of(data, origin.file).full_scale_N
-    subject = MapSubject(origin, found, frame, form, settings, full_scale)
+    subject = MapSubject(origin, ThrusterMap.from_json(data, origin.file), frame, form, settings, full_scale)
     return Exported(target.name, form, frame, origin, None, ("thruster map",), (), target.write(subject))
 
 
@@ -264,16 +257,10 @@ def _of_yaw(
 def _form_by_ending(target: Target, out: Path | None) -> str:
     """The first form whose files end as `out` does, else the first of all."""
     ending = "" if out is None else out.suffix.lower()
-    return next((form for form, its in target.forms.items() if its == ending), next(iter(target.forms)))
+    return next((form for form, suffix in target.forms.items() if suffix == ending), next(iter(target.forms)))
 
 
-def _one_of(known: Iterable[str], asked: str, what: str) -> str:
-    if asked not in known:
-        raise SettingError(f"{what}: found {asked}, expected {' or '.join(known)}")
-    return asked
-
-
-export = Command(
-    "export", ExportOptions, _export, {Exported: View(Exported.tables, lambda result: iter(result.warnings))},
-    repeats=False,
-)  # fmt: skip
+def _one_of(choices: Iterable[str], value: str, option: str) -> str:
+    if value not in choices:
+        raise SettingError(f"{option}: found {value}, expected {' or '.join(choices)}")
+    return value
