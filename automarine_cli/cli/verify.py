@@ -13,7 +13,10 @@ from automarine_cli.commands.terminal import echo_result
     "folders", nargs=-1, required=True, metavar="DIR...",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
 )  # fmt: skip
-@options.inputs_option
+@click.option(
+    "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="FOLDER",
+    help="Look for the recorded inputs in this folder and below; may be repeated.",
+)  # fmt: skip
 @options.json_option
 @options.verbosity
 @click.pass_context

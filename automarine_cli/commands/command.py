@@ -236,7 +236,8 @@ class Command(click.Command):
             if name == "columns":
                 files += given_as(dbc=given_columns(value).database)
         files.sort(key=lambda file: file.role not in ("log", HOLD_OUT))
-        return [*files, *(Input(path.name, path, "own_effect") for path in own_files() if self.by_effects)]
+        own = own_files() if self.by_effects else ()
+        return [*files, *(Input(path.name, path, "own_effect") for path in own)]
 
     def seed(self, settings: Mapping[str, Any]) -> int | None:
         """Return the seed of everything random, None for a command that draws nothing."""

@@ -19,7 +19,7 @@ POSITIVE = options.Finite(positive=True)
 @command("tune", report="tuning_report")
 @argument("model", type=options.FILE, metavar="MODEL.json", reads="file")
 @option("--extended", type=options.FILE, hidden=True, reads="file", help="The model of a diagnosis.")
-@option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid, labust or python.")
+@option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid or python.")
 @option("--step", type=POSITIVE, metavar="DEG", help="Step of the heading.  [default: 90; of others 1 m]")
 @option(
     "--load", type=options.Finite(min=0, max=100, min_open=True, max_open=True), default=10.0, show_default=True,
@@ -44,7 +44,7 @@ POSITIVE = options.Finite(positive=True)
 )  # fmt: skip
 @option(
     "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
-    help="Time between two loops (pid, labust, python).",
+    help="Time between two loops (pid, python).",
 )  # fmt: skip
 @option("--beyond-range", is_flag=True, help="Allow gains beyond the ranges that the firmware documents.")
 @option(

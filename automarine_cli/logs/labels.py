@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import ARMED, BY, MODE, RUN
+from automarine_cli.logs.cells import decoded
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Labels
-from automarine_cli.logs.text import decoded
 from automarine_cli.pipeline.words import printable, quoted
 
 MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean

@@ -24,8 +24,8 @@ from automarine_cli.logs.canonical import (
     names_of,
     unit_in,
 )
+from automarine_cli.logs.cells import KINDS
 from automarine_cli.logs.spans import PULSES, Span, is_pulses, is_share
-from automarine_cli.logs.stamps import KINDS
 
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
 SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4

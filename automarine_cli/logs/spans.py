@@ -7,9 +7,9 @@ import numpy as np
 import pyarrow as pa
 
 from automarine_cli.logs.canonical import CANONICAL, unit_in
+from automarine_cli.logs.cells import read_stamps
 from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.mixing import WISHES
-from automarine_cli.logs.stamps import read_stamps
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
 WHOLE = (1.0, 100.0)  # the largest value of a throttle

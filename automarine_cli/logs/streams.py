@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, VELOCITIES, motion_of, names_of
+from automarine_cli.logs.cells import decoded
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import LOGGED, Origin, RawLog
 from automarine_cli.logs.join import Join
-from automarine_cli.logs.text import decoded
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.quantities import Floats
 

@@ -39,7 +39,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "whole_runs": f"What the model leaves of the {words.position} of whole runs, beside the noise",
         "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
         "out",
-        "why": f"Evidence for each effect of the library, and how the runs' own drag and {words.inertia} drift",
+        "why": "Evidence for each effect of the library",
         "learned": "Learned curve, which no effect of the library explains, with its 95 % confidence band",
         "before_after": "The gap before and after the missing effect was added, against the noise of the "
         f"{words.position}",
@@ -248,8 +248,7 @@ def _made(steps: Steps) -> list[str]:
     return [
         Table("", header, tuple(rows)).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
-        "`automarine verify` on each folder says whether anything in it has changed; `automarine run --from` "
-        "reproduces it.",
+        "`automarine verify` on each folder says whether anything in it has changed.",
         *_listed("Every input and its SHA-256", _files(known), "manifest.json"),
     ]
 

@@ -1,6 +1,6 @@
 """What can be said of one run or one thruster test without fitting anything: what `check` shows."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,12 +11,10 @@ from automarine_cli.logs import LogTable
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
 from automarine_cli.runs.command_range import undirected
-from automarine_cli.runs.half_turn import HalfTurn, why_none
-from automarine_cli.runs.joined import in_batches
-from automarine_cli.runs.noise import position_noises
+from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import segments
-from automarine_cli.runs.turns import turns_of
 
 Indices = NDArray[np.int64]
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
@@ -136,17 +134,11 @@ class ThrusterTestSeen:
     notes: list[str]
 
 
-def look_at_runs(runs: Iterable[Run]) -> Iterator[RunSeen]:
-    """Each run. Thruster commands without a moment or force are seen as they add up: in yaw port less starboard."""
-    for some in in_batches(runs):
-        turns = turns_of([run.as_commanded() for run in some])
-        joined = turns.steps.joined
-        noises = position_noises(joined.time, joined.position, joined.edges).tolist()
-        for r, (run, noise) in enumerate(zip(some, noises)):
-            yield _look_at(run, joined.runs[r], turns.in_run(r), noise)
-
-
-def _look_at(run: Run, driven: Run, turns: Sequence[HalfTurn], noise: float) -> RunSeen:
+def look_at_run(run: Run) -> RunSeen:
+    """Describe a run. Thruster commands without a moment or force are seen as they add up: in yaw port less
+    starboard."""
+    driven = run.as_commanded()
+    turns = all_half_turns(driven)
     spans = np.diff(run.time)
     best = next((turn for turn in turns if turn.serves), None)
     levels = sorted({moment for _, _, moment in segments(driven.command)})
@@ -163,7 +155,7 @@ def _look_at(run: Run, driven: Run, turns: Sequence[HalfTurn], noise: float) -> 
         ),  # not the clock's rounding
         longest_step_s=float(spans.max()),
         counts=dict(run.counts),
-        noise=float(run.dof.shown(noise)),
+        noise=float(run.dof.shown(position_noise(run.time, run.position))),
         extent=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)),
         moment_unit=driven.moment_unit,
         levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,

@@ -1,15 +1,11 @@
-"""Does a cleaned run make sense at all? Sentences for runs that cannot be what their columns say; and jumps of a
-position that no vehicle makes: samples are missing that the clock does not miss, or a sensor slips.
-"""
+"""Does a cleaned run make sense at all? Sentences for runs that cannot be what their columns say."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices
 from automarine_cli.runs.noise import median
-from automarine_cli.runs.unwrap import Track
 
 FEWEST_SAMPLES = 8
 LEAST_STUCK = 20  # samples of one exact position
@@ -159,40 +155,3 @@ def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, flo
         return 1, float(position[0])
     best = int(np.argmax(stops - starts))
     return int(stops[best] - starts[best]) + 1, float(position[starts[best]])
-
-
-AROUND = 6
-"""Steps on either side with which a jump is compared."""
-TIMES_FASTER = 3.0
-"""How much faster than any of them it is."""
-JUMP_IN_SIGMA = 5.0
-"""Of steps that are noise."""
-
-
-def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
-    """After which samples, of a position (N,) [rad or m] without spikes, a jump follows that stays.
-
-    A jump is a step beyond noise that is several times faster than every step beside it, on both sides, and that a
-    vehicle would need more than the motion's largest acceleration to begin and to end within its span (two parabolas:
-    four times the step by the square of the span). A sensor that had stopped catches up over the span since its last
-    change. What comes back is no jump, nor is a move, whose rate has to grow and to fall.
-    """
-    most = dof.limits.acceleration
-    track = Track.of_one(time, position, dof)
-    steps, spans = track.steps[:-1], track.spans[:-1]
-    speeds, least = np.abs(steps) / spans, dof.limits.jump
-    if len(steps) > 1:
-        least = max(least, JUMP_IN_SIGMA * float(track.scatter(np.ones(1, dtype=bool))[0]))
-    found = []
-    for i in np.flatnonzero((np.abs(steps) > least) & (4.0 * speeds > most * spans)):
-        last = int(i)
-        while last > 0 and steps[last - 1] == 0:
-            last -= 1
-        span = time[i + 1] - time[last]
-        before, after = speeds[max(last - AROUND, 0) : last], speeds[i + 1 : i + 1 + AROUND]
-        if min(len(before), len(after)) < AROUND // 2:
-            continue
-        size, fastest = abs(steps[i]), max(before.max(), after.max())
-        if size > TIMES_FASTER * fastest * span and 4.0 * size > most * span**2:
-            found.append(int(i))
-    return np.array(found, dtype=int)

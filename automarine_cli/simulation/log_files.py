@@ -1,19 +1,22 @@
-"""Simulated runs become log files: CSV, CSV in gzip, Parquet; the same bytes on every machine."""
+"""Simulated runs become log files: CSV, CSV in gzip, Parquet; CSV is the same bytes on every machine."""
 
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.campaign import SimulatedRun
 from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
-from automarine_cli.simulation.parquet_bytes import Column, parquet_bytes
 from automarine_cli.simulation.specification import Specification
 
+Column: TypeAlias = Floats | Sequence[str]
 STORED = 65535  # bytes in one block of a gzip file that is stored as it is
 PLACES = dict.fromkeys(("n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])), None)
 """Decimals of a column in CSV; None: as many as the number has. Every other column has `DECIMALS`."""
@@ -53,11 +56,18 @@ def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:
 def log_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
     """One log in the format "csv", "csv.gz" or "parquet"; `comment` goes first, or into Parquet's metadata."""
     if format == "parquet":
-        return parquet_bytes(columns, {"comment": comment}, "automarine")
+        return parquet_bytes(columns, comment)
     head = [f"# {comment}", ",".join(columns)]
     rows = map(",".join, zip(*(_cells(name, column) for name, column in columns.items())))
     text = "\n".join(chain(head, rows)) + "\n"
     return text.encode() if format == "csv" else gzip_bytes(text.encode())
+
+
+def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
+    """One log as Parquet, `comment` in its metadata; the same bytes with the same version of pyarrow."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
+    return bytes(sink.getvalue().to_pybytes())
 
 
 def _cells(name: str, column: Column) -> Iterator[str]:

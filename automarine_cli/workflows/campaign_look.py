@@ -219,7 +219,7 @@ def _test_of(file: LogFile, columns: ColumnMap) -> SetAside | None:
 
 def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof) -> tuple[tuple[RunKind, ...], list[SetAside]]:
     try:
-        ((runs, aside),) = read_runs([LogFile(file.path, file.name, False)], columns, dof=dof)
+        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, dof=dof)
     except LogError as error:  # a guess that does not fit this log
         return (), [unreadable(file, error)]
     return tuple(kind_of(run) for run in runs), aside

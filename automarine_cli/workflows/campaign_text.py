@@ -134,7 +134,7 @@ def _tune(look: Look) -> Iterator[str]:
     """A controller at the end, for who wants one."""
     yield ""
     yield _beside("# [tune]", "gains of a heading controller at the end: take the # of these lines away")
-    yield _beside('# target = "ardusub"', "or ardurover, pid, labust, python")
+    yield _beside('# target = "ardusub"', "or ardurover, pid, python")
     if look.thrusters_drive:
         yield _beside("# thrusters = true", "fly the thruster map, dead-band included")
     else:

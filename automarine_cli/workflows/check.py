@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import islice
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
@@ -13,20 +12,19 @@ from automarine_cli.logs import (
     find_logs,
     given_columns,
     is_thruster_test,
-    read_logs,
+    read_log,
     require_thruster,
 )
-from automarine_cli.logs.find import in_parcels
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.parallel import together_stream
+from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import CHECK
 from automarine_cli.results.records import runs_json
-from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_tables
-from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_runs, look_at_tests, with_limits
+from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_table, unreadable
+from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
 from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.shared import Columns, OfLogs, counted
@@ -86,7 +84,7 @@ def _write(folder: ResultFolder, result: Check) -> None:
 
 def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, progress: Progress) -> Check:
     look = partial(_look_at, columns=names)
-    found = list(together_stream(look, in_parcels(files), jobs, progress=progress, stage="looking at logs"))
+    found = ordered_map(look, files, jobs, progress=progress, stage="looking at logs")
     aside = [run for _, _, bad in found for run in bad]
     runs = [run for good, _, _ in found for run in good]
     tests = tuple(test for _, seen, _ in found for test in seen)
@@ -102,23 +100,19 @@ def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, p
     return Check(tuple(seen), tests, tuple(aside), len(files))
 
 
-def _look_at(files: Sequence[LogFile], columns: ColumnMap) -> list[SeenInLog]:
-    """What is seen of the runs and thruster tests of each file, and what is set aside; their samples are not kept."""
-    tables = read_logs(files, columns, dof=None)
-    found: dict[int, SeenInLog] = {}
-    for i, table in enumerate(tables):
-        if isinstance(table, LogError) or not is_thruster_test(table):
-            continue
-        try:
+def _look_at(file: LogFile, columns: ColumnMap) -> SeenInLog:
+    """What is seen of the runs and thruster tests of a file, and what is set aside; their samples are not kept."""
+    try:
+        table = read_log(file, columns, dof=None)
+        if is_thruster_test(table):
             require_thruster(table)
-            found[i] = [], *look_at_tests(table)
-        except LogError as error:
-            tables[i] = error
-    left = [i for i in range(len(files)) if i not in found]
-    read = list(runs_of_tables([files[i] for i in left], [tables[i] for i in left]))
-    seen = look_at_runs(run for runs, _ in read for run in runs)
-    found |= {i: ([*islice(seen, len(runs))], [], aside) for i, (runs, aside) in zip(left, read)}
-    return [found[i] for i in range(len(files))]
+            return [], *look_at_tests(table)
+        runs, aside = runs_of_table(file, table)
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [], [unreadable(file, error)]
+    return [look_at_run(run) for run in runs], [], aside
 
 
 def _lines(result: Check) -> Iterator[str]:

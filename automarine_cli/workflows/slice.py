@@ -20,8 +20,7 @@ from automarine_cli.results.records import runs_json
 from automarine_cli.runs.load import none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.runs.slices import By, find_slices
-from automarine_cli.simulation.log_files import gzip_bytes
-from automarine_cli.simulation.parquet_bytes import parquet_bytes
+from automarine_cli.simulation.log_files import gzip_bytes, parquet_bytes
 from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.shared import Columns, OfLogs, counted
 from automarine_cli.workflows.view import Row, View
@@ -222,7 +221,7 @@ def _comment(cut: Cut, by: By) -> str:
 def _content(table: LogTable, first: int, stop: int, form: Form, comment: str) -> bytes:
     columns = columns_of(table, first, stop)
     if form == "parquet":
-        return parquet_bytes(columns, {"comment": comment}, "automarine")
+        return parquet_bytes(columns, comment)
     text = csv_text(columns, comment).encode()
     return text if form == "csv" else gzip_bytes(text)
 

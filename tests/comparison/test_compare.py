@@ -28,7 +28,6 @@ from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.workflows.compare import compare
-from automarine_cli.workflows.rerun import rerun
 
 
 def normal(value: float, stderr: float, unit: str = "nu s²") -> Estimate:
@@ -140,7 +139,6 @@ def test_yaw_models_side_by_side(tmp_path: Path, run: Callable[..., Result]) -> 
     }  # fmt: skip
     assert json.loads(run("compare", *days, "--json").stdout) == json.loads((out / "comparison.json").read_text())
     assert str(tmp_path) not in (out / "manifest.json").read_text() + (out / "comparison.json").read_text()
-    assert rerun(out, inputs=[tmp_path]).same
 
 
 def test_models_that_only_one_prefers_are_told_apart(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from vehicle_logs import dive
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
-from automarine_cli.logs.text import MISSING
+from automarine_cli.logs.cells import MISSING
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.outputs import json_text

@@ -13,11 +13,10 @@ from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
-from automarine_cli.runs.half_turn import Trim
+from automarine_cli.runs.half_turn import Trim, half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps, released
-from automarine_cli.runs.turns import half_turns
 from automarine_cli.runs.unwrap import find_glitches, unwrap
 from automarine_cli.simulation.specification import specification_from
 from automarine_cli.thrusters.forms import Curve

@@ -15,7 +15,6 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import LogFile, LogTable, find_logs, read_log
 from automarine_cli.runs.slices import find_slices
-from automarine_cli.workflows.rerun import rerun
 
 
 def day(tau: list[tuple[float, int]], **more: list[object]) -> pd.DataFrame:
@@ -164,13 +163,11 @@ def test_a_log_that_does_not_tell_is_refused(tmp_path: Path) -> None:
     assert slice_(tmp_path, "--by", "moment", "--strict").exit_code == 1
 
 
-def test_slices_are_made_again_from_their_manifest_and_fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slices_are_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     levels = [(sign * size, 90) for size in (0.3, 0.5, 0.8) for sign in (1, -1)]
     table(tmp_path, day([part for level in levels for part in ((0, 30), level)], mode=["M"] * 720))
     monkeypatch.chdir(tmp_path)
     made = am.slice_log("day.csv", by="moment", out="out")
     assert len(made.cuts) == len(made.to_frame()) == 6 and "6 runs" in repr(made)
-    again = rerun(Path("out"), inputs=[Path()])
-    assert again.same
     looked = am.check("out/runs")
     assert len(looked.runs) == 6 and not looked.set_aside
