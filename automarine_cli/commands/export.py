@@ -73,11 +73,11 @@ def _finish(ctx: click.Context, result: Any) -> None:
     """Say where the file is, or print it."""
     if ctx.params["as_json"] or ctx.params["show_list"]:
         return
-    if result.out is None:
+    if result.place is None:
         click.echo(result.text, nl=False)
     if verbosity_level() >= 0:
-        for line in result.warnings if result.out is None else [f"Written: {result.out}"]:
-            click.echo(line, err=result.out is None)
+        for line in result.warnings if result.place is None else [f"Written: {result.place}"]:
+            click.echo(line, err=result.place is None)
 
 
 export.complete, export.finish = _refuse_nothing, _finish

@@ -16,7 +16,7 @@ from automarine_cli import effects
 from automarine_cli.commands.export import export
 from automarine_cli.effects.base import EVEN
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.conversions import in_enu
+from automarine_cli.exports.export import in_enu
 from automarine_cli.exports.python_terms import LAWS, LINES
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
