@@ -143,6 +143,7 @@ class Command(click.Command):
                 raise TypeError(f"{self.__name__} needs {name}; give it")
             else:
                 values[name] = _default(ctx, param)
+        values = self.complete(values)
         logs = [str(param.name) for param in self.own if param.reads == "logs"]
         if logs:
             from automarine_cli.logs import find_logs, given_columns, whole_logs
