@@ -8,7 +8,6 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.advice import split_by
 from automarine_cli.diagnosis.estimates import parameter_estimates
 from automarine_cli.diagnosis.gap import Gap, gap, residuals
 from automarine_cli.diagnosis.given import log_density
@@ -17,6 +16,7 @@ from automarine_cli.diagnosis.search import obstacle
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import MOST_EFFECTS, STANDS, WEAK, Found, Trial, clear
 from automarine_cli.diagnosis.where import Region, Where
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.quantities import Floats
@@ -264,12 +264,12 @@ def hangs_together(study: Study, trial: Trial) -> bool:
 
 
 def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:
-    """The effects of the final model as a verdict lists them, with the runs that would tell them from their rivals."""
-    named, dof, tells = [], study.base.dof, split_by(study, found)
+    """List the effects of the final model, each with its rivals and what their cards say would tell them apart."""
+    named, dof = [], study.base.dof
     for name in found.final.added:
         weight, p_value = found.weight(name), found.p_values[name]
         rivals = tuple(
-            NamedRival(rival.name, weight * float(np.exp(-0.5 * rival.behind)), tells[name, rival.name])
+            NamedRival(rival.name, weight * float(np.exp(-0.5 * rival.behind)), split_by(name, rival.name, dof))
             for rival in found.rivals
             if rival.replaces == name
         )
@@ -283,3 +283,9 @@ def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:
         says = effect.card(dof).says
         named.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals))
     return tuple(named)
+
+
+def split_by(name: str, rival: str, dof: Dof) -> str:
+    """Say what tells `name` from `rival`: the text of the effect that lists the other among its look-alikes."""
+    effect = effects.get(name)
+    return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by

@@ -65,6 +65,8 @@ def driven_problem(
 
 def wanted_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
     """The effects that a fit is to have beside drag. Raises SettingError for what is none, or has a place already."""
+    if not names:
+        return ()
     may = [
         name for name in effects.names()
         if effects.get(name).acts_in(dof) and not effects.get(name).role and not effects.get(name).needs

@@ -13,18 +13,13 @@ import numpy as np
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
-from automarine_cli.logs.bollard_columns import directed
 from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, motion_of
-from automarine_cli.logs.columns import ColumnMap, ColumnRule, ColumnsOf, column_rules
+from automarine_cli.logs.columns import OLDEST, ColumnMap, ColumnRule, ColumnsOf, Join, column_rules, matches
 from automarine_cli.logs.find import whole_logs
-from automarine_cli.logs.formats import stem_of
-from automarine_cli.logs.join import OLDEST, Join, matches
-from automarine_cli.logs.labels import few_words, splitting
-from automarine_cli.logs.log_file import LogFile
-from automarine_cli.logs.needs import means_thruster_test
+from automarine_cli.logs.formats import LogFile, stem_of
 from automarine_cli.logs.reader import whole_log
-from automarine_cli.logs.recognise import Recognised, is_called, recognise
-from automarine_cli.logs.spans import Span, is_share, spans
+from automarine_cli.logs.recognise import Recognised, Span, directed, is_called, is_share, recognise, spans
+from automarine_cli.logs.table import few_words, means_thruster_test, splitting
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent

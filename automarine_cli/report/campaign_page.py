@@ -152,7 +152,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "whole_runs": f"What the model leaves of the {words.position} of whole runs, beside the noise",
         "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
         "out",
-        "why": f"Evidence for each effect of the library, and how the runs' own drag and {words.inertia} drift",
+        "why": "Evidence for each effect of the library",
         "learned": "Learned curve, which no effect of the library explains, with its 95 % confidence band",
         "before_after": "The gap before and after the missing effect was added, against the noise of the "
         f"{words.position}",

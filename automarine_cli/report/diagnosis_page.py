@@ -1,29 +1,22 @@
 """`diagnosis.md`: the diagnosis as a page for a person."""
 
 import re
-from collections.abc import Mapping
 
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.advice import general_advice
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.estimates import base_estimates
-from automarine_cli.diagnosis.naming_key import Drift, NamingKey
-from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED, WELL_ABOVE, NamedEffect
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits.channel_noise import fit_sentences
-from automarine_cli.report.diagnosis_page_tables import (
-    MOST_REGIONS,
-    budget_table,
-    detectable_table,
-    gap_table,
-    regions_table,
-)
+from automarine_cli.report.diagnosis_page_tables import MOST_REGIONS, detectable_table, gap_table, regions_table
 from automarine_cli.report.diagnosis_tables import (
+    PLANNED,
     counting,
     gains_instead,
     headline_gap,
@@ -36,25 +29,23 @@ from automarine_cli.report.tables import MISSING, Table, code_again, interval, n
 
 LARGE_MOVE = 2.0
 """A base parameter that moved by more than this many of its standard errors had been absorbing something."""
-CERTAIN_DRIFT = 0.01
 
 
-def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float] | None) -> str:
-    """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be computed."""
+def page(diagnosis: Diagnosis) -> str:
+    """Write the whole page in Markdown."""
     dof = diagnosis.study.base.dof
     sensors, ahead = (fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof), outlook_table(diagnosis))
     parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis), escape(" ".join(sensors))]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
     parts += ["## Where the gap is", _where(diagnosis.where), "![Where the gap is](where.png)"]
-    parts += ["## Why", _why(diagnosis, key), "![Why](why.png)"]
+    parts += ["## Why", _why(diagnosis), "![Why](why.png)"]
     parts += ["## What it does to the model", _moves(diagnosis)]
     parts += [
         "## The gap before and after",
         gap_table(diagnosis).to_markdown(),
         "" if ahead is None else ahead.to_markdown(),
         "![Before and after](before_after.png)",
-        "The budget of the gap could not be computed." if budget is None else budget_table(budget).to_markdown(),
     ]
     parts += ["## What remains", _remains(diagnosis)]
     parts += ["## What to run next", _next(diagnosis)]
@@ -130,7 +121,9 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     told = table.to_markdown() if effect.learned is None else ""  # the knots of a curve are in the file
     lines = [effect.says, f"`{diagnosis.study.base.dof.fill(law.equation)}`", *filter(None, [told]), sure]
     for rival in effect.few_rivals:
-        lines.append(f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}.")
+        lines.append(
+            f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). Told apart by {escape(rival.split_by)}."
+        )
     lines += filter(None, [effect.other_rivals])
     if effect.learned is not None:
         lines += ["![What was learned](learned.png)", "The curve as a table is in diagnosis.json, under `learned`."]
@@ -148,8 +141,8 @@ def _where(where: Where) -> str:
     return regions_table(where).to_markdown() + (f"\n{rest} more regions are in diagnosis.json." if rest > 0 else "")
 
 
-def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
-    """Evidence of the best candidates and what the naming key says."""
+def _why(diagnosis: Diagnosis) -> str:
+    """Evidence of the best candidates."""
     first = diagnosis.found.rounds[0]
     best = sorted(first.trials, key=lambda trial: trial.evidence)[:5]
     driven = diagnosis.study.driven
@@ -163,28 +156,9 @@ def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
             f"Every candidate was fitted together with the base model by {how}.",
         ),
     )  # fmt: skip
-    dof = diagnosis.study.base.dof
-    ratio = f"{dof.words.inertia} over drag"
-    drift = f"how the runs' own drag and {dof.words.inertia} drift with the {dof.words.force}"
-    said = [f"The naming key ({drift}) could not be computed."]
-    if driven:
-        said = ["Driven runs hold no steps, and so no naming key."]
-        if diagnosis.study.cycle is not None:
-            said.append(diagnosis.study.cycle.sentence(dof))
-    if key is not None:
-        said = [_drift(key.best("k"), "drag", dof), _drift(key.best("I/k"), ratio, dof)]
-    said += filter(None, [diagnosis.found.crowd])
-    return "\n\n".join([table.to_markdown(), " ".join(said)])
-
-
-def _drift(drift: Drift | None, what: str, dof: Dof) -> str:
-    force = dof.words.force
-    if drift is None or drift.p_value > CERTAIN_DRIFT:
-        return f"The runs' own {what} does not drift with the {force} beyond chance."
-    return (
-        f"The runs' own {what} drifts with |{force}| to the power {drift.power:g}, {drift.parity} in its sign, which "
-        f"points to {drift.means}."
-    )
+    cycle = diagnosis.study.cycle
+    told = [cycle.sentence(diagnosis.study.base.dof)] if cycle is not None else []
+    return "\n\n".join(filter(None, [table.to_markdown(), " ".join([*told, *filter(None, [diagnosis.found.crowd])])]))
 
 
 def _moves(diagnosis: Diagnosis) -> str:
@@ -246,12 +220,50 @@ def _remains(diagnosis: Diagnosis) -> str:
 
 
 def _next(diagnosis: Diagnosis) -> str:
-    told = [
-        f"- {rival.name} against {effect.name}: {escape(rival.split_by)}."
+    lines = [
+        f"{rival.name} against {effect.name}: {escape(rival.split_by)}."
         for effect in diagnosis.effects
         for rival in effect.few_rivals
     ]
+    if lines:
+        lines.append(PLANNED)
     for effect in diagnosis.effects:
         reveals = effects.get(effect.name).card(diagnosis.study.base.dof).reveals
-        told.append(f"- To see {effect.name} better: {reveals}.")
-    return "\n".join([*told, *(f"- {line}" for line in general_advice(diagnosis.study))])
+        lines.append(f"To see {effect.name} better: {reveals}.")
+    return "\n".join(f"- {line}" for line in (*lines, *general_advice(diagnosis.study)))
+
+
+def general_advice(study: Study) -> tuple[str, ...]:
+    """List the kinds of runs that the campaign lacks, a sentence each."""
+    coasts = reversals = 0
+    for run in study.runs:
+        pushed = np.sign(run.command)
+        moving = np.flatnonzero(pushed)
+        if len(moving) == 0:
+            continue
+        coasts += bool(np.any(pushed[moving[0] :] == 0) and len(run) - moving[-1] > 3.0 / run.sample_period)
+        reversals += bool(np.any(pushed[moving] != pushed[moving[0]]))
+    rests = sum(not np.any(run.command) for run in study.runs)
+    starts = np.array([run.position[0] for run in study.runs])
+    even = float(np.abs(np.exp(1j * starts).mean()))
+    sides = {float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)}
+    dof = study.base.dof
+    words, advice = dof.words, []
+    if coasts < 2:
+        advice.append("Add two coast-downs: they separate a dead-band from Coulomb drag and show thrust loss.")
+    if reversals < 2:
+        advice.append(f"Add two reversals at full {words.force}: lags, delay and swirl show most there.")
+    if even > 0.7 and dof.wraps:
+        advice.append(
+            f"Start runs from other {words.position}s: a {words.sensor} and a current show only against "
+            f"{words.position}."
+        )
+    if len(sides - {0.0}) < 2:
+        advice.append(f"{words.move.capitalize()} {words.both_ways}: asymmetry and bias need the other sign.")
+    if rests == 0:
+        advice.append(
+            f"Add one rest record of a minute: bias, current and {words.rate_sensor} drift show without any model."
+        )
+    if not set(study.signals) - set(PARTS):
+        advice.append("Log the supply voltage: without it a sag can hardly be separated from drag.")
+    return tuple(advice) or ("The campaign has every kind of run; more runs of the same kinds narrow the intervals.",)

@@ -1,6 +1,4 @@
-"""The tables of a diagnosis: regions, gap before and after, budget, and what would have been seen."""
-
-from collections.abc import Mapping
+"""The tables of a diagnosis: regions, gap before and after, and what would have been seen."""
 
 import numpy as np
 
@@ -81,15 +79,6 @@ def _gap_row(name: str, gap: Gap, dof: Dof) -> tuple[str, ...]:
     visible = above > 0.02 * gap.floor**2
     closed = f"{np.clip((gap.before**2 - gap.after**2) / above, 0.0, 1.0):.0%}" if visible else MISSING
     return (name, *cells, closed)
-
-
-def budget_table(budget: Mapping[str, float]) -> Table:
-    """Shares of the gap; they sum to 100 %."""
-    return Table(
-        "Budget of the gap", ("part", "share [%]"),
-        tuple((name, f"{100 * share:.1f}") for name, share in budget.items()),
-        notes=("Shares of the mean square gap of the base model when all runs are given the same thrust.",),
-    )  # fmt: skip
 
 
 def detectable_table(diagnosis: Diagnosis) -> Table:

@@ -15,6 +15,8 @@ from automarine_cli.results.estimate import Estimate
 
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}
 """Kinds of learned curves in words."""
+PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
+"""Where advice on rivals leads."""
 FALLS = 0.02
 """Share of the noise by which a gap has to fall for that to be told."""
 

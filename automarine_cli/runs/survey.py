@@ -16,8 +16,8 @@ from automarine_cli.logs.recognise import Recognised
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.command_range import CommandRange, misfit_of
-from automarine_cli.runs.kinds import RunKind, kind_of
 from automarine_cli.runs.load import read_runs, unreadable
+from automarine_cli.runs.look import RunKind, kind_of
 from automarine_cli.runs.run import SetAside
 
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
@@ -167,7 +167,7 @@ def _test_of(file: LogFile, columns: ColumnMap) -> SetAside | None:
 
 def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof) -> tuple[tuple[RunKind, ...], list[SetAside]]:
     try:
-        ((runs, aside),) = read_runs([LogFile(file.path, file.name, False)], columns, dof=dof)
+        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, dof=dof)
     except LogError as error:  # a guess that does not fit this log
         return (), [unreadable(file, error)]
     return tuple(kind_of(run) for run in runs), aside

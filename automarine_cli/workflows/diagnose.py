@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
 from automarine_cli.diagnosis.extended_model import extended_model
-from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.nodes import LEAST_STEP
@@ -34,10 +32,9 @@ from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import DIAGNOSIS, PLANAR_MODEL, THRUSTER_MAP
 from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import wanted_channels
+from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, command_warnings
-from automarine_cli.runs.stuck import without_stuck
-from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.thrusters.moments import with_moments
 from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar
@@ -121,10 +118,12 @@ class YawDiagnosis(Shown):
         for effect in self.diagnosis.effects:
             lines.append(f"{effect.name}: {effect.says}")
             lines += [
-                f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
+                f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}). Told apart by {rival.split_by}."
                 for rival in effect.few_rivals
             ]
             lines += filter(None, [effect.other_rivals])
+        if any(effect.rivals for effect in self.diagnosis.effects):
+            lines.append(diagnosis_tables.PLANNED)
         if self.diagnosis.study.cycle is not None:
             lines.append(self.diagnosis.study.cycle.sentence(self.stored.dof))
         lines += fit_sentences(self.diagnosis.channels, self.diagnosis.found.final.fit, self.stored.dof)
@@ -248,11 +247,10 @@ def _rows(result: YawDiagnosis) -> Iterator[Row]:
 
 def _figures(result: YawDiagnosis) -> Figures:
     found = result.diagnosis
-    last = found.found
     return {
-        "before-after": lambda: before_after_figure(found, budget(found)),
+        "before-after": lambda: before_after_figure(found),
         "where": lambda: where_figure(found),
-        "why": lambda: why_figure(found, naming_key(found.study, last.base, last.final)),
+        "why": lambda: why_figure(found),
     }
 
 

@@ -101,12 +101,12 @@ READERS = {
     + "import automarine_cli.commands.fit_motion\n"
     + "from automarine_cli.logs import find_logs\nfrom automarine_cli.dofs import YAW\n"
     + "from automarine_cli.runs.load import read_runs\n"
-    + "print(sum(len(runs) for file in find_logs(sys.argv[1:2]) for runs, _ in read_runs([file], dof=YAW)))",
+    + "print(sum(len(runs) for file in find_logs(sys.argv[1:2]) for runs in read_runs(file, dof=YAW)[:1]))",
     "half-turns of all runs": _START
     + "import automarine_cli.commands.fit_motion\n"
     + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_half_turns\n"
     + "print(load_half_turns(sys.argv[1:2], dof=YAW).count)",
-    "check": _START + "from automarine_cli.workflows.check import check\nprint(check(sys.argv[1:2]).logs)",
+    "check": _START + "from automarine_cli.commands.check import check\nprint(check(sys.argv[1:2]).logs)",
 }
 
 

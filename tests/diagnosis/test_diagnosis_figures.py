@@ -1,4 +1,4 @@
-"""The figures, the budget and the page of a diagnosis: what a person is shown is what was found."""
+"""The figures and the page of a diagnosis: what a person is shown is what was found."""
 
 from dataclasses import replace
 
@@ -7,9 +7,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.budget import LEFT, SCATTER, budget, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.naming_key import NamingKey, naming_key
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_page import escape, page
@@ -24,7 +22,6 @@ from automarine_cli.simulation.rollout import Start, simulate
 
 TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
 TRIED = ("thruster-lag", "input-delay", "dead-band", "bias-moment")
-Shown = tuple[Diagnosis, NamingKey, dict[str, float]]
 
 
 def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]:
@@ -50,38 +47,27 @@ def names_of(model: YawModel) -> set[str]:
     return {term.name for term in model.terms}
 
 
-def shown(model: YawModel, name: str, seed: int) -> Shown:
+def shown(model: YawModel, name: str, seed: int) -> Diagnosis:
     with pytest.MonkeyPatch.context() as patch:  # a few candidates will do for drawing
         patch.setattr(search, "candidates", lambda study, model: [n for n in TRIED if n not in names_of(model)])
-        diagnosis = diagnose_runs(campaign(model, name, seed), TRUTH)
-    found = diagnosis.found
-    return diagnosis, naming_key(diagnosis.study, found.base, found.final), budget(diagnosis)
+        return diagnose_runs(campaign(model, name, seed), TRUTH)
 
 
 @pytest.fixture(scope="module")
-def lag() -> Shown:
+def lag() -> Diagnosis:
     """A thruster lag is missing; the runs have a name that Markdown and HTML would take for something else."""
     return shown(TRUTH.with_effect("thruster-lag", [0.4]), "lap|<b>_1*", 1)
 
 
 @pytest.fixture(scope="module")
-def nothing() -> Shown:
+def nothing() -> Diagnosis:
     return shown(TRUTH, "run", 2)
 
 
-def test_the_budget_is_whole(lag: Shown, nothing: Shown) -> None:
-    for diagnosis, _, shares in (lag, nothing):
-        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-12)
-        assert all(share >= 0.0 for share in shares.values())
-        assert set(shares) == {noise_of(YAW), SCATTER, LEFT, *diagnosis.found.final.added}
-    assert lag[0].found.final.added and lag[2][lag[0].found.final.added[0]] > 0.05
-    assert lag[2][LEFT] < 0.02
-
-
-def test_a_missing_lag_is_seen_and_the_page_says_so(lag: Shown) -> None:
-    diagnosis, _, _ = lag
+def test_a_missing_lag_is_seen_and_the_page_says_so(lag: Diagnosis) -> None:
+    diagnosis = lag
     assert {"time-since-command-change", "time-in-run"} & {region.variable for region in diagnosis.where.regions}
-    text = page(*lag)
+    text = page(lag)
     assert diagnosis.verdict == "named"
     for effect in diagnosis.effects:
         assert f"## {effect.name}" in text and effect.says in text
@@ -91,32 +77,32 @@ def test_a_missing_lag_is_seen_and_the_page_says_so(lag: Shown) -> None:
         assert f"({name})" in text
 
 
-def test_names_of_runs_are_shown_as_they_are(lag: Shown) -> None:
-    assert any(region.runs for region in lag[0].where.regions)
-    text = page(*lag)
+def test_names_of_runs_are_shown_as_they_are(lag: Diagnosis) -> None:
+    assert any(region.runs for region in lag.where.regions)
+    text = page(lag)
     assert "<b>" not in text.replace("\\<b\\>", "") and "lap|" not in text
     assert escape("a|<b>_1*\n# c") == r"a\|\<b\>\_1\* \# c"
 
 
-def test_nothing_missing_says_what_would_have_been_seen(nothing: Shown) -> None:
-    diagnosis, _, _ = nothing
+def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> None:
+    diagnosis = nothing
     assert diagnosis.verdict == "nothing-missing" and diagnosis.where.regions == ()
-    text = page(*nothing)
+    text = page(nothing)
     assert text.startswith("# Diagnosis") and "Nothing is missing that these runs could show" in text
     assert "## What these runs would have shown" in text and "| dead-band | width |" in text
     assert "Add two reversals" in text
 
 
-def test_the_table_of_the_gap_counts_what_was_closed(lag: Shown) -> None:
-    diagnosis = lag[0]
+def test_the_table_of_the_gap_counts_what_was_closed(lag: Diagnosis) -> None:
+    diagnosis = lag
     cells = gap_table(diagnosis).rows[0]
     assert float(str(cells[1])) == pytest.approx(np.degrees(diagnosis.gap.before), abs=0.006)
     assert float(str(cells[2])) == pytest.approx(np.degrees(diagnosis.gap.after), abs=0.006)
     assert int(str(cells[4]).rstrip("%")) > 80
 
 
-def test_where_marks_what_stands_out_and_draws_every_variable(lag: Shown) -> None:
-    diagnosis, _, _ = lag
+def test_where_marks_what_stands_out_and_draws_every_variable(lag: Diagnosis) -> None:
+    diagnosis = lag
     figure = where_figure(diagnosis)
     titles = [axes.get_title() for axes in figure.axes]
     out = sum(bool(variable.stands_out.any()) for variable in diagnosis.where.variables)
@@ -126,9 +112,9 @@ def test_where_marks_what_stands_out_and_draws_every_variable(lag: Shown) -> Non
     assert len(np.asarray(image.images[0].get_array())) == len(diagnosis.study.runs)
 
 
-def test_why_sorts_candidates_and_marks_those_named(lag: Shown) -> None:
-    diagnosis, key, _ = lag
-    figure = why_figure(diagnosis, key)
+def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
+    diagnosis = lag
+    figure = why_figure(diagnosis)
     bars = max(figure.axes, key=lambda axes: len(axes.patches))
     lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
     assert lengths == sorted(lengths) and len(lengths) == len(diagnosis.found.rounds[0].trials)
@@ -136,25 +122,25 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Shown) -> None:
     assert set(bold) == set(diagnosis.found.final.added) & {t.added[-1] for t in diagnosis.found.rounds[0].trials}
 
 
-def test_before_and_after_share_their_axes(lag: Shown) -> None:
-    diagnosis, _, shares = lag
-    figure = before_after_figure(diagnosis, shares)
+def test_before_and_after_share_their_axes(lag: Diagnosis) -> None:
+    diagnosis = lag
+    figure = before_after_figure(diagnosis)
     errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
     assert len(errors) == 4 and len({axes.get_ylim() for axes in errors}) == 1
     square = next(axes for axes in figure.axes if axes.get_xlabel().startswith("gap before"))
     assert square.get_xlim() == square.get_ylim()
 
 
-def test_figures_are_the_same_bytes_each_time(nothing: Shown) -> None:
-    diagnosis, key, shares = nothing
+def test_figures_are_the_same_bytes_each_time(nothing: Diagnosis) -> None:
+    diagnosis = nothing
     assert png(where_figure(diagnosis))[:4] == b"\x89PNG"
-    for draw in (lambda: why_figure(diagnosis, key), lambda: before_after_figure(diagnosis, shares)):
+    for draw in (lambda: why_figure(diagnosis), lambda: before_after_figure(diagnosis)):
         first = png(draw())
         assert first[:4] == b"\x89PNG" and first == png(draw())
 
 
-def test_figures_and_page_do_without_held_out_runs(lag: Shown) -> None:
-    diagnosis, key, shares = lag
+def test_figures_and_page_do_without_held_out_runs(lag: Diagnosis) -> None:
+    diagnosis = lag
     alone = replace(diagnosis, held_out=None, held_out_gap=None)
-    assert before_after_figure(alone, shares).axes
-    assert "held out" not in page(alone, key, shares)
+    assert before_after_figure(alone).axes
+    assert "held out" not in page(alone)

@@ -1,19 +1,18 @@
-"""Where the gap is, what the naming key says, and which run would tell two explanations apart: known truths."""
+"""Where the gap is, and which runs a campaign lacks: known truths."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from automarine_cli.diagnosis.advice import extra_runs, general_advice, separations, suggest
 from automarine_cli.diagnosis.bins import STANDS_OUT, of_runs, of_samples, over_variables
-from automarine_cli.diagnosis.naming_key import drifts_of, naming_key
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction, edges
 from automarine_cli.diagnosis.where import find_where, gaps
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.report.diagnosis_page import general_advice
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -41,10 +40,10 @@ def campaign(model: YawModel, seed: int, runs: int = 20, scatter: float = 0.02, 
     ]
 
 
-def fitted(study: Study, model: YawModel, *names: str) -> Trial:
+def fitted(study: Study, model: YawModel) -> Trial:
     """A trial of `model` refitted to the study's runs."""
     fit = study.fit(model)
-    return Trial(names, model.with_theta(fit.theta[:-1]), fit, -2.0 * fit.log_likelihood)
+    return Trial((), model.with_theta(fit.theta[:-1]), fit, -2.0 * fit.log_likelihood)
 
 
 @pytest.fixture(scope="module")
@@ -55,12 +54,10 @@ def compass() -> tuple[Study, Trial]:
 
 
 @pytest.fixture(scope="module")
-def dead() -> tuple[Study, Trial, Trial, Trial]:
-    """A campaign with a dead-band: the base, the truth and Coulomb drag fitted to it."""
-    wider = TRUTH.with_effect("dead-band", [0.04])
-    study = study_of(campaign(wider, 2), TRUTH)
-    rival = TRUTH.with_effect("coulomb-drag", [0.04])
-    return (study, fitted(study, TRUTH), fitted(study, wider, "dead-band"), fitted(study, rival, "coulomb-drag"))
+def dead() -> tuple[Study, Trial]:
+    """A campaign with a dead-band, and the base model fitted to it."""
+    study = study_of(campaign(TRUTH.with_effect("dead-band", [0.04]), 2), TRUTH)
+    return study, fitted(study, TRUTH)
 
 
 def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[Study, Trial]) -> None:
@@ -85,8 +82,8 @@ def test_the_same_seed_gives_the_same_regions(compass: tuple[Study, Trial]) -> N
     assert find_where(*compass, seed=3).regions == find_where(*compass, seed=3).regions
 
 
-def test_a_dead_band_stands_out_where_moments_are_small(dead: tuple[Study, Trial, Trial, Trial]) -> None:
-    study, base, _, _ = dead
+def test_a_dead_band_stands_out_where_moments_are_small(dead: tuple[Study, Trial]) -> None:
+    study, base = dead
     regions = [region for region in find_where(study, base, 0).regions if region.variable == "moment-size"]
     assert regions and min(region.low for region in regions) < 0.2
 
@@ -96,8 +93,8 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
     assert find_where(study, fitted(study, TRUTH), 0).regions == ()
 
 
-def test_mirrored_runs_show_the_same_gap(dead: tuple[Study, Trial, Trial, Trial]) -> None:
-    study, base, _, _ = dead
+def test_mirrored_runs_show_the_same_gap(dead: tuple[Study, Trial]) -> None:
+    study, base = dead
     other = study_of([replace(r, position=-r.position, moment=-r.command) for r in study.runs], TRUTH)
     ours, mirrored = (find_where(s, t, 0) for s, t in ((study, base), (other, fitted(other, TRUTH))))
     for name in ("moment-size", "time-in-run", "time-since-command-change"):
@@ -156,58 +153,6 @@ def test_the_side_is_that_of_the_last_moment_that_pushed() -> None:
     assert np.all(np.abs(side) == 1.0)
     assert side[3, 0] == 1.0 and side[3, -1] == -1.0  # a reversal
     assert np.all(side[2] == -1.0)  # a coast-down keeps its side
-
-
-def test_the_naming_key_of_a_dead_band_is_the_power_minus_one(dead: tuple[Study, Trial, Trial, Trial]) -> None:
-    study, base, final, _ = dead
-    key = naming_key(study, base, final)
-    best = key.best("k")
-    assert best is not None and (best.power, best.parity) == (-1.0, "even") and best.p_value < 1e-3
-    assert "dead-band" in best.means
-    have = np.isfinite(key.moment)
-    # the final model predicts the runs' own k to within the scatter of the thrust
-    assert np.std(key.log_k[have] - key.predicted_k[have]) < 0.03 < np.std(key.log_k[have])
-
-
-@pytest.mark.parametrize(("power", "parity"), [(-1.0, "odd"), (0.0, "odd"), (0.5, "even"), (-0.5, "even")])
-def test_powers_and_parities_are_recovered(power: float, parity: str) -> None:
-    moment = np.array([s * m for s in (-1, 1) for m in (0.1, 0.2, 0.4, 0.7, 1.2)])
-    log = 0.05 * np.abs(moment) ** power * (np.sign(moment) if parity == "odd" else 1.0)
-    best = max(drifts_of("k", moment, log, np.full(10, 0.001), 0.01, YAW), key=lambda drift: drift.share)
-    assert (best.power, best.parity) == (power, parity) and best.slope == pytest.approx(0.05)
-
-
-def test_a_run_whose_drag_is_held_at_a_bound_has_no_part_in_the_key() -> None:
-    moment = np.array([s * m for s in (-1, 1) for m in (0.1, 0.2, 0.4, 0.7, 1.2)])
-    log = 0.05 * np.sign(moment)
-    held, whole = np.append(moment, 0.5), np.append(log, 9.0)
-    found = drifts_of("I/k", held, whole, np.append(np.full(10, 0.001), 0.0), 0.0, YAW)
-    assert found == drifts_of("I/k", moment, log, np.full(10, 0.001), 0.0, YAW)
-
-
-def test_a_run_tells_two_explanations_apart_only_where_they_differ(dead: tuple[Study, Trial, Trial, Trial]) -> None:
-    study, _, final, rival = dead
-    assert max(separations(study, final, final).values()) < 1e-6
-    sigmas = separations(study, final, rival)
-    step = next(v for k, v in sigmas.items() if "start heading" in k)
-    small = next(v for k, v in sigmas.items() if "step of only" in k)
-    ramp = next(v for k, v in sigmas.items() if "slow ramp" in k)
-    assert ramp == max(sigmas.values()) > 20.0  # a ramp dwells where the thrusters are dead
-    assert small > 2.0 * step  # a dead-band takes a larger share of a small moment
-    assert next(v for k, v in sigmas.items() if "rest record" in k) < 1e-6
-    advice = suggest(study, final, rival, "dead-band", "coulomb-drag")
-    assert (
-        sigmas[advice.kind] == max(sigmas.values())
-        and advice.kind in advice.sentence
-        and advice.sentence.endswith("clearly")
-    )
-
-
-def test_extra_runs_are_those_of_the_campaign(dead: tuple[Study, Trial, Trial, Trial]) -> None:
-    study = dead[0]
-    most = max(float(np.abs(run.command).max()) for run in study.runs)
-    for run in extra_runs(study).values():
-        assert np.abs(run.command).max() <= most and run.sample_period == pytest.approx(0.1)
 
 
 def test_advice_asks_for_what_the_campaign_lacks() -> None:

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans
 
+from automarine_cli import effects
 from automarine_cli.diagnosis import diagnose, search
 from automarine_cli.diagnosis import verdict as verdicts
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.scores import Scores
 from automarine_cli.diagnosis.trials import WEAK, Compensating, Found, Rival
+from automarine_cli.diagnosis.verdict import split_by
 from automarine_cli.diagnosis.where import Region
+from automarine_cli.dofs import YAW
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.report.figures.diagnosis_words import verdict
 from automarine_cli.runs.run import Run
@@ -114,3 +117,15 @@ def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tie
     rivals = tuple(Rival(NAME, f"other-{far:g}", far, blank) for far in behind)
     said = verdicts._no_name(Found(blank, blank, blank, (), {}, rivals), None)
     assert ("A tie" in said) == tied and all((rival.name in said) == tied for rival in rivals)
+
+
+@pytest.mark.parametrize(
+    ("name", "rival", "text_of"),
+    [
+        ("dead-band", "coulomb-drag", "dead-band"),  # lists its rival among its look-alikes
+        ("water-swirl", "wall", "wall"),
+    ],
+)
+def test_the_card_of_the_look_alike_says_what_tells_two_effects_apart(name: str, rival: str, text_of: str) -> None:
+    assert (rival in effects.get(name).mistaken_for) == (text_of == name)
+    assert split_by(name, rival, YAW) == effects.get(text_of).card(YAW).separated_by

@@ -26,8 +26,8 @@ from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import OWN, Structure, observed, rough_sizes
 from automarine_cli.fits.step_response import half_turn_data
 from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.batch import make_batch
 
 

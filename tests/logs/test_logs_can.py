@@ -17,8 +17,7 @@ from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogTable, read_column_map, read_log
-from automarine_cli.logs.can import bits_of, raw_of, values_of
-from automarine_cli.logs.slcan import read_slcan
+from automarine_cli.logs.can import bits_of, raw_of, read_slcan, values_of
 
 cantools = pytest.importorskip("cantools", reason="the extra automarine[can] is not installed")
 

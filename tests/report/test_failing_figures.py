@@ -11,14 +11,11 @@ from click.testing import Result
 from few_candidates import few_candidates
 
 import automarine_cli as am
-from automarine_cli.errors import FitError, SettingError
+from automarine_cli.errors import SettingError
 from automarine_cli.pipeline import attempts
 from automarine_cli.pipeline.attempts import attempted
-from automarine_cli.pipeline.outputs import result_folder
-from automarine_cli.report import diagnosis_report
 from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.simulation.specification import SCHEMA
-from automarine_cli.workflows.diagnose import YawDiagnosis
 
 Run = Callable[..., Result]
 SENTENCE = "The figure {} could not be drawn (RuntimeError: no ink); everything else was written."
@@ -50,7 +47,7 @@ CASES = {
     "fit-heave": Case("fit-heave forces/heave", f"{REPORT}.figures.yaw.inertia_figure", "inertia"),
     "validate": Case(
         "validate pool/validation --model yaw/yaw_model.json",
-        f"{WORK}.validate.validation_figure",
+        f"{REPORT}.validation_report.validation_figure",
         "validation_there_and_back",
     ),
     "diagnose": Case(
@@ -60,7 +57,7 @@ CASES = {
         "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.thruster_diagnosis.why_figure",
         "why",
     ),
-    "compare": Case("compare yaw driven", f"{WORK}.compare.compare_figure", "comparison"),
+    "compare": Case("compare yaw driven", f"{REPORT}.compare_report.compare_figure", "comparison"),
     "plan": Case("plan yaw/yaw_model.json", f"{WORK}.plan.plan_figure", "plan"),
 }  # fmt: skip
 
@@ -153,51 +150,6 @@ def test_the_files_told_of_are_those_that_are_there(
     monkeypatch.setattr(CASES["fit-yaw"].draws, boom)
     found = run("fit-yaw", "pool/steps", "-o", tmp_path / "out")
     assert "half_turns.png, inertia.png, collapse.png\n" in found.stdout and "drag.png" not in found.stdout
-
-
-@pytest.fixture(scope="module")
-def diagnosis(made: Path) -> YawDiagnosis:
-    """A diagnosis, not written yet."""
-    with few_candidates(FEW):
-        result = am.diagnose(made / "pool/steps", model=made / "yaw/yaw_model.json")
-    assert isinstance(result, YawDiagnosis)
-    return result
-
-
-def written(result: YawDiagnosis, out: Path) -> str:
-    """The page of a diagnosis, written with its figures."""
-    with result_folder(out, command="diagnose", options={}, inputs=[], seed=0, overwrite=False) as folder:
-        diagnosis_report.write(folder, result.diagnosis)
-    assert all((out / f"{name}.png").is_file() for name in ("where", "why", "before_after"))
-    return (out / "diagnosis.md").read_text()
-
-
-@pytest.mark.parametrize("problem", [FitError("no drift"), ValueError("a shape")])
-def test_a_diagnosis_does_without_its_naming_key(
-    problem: Exception, diagnosis: YawDiagnosis, lenient_figures: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def fails(*of: object) -> None:
-        raise problem
-
-    monkeypatch.setattr(diagnosis_report, "naming_key", fails)
-    text = written(diagnosis, tmp_path / "out")
-    kind = "" if isinstance(problem, FitError) else f"{type(problem).__name__}: "
-    assert warned(tmp_path / "out") == [
-        f"The naming key could not be computed ({kind}{problem}); everything else was written."
-    ]
-    assert "The naming key (how the runs' own drag and inertia drift with the moment) could not be computed." in text
-    assert "Budget of the gap" in text and "with the moment beyond chance" not in text
-
-
-def test_a_diagnosis_does_without_the_budget_of_the_gap(
-    diagnosis: YawDiagnosis, lenient_figures: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(diagnosis_report, "budget", boom)
-    text = written(diagnosis, tmp_path / "out")
-    assert warned(tmp_path / "out") == [
-        "The budget of the gap could not be computed (RuntimeError: no ink); everything else was written."
-    ]
-    assert "\nThe budget of the gap could not be computed.\n" in text
 
 
 @pytest.mark.parametrize("several", [False, True], ids=["one campaign", "several"])

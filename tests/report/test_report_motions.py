@@ -11,9 +11,7 @@ from repository import SAMPLE_RUNS
 
 from automarine_cli.commands.fit_motion import VIEW
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import diagnosis_tables, yaw_report
@@ -124,14 +122,10 @@ def diagnosed(fits: dict[str, YawFit]) -> dict[str, Diagnosis]:
 @pytest.mark.parametrize("name", ["surge", "heave"])
 def test_a_diagnosis_speaks_of_its_motion(diagnosed: dict[str, Diagnosis], name: str) -> None:
     diagnosis, dof = diagnosed[name], FORCES[name]
-    last = diagnosis.found
-    key, shares = naming_key(diagnosis.study, last.base, last.final), budget(diagnosis)
-    refuse_strange(dof, page(diagnosis, key, shares).splitlines())
+    refuse_strange(dof, page(diagnosis).splitlines())
     refuse_strange(dof, [diagnosis_tables.verdict_sentence(diagnosis)])
     refuse_strange(dof, [table.to_markdown() for table in diagnosis_tables.tables(diagnosis)])
-    figures = (
-        before_after_figure(diagnosis, shares), where_figure(diagnosis), why_figure(diagnosis, key),
-    )  # fmt: skip
+    figures = (before_after_figure(diagnosis), where_figure(diagnosis), why_figure(diagnosis))
     for figure in figures:
         refuse_strange(dof, labels(figure))
     assert any(THEIRS in text for text in labels(figures[0]))

@@ -16,8 +16,8 @@ from repository import ROOT, SAMPLE_RUNS
 from specified import read_specification
 
 from automarine_cli.dofs import YAW
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.campaign import make_campaign
 
 HIDDEN = ("hidden_one", "hidden_two")

@@ -9,9 +9,9 @@ import pytest
 from click.testing import Result
 
 from automarine_cli.commands.run import names_of, run_campaign
+from automarine_cli.commands.verify import verify
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline import parallel
-from automarine_cli.workflows.verify import verify
 
 EARLY = "fit-yaw"
 

@@ -17,11 +17,11 @@ from made_campaigns import campaign
 from repository import ROOT
 
 from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.report.campaign_file import NewCampaign, answered
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
 
 PWM = np.arange(1100.0, 1901.0, 25.0)
 AHEAD, ASTERN, ARM = 3.0e-4, 2.3e-4, 0.2  # N per us squared; m

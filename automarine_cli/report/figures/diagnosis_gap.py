@@ -1,34 +1,31 @@
-"""Before and after: headings, errors, error by the most telling variable, and the budget of the gap."""
+"""Before and after: headings, errors, and error by the most telling variable."""
 
 import textwrap
-from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from automarine_cli.diagnosis.budget import LEFT, SCATTER, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.verdict import NAMED
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
-from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
+from automarine_cli.report.figures.style import MEASURED, PAGE_IN, house_style, new_figure
 
 MOST_RUNS_SHOWN = 4
-WIDEST, WIDEST_LEGEND = 104, 128
-"""Letters that have room side by side: in the title, and in the legend of the budget, five of them for each mark."""
+WIDEST = 104
+"""Letters that have room side by side in the title."""
 
 
 @house_style
-def before_after_figure(diagnosis: Diagnosis, shares: Mapping[str, float] | None) -> Figure:
-    """Telling runs with both models, their errors, the error by the most telling variable, and the budget, if there
-    is one."""
+def before_after_figure(diagnosis: Diagnosis) -> Figure:
+    """Draw telling runs with both models, their errors, and the error by the most telling variable."""
     dof = diagnosis.study.base.dof
     picks = _telling_runs(diagnosis)
     count = max(len(picks), 1)
-    figure, grid = new_figure(4, count, PAGE_IN, 7.0, height_ratios=(1.5, 1.2, 1.4, 0.75))
+    figure, grid = new_figure(3, count, PAGE_IN, 6.0, height_ratios=(1.5, 1.2, 1.4))
     errors = [dof.shown(pick[k]) for pick in picks for k in (3, 4)]
     most = 1.08 * max((float(np.abs(e).max()) for e in errors), default=1.0)
     floor = dof.shown(diagnosis.gap.floor)
@@ -55,14 +52,12 @@ def before_after_figure(diagnosis: Diagnosis, shares: Mapping[str, float] | None
     less = "predicted" if diagnosis.study.driven else "sim."
     grid[1, 0].set_ylabel(f"measured − {less} [{dof.units.shown}]")
     place = grid[0, 0].get_gridspec()
-    for axes in grid[2:].ravel():
+    for axes in grid[2]:
         axes.remove()
     half = max(count // 2, 1)
     _sizes(figure.add_subplot(place[2, :half]), diagnosis)
     if count > 1:
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis)
-    if shares is not None:
-        _budget(figure.add_subplot(place[3, :]), shares, diagnosis)
     figure.suptitle(textwrap.fill(_sizes_in_words(diagnosis), WIDEST))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
@@ -170,28 +165,3 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
         axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
     axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
     axes.legend(loc="best", fontsize=6.5)
-
-
-def _budget(axes: Axes, shares: Mapping[str, float], diagnosis: Diagnosis) -> None:
-    """One stacked bar of the whole gap."""
-    dof = diagnosis.study.base.dof
-    fixed = {noise_of(dof): "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
-    others = [COLOURS[name] for name in ("blue", "sky", "green")]
-    at, used = 0.0, 0
-    for name, share in shares.items():
-        colour = fixed.get(name) or others[used % 3]
-        used += name not in fixed
-        axes.barh(0, 100 * share, left=at, color=colour, height=0.6, label=f"{name} {100 * share:.1f} %")
-        at += 100 * share
-    axes.set_xlim(0.0, 100.0)
-    axes.set_yticks([])
-    of = (
-        "error of the base model's predictions"
-        if diagnosis.study.driven
-        else "gap of the base model, all runs with equal thrust"
-    )
-    axes.set_xlabel(f"share of the mean square {of} [%]", labelpad=1)
-    labels = axes.get_legend_handles_labels()[1]
-    columns = len(labels) if sum(len(one) + 5 for one in labels) <= WIDEST_LEGEND else -(-len(labels) // 2)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=6.5, frameon=False)
-    axes.grid(False)

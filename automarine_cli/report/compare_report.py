@@ -1,0 +1,123 @@
+"""What `compare` says: parameters side by side, differences with intervals, and each in a sentence."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, Side
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.report.figures.compare import compare_figure
+from automarine_cli.report.sections import Content, Sections, numbers, sections
+from automarine_cli.report.tables import MISSING, Table, interval, number
+
+SCHEMA = "automarine/comparison/1"
+
+NOTE = (
+    "Each result less the first. “differs”: significant after Holm's correction for the number of comparisons; "
+    "“may differ”: the 95 % interval excludes zero, as one in twenty does by chance."
+)
+
+
+@dataclass(frozen=True, repr=False)
+class ResultComparison(Shown):
+    """Results of one command side by side, each against the first; `notes` say what must be known of them."""
+
+    kind: str
+    sides: tuple[Side, ...]
+    differences: tuple[Difference, ...]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of comparison.json: schema automarine/comparison/1."""
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "results": [
+                {
+                    "name": side.name,
+                    "parameters": {name: estimate.to_json() for name, estimate in side.parameters.items()},
+                    "facts": dict(side.facts),
+                    "runs": side.runs,
+                }
+                for side in self.sides
+            ],
+            "differences": [apart.to_json() | {"says": sentence(apart)} for apart in self.differences],
+            "summary": summary(self.differences),
+            "notes": list(self.notes),
+        }
+
+
+@sections.register
+def _(result: ResultComparison) -> Sections:
+    words = [summary(result.differences), *map(sentence, result.differences), *result.notes]
+    tables = parameter_table(result.sides), difference_table(result.differences)
+    files: dict[str, Content] = {
+        "comparison.json": result.to_json(),
+        "parameters.csv": tables[0].to_csv(),
+        "differences.csv": tables[1].to_csv(),
+        "comparison.md": "\n".join(
+            table.to_markdown() for table in (Table("", ("in words",), tuple((line,) for line in words)), *tables)
+        ),
+    }
+    rows = [
+        {"parameter": apart.parameter, "of": apart.of, "less": apart.base, **numbers(apart.difference),
+         "p_value": apart.p_value, "verdict": apart.verdict}
+        for apart in result.differences
+    ]  # fmt: skip
+    figures = {"comparison": partial(compare_figure, result.sides)}
+    return Sections([*tables, *words], files, figures, (*files, "comparison.png"), rows)
+
+
+def parameter_table(sides: Sequence[Side]) -> Table:
+    """Parameters down, results across; then what else the results say of themselves."""
+    names = list(dict.fromkeys(name for side in sides for name in side.parameters))
+    facts = list(dict.fromkeys(name for side in sides for name in side.facts))
+    rows = []
+    for name in names:
+        unit = next(side.parameters[name].unit for side in sides if name in side.parameters)
+        label = f"{name} [{unit}]" if unit not in ("", "1") else name
+        rows.append((label, *(interval(side.parameters.get(name)) for side in sides)))
+    rows += [(name, *(side.facts.get(name, MISSING) for side in sides)) for name in facts]
+    rows.append(("runs", *(str(side.runs) for side in sides)))
+    header = ("parameter", *(side.name for side in sides))
+    return Table("Side by side", header, tuple(rows), (len(names),), ("Brackets are 95 % intervals.",))
+
+
+def difference_table(found: Sequence[Difference]) -> Table:
+    """One line for each parameter and result."""
+    rows = []
+    for one in found:
+        percent = MISSING
+        if one.relative is not None:
+            percent = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*one.relative)
+        p = MISSING if one.p_value is None else number(one.p_value, 2)
+        rows.append((one.parameter, one.of, interval(one.difference), one.difference.unit, percent, p, one.verdict))
+    header = ("parameter", "result", "difference", "unit", "%", "p", "verdict")
+    return Table(f"Against {found[0].base}" if found else "Differences", header, tuple(rows), (), (NOTE,))
+
+
+def sentence(one: Difference) -> str:
+    """One difference in words."""
+    if one.relative is not None:
+        value, low, high = (abs(x) if i == 0 else x for i, x in enumerate(one.relative))
+        size, ends = f"{value:.1f} %", f"{low:+.1f} to {high:+.1f} %"
+    else:
+        unit = "" if one.difference.unit in ("", "1") else f" {one.difference.unit}"
+        size = f"{number(abs(one.difference.value), 3)}{unit}"
+        ends = f"{number(one.difference.ci95[0], 3)} to {number(one.difference.ci95[1], 3)}{unit}"
+    if one.verdict == ALIKE:
+        return f"{one.parameter}: no difference shown between {one.of} and {one.base} (95 % interval {ends})."
+    way = "larger" if one.difference.value > 0 else "smaller"
+    sure = "is" if one.verdict == DIFFERS else "may be"
+    return f"{one.parameter} {sure} {size} {way} in {one.of} than in {one.base} (95 % interval {ends})."
+
+
+def summary(found: Sequence[Difference]) -> str:
+    """How many of the parameters differ."""
+    count = sum(one.verdict == DIFFERS for one in found)
+    doubtful = sum(one.verdict not in (DIFFERS, ALIKE) for one in found)
+    compared = f"{len(found)} parameter{'s' * (len(found) != 1)} compared"
+    if not count and not doubtful:
+        return f"No difference shown in {compared}."
+    said = f"Of {compared} {count or 'none'} differ{'s' * (count == 1 or not count)} beyond chance"
+    return f"{said}, {doubtful} may." if doubtful else f"{said}."
