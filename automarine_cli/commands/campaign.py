@@ -247,6 +247,8 @@ def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:
         raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
     if thrusters.get("map") and logs.get("thrusters"):
         raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")
+    if "tune" in sections and not sections["tune"].get("target"):
+        raise SettingError("tune.target is missing; give the controller, such as ardusub")
     for name, key in ((YAW.name, "moment"), (PLANAR.name, "force")):
         if sections.get(name, {}).get(key) == "thrusters" and arm is None:
             raise SettingError(f'{name}.{key} is "thrusters", which needs vehicle.arm_m; give it in metres')

@@ -74,7 +74,7 @@ class Command(click.Command):
     Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
     `each` is a map on the processes asked for. `report` is the module that shows the result (none: `finish` does it). A
     command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow from
-    others, `finish` ends the command on the terminal.
+    others and refuses what contradicts, before logs are looked for; `finish` ends the command on the terminal.
     """
 
     def __init__(
@@ -143,6 +143,7 @@ class Command(click.Command):
                 raise TypeError(f"{self.__name__} needs {name}; give it")
             else:
                 values[name] = _default(ctx, param)
+        values = self.complete(values)
         logs = [str(param.name) for param in self.own if param.reads == "logs"]
         if logs:
             from automarine_cli.logs import find_logs, given_columns, whole_logs

@@ -14,12 +14,12 @@ ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 
 
 class Finite(click.ParamType):
-    """A finite number, above zero if `positive`."""
+    """A finite number, above zero if `positive`, or within the bounds of a `click.FloatRange`."""
 
     name = "float"
 
-    def __init__(self, positive: bool = False) -> None:
-        self.type = ABOVE_ZERO if positive else click.FLOAT
+    def __init__(self, positive: bool = False, **bounds: Any) -> None:
+        self.type = click.FloatRange(**bounds) if bounds else ABOVE_ZERO if positive else click.FLOAT
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number. Raises BadParameter for another."""

@@ -64,5 +64,4 @@ def test_the_campaign_s_thruster_map_is_flown(small_day: Path, tmp_path: Path) -
     fitted.touch()
     plan = known.plan(step, out)
     assert not isinstance(plan, str)
-    settings = vars(plan["asked"]) if "asked" in plan else plan  # TODO until tune is moved
-    assert settings["thrusters"] == fitted and settings["arm"] is None
+    assert plan["thrusters"] == fitted and plan["arm"] is None
