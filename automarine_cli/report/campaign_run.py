@@ -151,7 +151,7 @@ def _(result: Campaigns) -> Sections:
 def with_results(out: Path, steps: tuple[StepOutcome, ...]) -> tuple[StepOutcome, ...]:
     """Add to the steps what the results in their folders in `out` say."""
     there = {step.step for step in steps if step.did in ("done", "kept")}
-    says = {step.name: _says(step.kind, out / step.folder) for step in STEPS if step.name in there}
+    says = {step.name: says_of(step.kind, out / step.folder) for step in STEPS if step.name in there}
     for motion, dof in DOFS.items():
         fit, validation, diagnosis = (
             next(step for step in STEPS if step.folder == folder)
@@ -251,7 +251,7 @@ _OUTCOMES: Mapping[ResultKind[Any], Callable[[Any], str]] = {
 }  # fmt: skip
 
 
-def _says(kind: ResultKind[Any], folder: Path) -> str:
+def says_of(kind: ResultKind[Any], folder: Path) -> str:
     """What the result in a folder is, in a few words; empty where its file cannot be read."""
     try:
         return _OUTCOMES[kind](kind.read(folder / kind.file))
