@@ -10,7 +10,7 @@ from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
 from automarine_cli.report.campaign_steps import StepResult, Steps, folder_of
 from automarine_cli.report.campaign_summary import added_by, missing_sentence, refusals, summary
-from automarine_cli.report.diagnosis_page import escape
+from automarine_cli.report.diagnosis_report import escape
 from automarine_cli.report.tables import Table, interval
 from automarine_cli.results.judged import CheckFile, DiagnosisFile, StepDone, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile

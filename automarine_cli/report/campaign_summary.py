@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.words import listed
 from automarine_cli.report.campaign_steps import StepResult, Steps, folder_of
-from automarine_cli.report.diagnosis_page import escape
+from automarine_cli.report.diagnosis_report import escape
 from automarine_cli.report.tables import interval, number
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.judged import DiagnosisFile, GapSize, Score, StepDone, ValidationFile

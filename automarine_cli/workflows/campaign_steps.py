@@ -8,6 +8,7 @@ from typing import Any
 
 from automarine_cli.commands import command as commands
 from automarine_cli.commands.check import check
+from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.commands.fit_planar import fit_planar
 from automarine_cli.commands.fit_thrusters import fit_thrusters
@@ -22,8 +23,6 @@ from automarine_cli.report.outcomes import kind_of
 from automarine_cli.results.kinds import DIAGNOSIS, MODELS
 from automarine_cli.workflows.campaign_file import Campaign, Together
 from automarine_cli.workflows.command import Runner, inputs_of, recorded, seed_of
-from automarine_cli.workflows.diagnose import diagnose
-from automarine_cli.workflows.diagnose_planar import diagnose_planar
 from automarine_cli.workflows.tune import tune
 
 FIGURES = ("png", "svg")  # for a person, and for the report
@@ -148,7 +147,7 @@ def _together(campaign: Campaign, out: Path, work: Work) -> Plan | str:
     settings["model"] = out / motion / "planar_model.json"
     if not (out / motion / "planar_model.json").is_file():
         return "it needs the planar model, and fit-planar gave none"
-    if work is diagnose_planar:
+    if work is diagnose:
         settings |= {"seed": campaign.asked.seed, "hold_out": held}
     return _plan(work, logs, **settings)
 
@@ -211,7 +210,7 @@ def _of(motion: str) -> Iterator[Step]:
 def _of_plane() -> Iterator[Step]:
     """The steps of surge, sway and yaw together."""
     name = PLANAR.name
-    works = ((fit_planar, ""), (validate, "_validation"), (diagnose_planar, "_diagnosis"))
+    works = ((fit_planar, ""), (validate, "_validation"), (diagnose, "_diagnosis"))
     for work, folder in works:
         step = str(work.name) if work is fit_planar else f"{work.name}-{name}"
         yield Step(step, f"{name}{folder}", work, partial(_together, work=work), name)

@@ -19,7 +19,7 @@ from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import tuning_check
-from automarine_cli.report.diagnosis_tables import verdict_sentence
+from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.tuning import flown_figure
 from automarine_cli.report.tables import Table
