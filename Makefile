@@ -63,15 +63,13 @@ tune: $(READY) ## Heading gains for ArduSub from the first of these diagnoses, i
 run: $(READY) ## Every step of the campaign sample_runs/pool_day.toml and its report, into OUT/pool_day
 	$(AUTOMARINE) run sample_runs/pool_day.toml -o $(OUT)/pool_day --jobs $(JOBS)
 
-reproduce: $(READY) ## The demo twice, under two locales, and again from its manifests; fails unless every byte is equal
+reproduce: $(READY) ## The demo twice, under two locales; fails unless every byte is equal
 	rm -rf $(OUT)/reproduce
 	$(MAKE) demo OUT=$(OUT)/reproduce/first > /dev/null
 	umask 077; export TZ=Pacific/Kiritimati LC_ALL=C PYTHONHASHSEED=4242; \
 	  $(MAKE) demo OUT=$(OUT)/reproduce/second JOBS=2 > /dev/null
 	diff -r $(OUT)/reproduce/first $(OUT)/reproduce/second
 	$(AUTOMARINE) verify $(OUT)/reproduce/first -q
-	for made in $(OUT)/reproduce/first/demo/*/; do \
-	  $(AUTOMARINE) run --from $$made --inputs sample_runs --inputs $(OUT)/reproduce/first || exit 1; done
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."
 
@@ -90,7 +88,7 @@ check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q tests/test_house.py
 
-sample-runs: $(READY) ## Make sample_runs again from its specifications, byte for byte
+sample-runs: $(READY) ## Make sample_runs again from its specifications
 	$(AUTOMARINE) simulate sample_runs/campaign.toml -o $(OUT)/sample_runs --overwrite
 	for made in thrusters steps validation truth.json; do \
 	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs/$$made sample_runs/$$made || exit 1; done

@@ -81,12 +81,6 @@ seed_option = click.option(
 )
 """`seed`: int."""
 
-inputs_option = click.option(
-    "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="FOLDER",
-    help="Look for the recorded inputs in this folder and below; may be repeated.",
-)  # fmt: skip
-"""`inputs`: Paths."""
-
 jobs_option = click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
     help="Parallel processes (results do not change).",

@@ -1,4 +1,4 @@
-"""`automarine run`: a campaign or a recorded recipe in, one workflow call, what was done out."""
+"""`automarine run`: campaigns in, one workflow call, what was done out."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.commands.terminal import CampaignTeller, echo_result, end_with, terminal_progress
+from automarine_cli.commands.terminal import CampaignTeller, end_with
 
 
 def _steps() -> tuple[str, ...]:
@@ -17,18 +17,14 @@ def _steps() -> tuple[str, ...]:
 
 @click.command("run", short_help="Run every step of a campaign and report.")
 @click.argument(
-    "campaigns", nargs=-1, metavar="[CAMPAIGN.toml]...", type=click.Path(exists=True, dir_okay=False, path_type=Path)
+    "campaigns", nargs=-1, required=True, metavar="CAMPAIGN.toml...",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
 )  # fmt: skip
 @click.option(
     "--until", type=options.OneOf(_steps), metavar="STEP",
     help="Stop after this step, by its name in the table of results, such as fit-yaw.",
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
-@click.option(
-    "--from", "recorded", type=click.Path(exists=True, path_type=Path), metavar="MANIFEST",
-    help="Instead of a campaign: the manifest.json of a result that is to be made again, or its folder.",
-)  # fmt: skip
-@options.inputs_option
 @options.ending("jobs", "cluster")
 @click.pass_context
 def run(ctx: click.Context, **given: Any) -> object:
@@ -42,25 +38,11 @@ def run(ctx: click.Context, **given: Any) -> object:
     Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
     a time, --cluster ADDRESS sends them with their logs to a Dask scheduler. One that fails does not stop the others.
 
-    With --from instead, a recorded result is made again from its manifest: inputs are found by name and content
-    under --inputs (by default here), and exit status 0 says that every file has the bytes recorded.
-
     \b
     Example:
       automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
-      automarine run --from out/fit-yaw/manifest.json -o out/again
     """
-    recorded, inputs, campaigns = given.pop("recorded"), given.pop("inputs"), given["campaigns"]
-    if (not campaigns) == (recorded is None):
-        raise click.UsageError(
-            "give a campaign file (automarine init writes one), or --from MANIFEST to repeat a result"
-        )
-    if recorded is not None:
-        if given["force"] or given["until"] or given["cluster"]:
-            raise click.UsageError("--force, --until and --cluster go with a campaign file, not with --from")
-        return _again(ctx, recorded, inputs, given)
-    if inputs:
-        raise click.UsageError("--inputs goes with --from; a campaign file names its logs itself")
+    campaigns = given["campaigns"]
     if len(campaigns) > 1 or given["cluster"]:
         if given["out"] is None:
             raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
@@ -78,18 +60,3 @@ def run(ctx: click.Context, **given: Any) -> object:
     result = options.perform(run_campaign, given, lambda made: made.warnings)
     end_with(ctx, [f"{one.step}: {one.why}" for one in result.refused])
     return result
-
-
-def _again(ctx: click.Context, recorded: Path, inputs: tuple[Path, ...], given: dict[str, Any]) -> object:
-    from automarine_cli.workflows.rerun import rerun
-
-    again = rerun(
-        recorded, inputs=inputs, out=given["out"], overwrite=given["overwrite"], jobs=given["jobs"],
-        progress=terminal_progress(),
-    )  # fmt: skip
-    echo_result(
-        again, as_json=given["as_json"], out=given["out"], tables=again.sentences(), warnings=again.made.warnings
-    )
-    if not again.same:
-        ctx.exit(1)
-    return again

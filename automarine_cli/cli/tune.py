@@ -7,7 +7,7 @@ from automarine_cli.cli import options
 
 @click.command("tune", short_help="Gains of a controller, with the margin they need.")
 @click.argument("model", type=options.FILE, metavar="MODEL.json")
-@click.option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid, labust or python.")
+@click.option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid or python.")
 @click.option("--step", type=float, metavar="DEG", help="Step of the heading.  [default: 90; of others 1 m]")
 @click.option("--load", type=float, default=10.0, show_default=True, metavar="PERCENT", help="Load to hold against.")
 @click.option("--margin", type=float, default=0.75, show_default=True, metavar="M", help="Disk margin to keep.")
@@ -18,7 +18,7 @@ from automarine_cli.cli import options
     help="Lowest and highest supply voltage, in shares of that of the logs.",
 )  # fmt: skip
 @click.option("--present", type=options.FILE, metavar="FILE", help="The vehicle's .param file.  [default: defaults]")
-@click.option("--sample-time", type=float, metavar="SECONDS", help="Time between two loops (pid, labust, python).")
+@click.option("--sample-time", type=float, metavar="SECONDS", help="Time between two loops (pid, python).")
 @click.option("--beyond-range", is_flag=True, help="Allow gains beyond the ranges that the firmware documents.")
 @click.option(
     "--check", multiple=True, type=click.Path(readable=False), metavar="LOG",

@@ -29,15 +29,14 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
     from functools import partial
 
     from automarine_cli.logs import given_columns
-    from automarine_cli.logs.find import in_parcels
-    from automarine_cli.pipeline.parallel import together_stream
+    from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.check_tables import Check
     from automarine_cli.runs.load import none_left, refused_by_strict
-    from automarine_cli.runs.look import look_at_logs, with_limits
+    from automarine_cli.runs.look import look_at_log, with_limits
     from automarine_cli.runs.run import NAMED_APART, names_apart
 
-    look = partial(look_at_logs, columns=given_columns(columns))
-    contents = list(together_stream(look, in_parcels(logs), jobs, progress=progress, stage="looking at logs"))
+    look = partial(look_at_log, columns=given_columns(columns))
+    contents = ordered_map(look, logs, jobs, progress=progress, stage="looking at logs")
     runs = [run for of_log, _, _ in contents for run in of_log]
     tests = tuple(test for _, of_log, _ in contents for test in of_log)
     set_aside = tuple(run for _, _, of_log in contents for run in of_log)

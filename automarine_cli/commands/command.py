@@ -72,8 +72,9 @@ class Command(click.Command):
     """A command of the terminal that Python calls as a function: the first of its settings alone, others by name.
 
     Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
-    `each` is a map on the processes asked for. `report` is the module that shows the result; a command that `saves`
-    writes a folder of results with a manifest.
+    `each` is a map on the processes asked for. `report` is the module that shows the result (none: `finish` does it). A
+    command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow from
+    others, `finish` ends the command on the terminal.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class Command(click.Command):
         self.own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
         self.folder_inputs: Callable[[Any], list[Any]] = lambda folders: []
+        self.complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda settings: settings
         self.__name__ = python or name.replace("-", "_")
         self.__doc__ = function.__doc__
         self.__signature__ = inspect.Signature([
@@ -148,7 +150,7 @@ class Command(click.Command):
             for name in logs:
                 if values[name] or name == "logs":
                     values[name] = whole_logs(find_logs(values[name]), columns)
-        return values
+        return self.complete(values)
 
     def run(
         self,
@@ -182,7 +184,8 @@ class Command(click.Command):
             }  # fmt: skip
             asked = {key: value for key, value in execution.items() if key in self.takes}
             result = self.function(**settings, **asked)
-            import_module(f"automarine_cli.report.{self.report}")
+            if self.report:
+                import_module(f"automarine_cli.report.{self.report}")
             if folder is not None:
                 from automarine_cli.report.sections import sections
 
@@ -258,17 +261,20 @@ class Command(click.Command):
 
     def echo(self, result: Any, *, as_json: bool, out: Path | None) -> None:
         """Print a result on the terminal."""
-        from automarine_cli.report.sections import sections
+        tables: Sequence[Any] = ()
+        files: Sequence[str] = ()
+        if self.report:
+            from automarine_cli.report.sections import sections
 
-        said = sections(result)
+            tables, files = (shown := sections(result)).printed, shown.listed
         echo_result(
-            result, as_json=as_json, out=out if self.saves else None, tables=said.printed, files=said.listed,
+            result, as_json=as_json, out=out if self.saves else None, tables=tables, files=files,
             keep_hint="-o DIR" if self.saves else None,
         )  # fmt: skip
 
 
 def command(
-    name: str, *, report: str, saves: bool = True, figures: bool = True, by_effects: bool = False, python: str = ""
+    name: str, *, report: str = "", saves: bool = True, figures: bool = True, by_effects: bool = False, python: str = ""
 ) -> Callable[[Function], Command]:
     """Make a command of a function, whose decorators below this one are its options; see `Command`.
 
@@ -299,7 +305,7 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
     """A setting as the function takes it. Raises SettingError for a value of the wrong kind."""
     name = str(param.name)
     if param.reads == "logs":
-        from automarine_cli.logs.frames import as_logs
+        from automarine_cli.logs.parquet import as_logs
 
         return as_logs(value, name)
     if param.reads == "file":

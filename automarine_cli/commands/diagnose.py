@@ -74,10 +74,9 @@ def _of_a_motion(
     from automarine_cli.models.store import load_yaw_models
     from automarine_cli.pipeline.progress import foretell
     from automarine_cli.runs.channels import wanted_channels
+    from automarine_cli.runs.checks import without_stuck, without_undriven
     from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
     from automarine_cli.runs.run import Run, SetAside, command_warnings
-    from automarine_cli.runs.stuck import without_stuck
-    from automarine_cli.runs.undriven import without_undriven
     from automarine_cli.thrusters.moments import with_moments
 
     stored = load_yaw_models(model)

@@ -47,8 +47,8 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.results.kinds import VALIDATION
 from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
+from automarine_cli.runs.checks import without_undriven
 from automarine_cli.runs.run import Run, SetAside
-from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.simulation.batch import make_batch
 
 MEANING = {

@@ -12,8 +12,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.mixed_problem import Slot, slots_of
 from automarine_cli.fits.nodes import Nodes, nodes_of
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import HalfTurn
-from automarine_cli.runs.trimmed import MOST_REST
+from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 from automarine_cli.simulation.batch import Channel
 
 MOST_OFFSET = 2.5

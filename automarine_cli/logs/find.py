@@ -11,12 +11,10 @@ from typing import NoReturn
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import format_of, suffix_of, suffixes
-from automarine_cli.logs.log_file import LogFile
+from automarine_cli.logs.formats import LogFile, format_of, suffix_of, suffixes
 from automarine_cli.pipeline.words import printable, quoted
 
-Logs = Sequence[str | Path | LogFile]
-"""Files, directories and globs, or logs found already."""
+Logs = Sequence[str | Path | LogFile]  # Files, directories and globs, or logs found already
 
 
 def find_logs(arguments: Logs) -> list[LogFile]:
@@ -36,33 +34,6 @@ def find_logs(arguments: Logs) -> list[LogFile]:
             if key not in found or _claim(log) > _claim(found[key]):
                 found[key] = log
     return sorted(_told_apart(list(found.values())), key=_place)
-
-
-PARCEL = 4 << 20, 64
-"""Bytes and files that are read together at most: small ones take less so, and of large ones nothing is gained."""
-
-
-def in_parcels(files: Sequence[LogFile]) -> Iterator[list[LogFile]]:
-    """The logs in order, as many at a time as are read together."""
-    parcel: list[LogFile] = []
-    total = 0
-    for file in files:
-        size = _size(file)
-        if parcel and (total + size > PARCEL[0] or len(parcel) == PARCEL[1]):
-            yield parcel
-            parcel, total = [], 0
-        parcel.append(file)
-        total += size
-    if parcel:
-        yield parcel
-
-
-def _size(file: LogFile) -> int:
-    """Bytes of a log, 0 where it has none."""
-    try:
-        return file.path.stat().st_size if file.content is None else len(file.content)
-    except OSError:
-        return 0
 
 
 def whole_logs(files: Sequence[LogFile], columns: ColumnMap) -> tuple[LogFile, ...]:

@@ -1,14 +1,14 @@
-"""The registry of log formats: every module of this folder that defines `FORMAT` is one.
+"""What log files are, and the registry of their formats: every `Format` in a module of this folder is one.
 
 To add a format, write one file here with a function `read(path, name, columns) -> RawLog` and
 `FORMAT = Format("what people call it", (".suffix",), read)`; nothing else is needed. A file of several streams,
 each on its own clock, becomes one table by `streams.on_one_clock`; a library that not everybody has is imported
-within `read`, by `vehicles.needed`. `tests/helpers/reader_contract.py` picks the format up.
+within `read`, by `streams.needed`. `tests/helpers/reader_contract.py` picks the format up.
 """
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -18,12 +18,28 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 import automarine_cli.logs as folder
-from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.log_file import LogFile
+from automarine_cli.pipeline.plain_data import Document, Source
 
 MOST_COLUMNS = 30_000
 MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """One log: where it is, what results call it (never depends on the working directory), and whether it was
+    named on the command line itself (then unreadable means refused) or found (then it is set aside). A table that is
+    no file has its `content`, as a Parquet file would."""
+
+    path: Path
+    name: str
+    named: bool
+    content: bytes | None = field(default=None, repr=False)
+
+    @property
+    def source(self) -> Source:
+        """What its bytes are read from."""
+        return self.path if self.content is None else Document(self.name, self.content)
 
 
 @dataclass(frozen=True)
@@ -66,19 +82,13 @@ class Format:
     columns, and raises LogError.
 
     Where other programs use the suffixes too, `begins` are the bytes of which a file begins with one: a file found
-    in a folder that begins otherwise is no log. Where many small files are read sooner at once, `together` does that.
+    in a folder that begins otherwise is no log.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[Path, str, ColumnMap], RawLog]
     begins: tuple[bytes, ...] = ()
-    together: "Together | None" = None
-
-
-Problem = LogError | OSError | MemoryError
-Together = Callable[[Sequence[LogFile], ColumnMap], Iterable[RawLog | Problem]]
-"""Reads many files at once; what is wrong with one stands in its place."""
 
 
 def most_unpacked(path: Path) -> int:
@@ -101,7 +111,7 @@ def formats() -> tuple[Format, ...]:
     """All formats, in the name order of their modules."""
     modules = sorted(module.name for module in pkgutil.iter_modules(folder.__path__))
     loaded = (importlib.import_module(f"{folder.__name__}.{name}") for name in modules if name != "formats")
-    return tuple(module.FORMAT for module in loaded if hasattr(module, "FORMAT"))
+    return tuple(found for module in loaded for found in vars(module).values() if isinstance(found, Format))
 
 
 @cache

@@ -1,7 +1,10 @@
 """`read_log`: a file of any format becomes a `LogTable` of canonical columns in SI units."""
 
+import stat
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -10,15 +13,12 @@ from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of, unit_in
+from automarine_cli.logs.cells import decoded, first_not_a_number, first_not_a_stamp, read_stamps
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
-from automarine_cli.logs.find import LogFile
-from automarine_cli.logs.formats import RawLog
-from automarine_cli.logs.labels import few_words, parts, run_names, states
-from automarine_cli.logs.raw_logs import read_raws
-from automarine_cli.logs.stamps import first_not_a_stamp, read_stamps
+from automarine_cli.logs.formats import Format, LogFile, RawLog, format_of, suffixes
+from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.streams import joined
-from automarine_cli.logs.table import LogTable
-from automarine_cli.logs.text import decoded, first_not_a_number
+from automarine_cli.logs.table import LogTable, few_words, parts, run_names, states
 from automarine_cli.pipeline.words import listed, printable, quoted
 from automarine_cli.quantities import Floats
 
@@ -41,50 +41,16 @@ def read_log(
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
     command cannot do without are asked for afterwards, with `require`.
     """
-    (found,) = read_logs([file], columns, dof=dof, motion=motion)
-    if isinstance(found, LogError):
-        raise found
-    return found
-
-
-def read_logs(
-    files: Sequence[LogFile], columns: ColumnMap | None = None, *, dof: Dof | None, motion: Motion | None = None
-) -> list[LogTable | LogError]:
-    """The same of several logs, read together as far as their format can; the refusal of a log stands in its place."""
-    columns = ColumnMap() if columns is None else columns
-    layouts: dict[object, _Layout] = {}
-    found: list[LogTable | LogError] = []
-    maps = [columns.of(file.path) for file in files]
-    for file, own, raw in zip(files, maps, read_raws(files, maps)):
-        try:
-            whole = _with_others(file, raw, own)
-            kind = (id(own), whole.names, tuple(whole.also.items()), tuple(one.type for one in whole.arrays))
-            if kind not in layouts:
-                layouts[kind] = _layout(whole, own, file.name, dof, motion)
-            found.append(_table(whole, own, file.name, layouts[kind]))
-        except LogError as error:
-            found.append(error)
-    return found
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """What files with the same columns have in common."""
-
-    dof: Dof
-    uses: Sequence[_Use]
-    notes: Sequence[str]
-
-
-def _layout(raw: RawLog, columns: ColumnMap, source: str, dof: Dof | None, motion: Motion | None) -> _Layout:
+    columns = (columns or ColumnMap()).of(file.path)
+    raw = whole_log(file, columns)
     if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = motion_of(raw.names, mapped)
-    return _Layout(dof, *_assigned(raw, columns, source, foreign(dof, motion)))
+    uses, notes = _assigned(raw, columns, file.name, foreign(dof, motion))
+    return _table(raw, columns, file.name, dof, uses, notes)
 
 
-def _table(raw: RawLog, columns: ColumnMap, source: str, layout: _Layout) -> LogTable:
-    dof, uses, notes = layout.dof, layout.uses, list(layout.notes)
+def _table(raw: RawLog, columns: ColumnMap, source: str, dof: Dof, uses: Sequence[_Use], notes: list[str]) -> LogTable:
     runs = run_names(raw, columns, source)
     used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
     extras: dict[str, Floats] = {}
@@ -113,20 +79,72 @@ def _table(raw: RawLog, columns: ColumnMap, source: str, layout: _Layout) -> Log
     )
 
 
+def read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
+    """Read the columns of a file as they stand, whatever its format. Raises LogError for what is no file, or holds
+    nothing."""
+    name, path = file.name, file.path
+    try:
+        if file.content is not None:
+            raw = read_table(file.content, name)
+        else:
+            form = _format_of_file(path, name)
+            with path.open("rb"):  # a file that may not be read is told from one that is not sound
+                pass
+            raw = form.read(path, name, columns)
+    except OSError as problem:
+        why = problem.strerror or problem
+        raise LogError(f"{name}: cannot be opened ({why}); check that it exists and that you may read it") from None
+    except MemoryError:
+        raise LogError(f"{name}: does not fit into memory; split it into several logs") from None
+    if len(raw.rows) == 0:
+        raise LogError(
+            f"{name}: a header without rows (columns {listed(raw.names)}); expected at least one row. "
+            "Copy the log again, or leave it out"
+        )
+    if len(set(raw.names)) < len(raw.names):
+        twice = [column for column, count in Counter(raw.names).items() if count > 1 and column]
+        if twice:
+            raise LogError(
+                f"{name}: {len(twice)} column name{'s' * (len(twice) > 1)} given more than once "
+                f"({listed(twice)}); expected each once. Rename or delete one in the header"
+            )
+    return raw
+
+
+def _format_of_file(path: Path, name: str) -> Format:
+    """The format of a path. Raises LogError where it is no file with bytes in it, OSError where that is not known."""
+    form = format_of(path.name)
+    if form is None:
+        raise LogError(f"{name}: unknown log format; give a file that ends in {', '.join(sorted(suffixes()))}")
+    try:
+        state = path.stat()
+    except FileNotFoundError:
+        if path.is_symlink():
+            raise LogError(
+                f"{name}: a broken link; expected a {form.name} file. Copy the log here, or leave the link out"
+            ) from None
+        state = None
+    if state is None or not stat.S_ISREG(state.st_mode):
+        folder = state is not None and stat.S_ISDIR(state.st_mode)
+        raise LogError(
+            f"{name}: {'a directory' if folder else 'not a regular file'}; "
+            f"expected a {form.name} file. Rename it, or leave it out"
+        )
+    if state.st_size == 0:
+        raise LogError(
+            f"{name}: the file is empty; expected a {form.name} file with a header and rows. "
+            "Copy it again, or leave it out"
+        )
+    return form
+
+
 def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:
-    """The columns of a log and of the files that `columns` joins to it, on its clock. Raises LogError."""
-    return _with_others(file, read_raws([file], [columns])[0], columns)
-
-
-def _with_others(file: LogFile, raw: RawLog | LogError, columns: ColumnMap) -> RawLog:
-    if isinstance(raw, LogError):
-        raise raw
+    """Read the columns of a log and of the files that `columns` joins to it, on its clock. Raises LogError."""
+    raw = read_raw(file, columns)
     for path, join in columns.beside(file.path).items():
         other = LogFile(path, printable(path.name), file.named)
         own = columns.of(path)
-        (theirs,) = read_raws([other], [own])
-        if isinstance(theirs, LogError):
-            raise theirs
+        theirs = read_raw(other, own)
         clocks = [_clock(one, rules, where.name) for one, rules, where in
                   ((raw, columns, file), (theirs, own, other))]  # fmt: skip
         raw = joined(raw, clocks[0], theirs, clocks[1], (file.name, other.name), columns, join)

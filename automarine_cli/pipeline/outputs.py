@@ -146,7 +146,7 @@ def result_folder(
     """Write the results of `command` into the folder `out`, whole or not at all.
 
     `inputs` are the files read, each with the short name that results use and its role (without one: a log).
-    `options` and `seed` must hold all else that the results depend on: `run --from` makes them again from it.
+    `options` and `seed` must hold all else that the results depend on.
     On leaving without an error the manifest is added and the whole folder appears at once; on any error nothing
     of it stays behind. Raises OutputError if `out` holds results and `overwrite` is false, is a file, is being
     written to by another process, or cannot be written.

@@ -26,9 +26,8 @@ from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA
+from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.trimmed import MOST_REST
 from automarine_cli.simulation.batch import WINDOW, Batch, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 

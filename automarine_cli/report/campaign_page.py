@@ -248,8 +248,7 @@ def _made(steps: Steps) -> list[str]:
     return [
         Table("", header, tuple(rows)).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
-        "`automarine verify` on each folder says whether anything in it has changed; `automarine run --from` "
-        "reproduces it.",
+        "`automarine verify` on each folder says whether anything in it has changed.",
         *_listed("Every input and its SHA-256", _files(known), "manifest.json"),
     ]
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.sections import Sections, sections
+from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.kinds import CHECK
 from automarine_cli.results.records import runs_json
@@ -44,7 +44,10 @@ def _(result: Check) -> Sections:
         tables.append(_test_table(result.tests))
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
-    files = {"check.json": result.to_json(), "check.md": "\n".join(table.to_markdown() for table in tables)}
+    files: dict[str, Content] = {
+        "check.json": result.to_json(),
+        "check.md": "\n".join(table.to_markdown() for table in tables),
+    }
     return Sections(tables, files, listed=tuple(files), rows=rows)
 
 

@@ -23,8 +23,8 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 
 @sections.register
 def _(fit: ThrusterFit) -> Sections:
-    said = [*tables(fit), *sentences(fit)]
-    blocks = [part.to_markdown().rstrip("\n") if isinstance(part, Table) else f"- {part}" for part in said]
+    printed: list[Table | str] = [*tables(fit), *sentences(fit)]
+    blocks = [part.to_markdown().rstrip("\n") if isinstance(part, Table) else f"- {part}" for part in printed]
     maps = _maps(fit)
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(),
@@ -34,7 +34,7 @@ def _(fit: ThrusterFit) -> Sections:
     }
     figures = {"thrusters": partial(thruster_figure, fit)}
     listed = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png", *maps)
-    return Sections(said, files, figures, listed, tuple(_rows(fit)))
+    return Sections(printed, files, figures, listed, tuple(_rows(fit)))
 
 
 def _maps(fit: ThrusterFit) -> dict[str, ThrusterFit]:

@@ -1,23 +1,21 @@
 """A log's rows become runs: the clock rises, the position is unwrapped, everything dropped is counted."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import islice, pairwise
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
-from automarine_cli.logs.needs import is_velocity_only
+from automarine_cli.logs.table import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices, Mask, edges_of, together
+from automarine_cli.runs.checks import beyond, clock_trouble, command_trouble, position_trouble, stuck
 from automarine_cli.runs.noise import NORMAL, fresh_readings, median, slope
-from automarine_cli.runs.plain import plain_positions
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, find_jumps, position_trouble, stuck
-from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
+from automarine_cli.runs.unwrap import Indices, Mask, find_glitches, find_jumps, unwrap, wrapped
 
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
 COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
@@ -29,63 +27,13 @@ class NotUsable(RunError):
     """An unusable run: the reason, with a hint."""
 
 
-@dataclass(frozen=True)
-class Split:
-    """The rows of a table by runs: their `names` in the order in which they begin, the `order` of rows in which they
-    stand one behind the other (None: their own), and the `edges`, (R + 1,), between them in it."""
-
-    table: LogTable
-    names: Sequence[str]
-    order: Indices | None
-    edges: Indices
-
-    @property
-    def kind(self) -> tuple[str, ...]:
-        """The motion and the columns that `plain_rows` looks at, none where there is no position."""
-        measured = () if is_velocity_only(self.table) else ("time", self.table.dof.position, *_commands(self.table))
-        return self.table.dof.name, *measured
-
-    def column(self, key: str) -> Floats:
-        """A column in the order of the runs."""
-        values = self.table.columns[key]
-        return values if self.order is None else values[self.order]
-
-    def rows(self, r: int) -> Indices | slice:
-        """The rows of run r."""
-        own = slice(*self.edges[r : r + 2].tolist())
-        return own if self.order is None else self.order[own]
-
-
-def plain_rows(splits: Sequence[Split]) -> list[list[Floats | None]]:
-    """Of each run of tables of one kind the position if it stays as it is but for its turns, else None."""
-    dof, measured = splits[0].table.dof, splits[0].kind[1:]
-    if not measured:
-        return [[None] * len(split.names) for split in splits]
-    columns = [_behind([split.column(key) for split in splits]) for key in measured]
-    begins = edges_of([len(split.table) for split in splits])
-    edges = np.concatenate([[0], *(begin + split.edges[1:] for begin, split in zip(begins, splits))])
-    found: list[Floats | None] = []
-    for first, stop in together(edges):
-        own = edges[first : stop + 1] - edges[first]
-        time, position, *commands = (values[edges[first] : edges[stop]] for values in columns)
-        plain, position = plain_positions(time, position, commands, own, dof)
-        ends = pairwise(own.tolist())
-        found += [position[a:b] if good else None for good, (a, b) in zip(plain.tolist(), ends)]
-    each = iter(found)
-    return [[*islice(each, len(split.names))] for split in splits]
-
-
-def _behind(several: Sequence[Floats]) -> Floats:
-    return several[0] if len(several) == 1 else np.concatenate(several)
-
-
 def _commands(table: LogTable) -> tuple[str, ...]:
     return (table.dof.command,) if table.dof.command in table.columns else table.dof.thrusters
 
 
-def clean(table: LogTable, chosen: Indices | slice, name: str, plain: Floats | None = None) -> tuple[Run, ...]:
+def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...]:
     """Clean the rows `chosen` (indices into the table, shape (N,), or a slice) of one run; a wide gap may split it
-    into several. With a `plain` position nothing else is to be done, see `plain_rows`.
+    into several.
 
     Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
@@ -95,8 +43,6 @@ def clean(table: LogTable, chosen: Indices | slice, name: str, plain: Floats | N
     measured = dof.velocity if summed else dof.position
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
-    if plain is not None:
-        return (_run(table, {**columns, dof.position: plain}, name, counts),)
     missing = np.isnan(columns["time"])
     for key in (measured, *commands):
         missing |= np.isnan(columns[key])
@@ -218,13 +164,12 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
     dof, words = run.dof, run.dof.words
-    jumps = np.setdiff1d(find_jumps(run.time, run.position, dof), gaps)
-    sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
+    jumps = find_jumps(run.time, run.position, dof)
     result = unwrap(run.time, run.position, gaps, dof)
-    run = replace(run, position=result.position)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     notes = run.notes
-    if jumps.size:
+    if (jumps := jumps[~np.isin(jumps, gaps)] if jumps.size else jumps).size:
+        sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
         notes += (
             f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
             f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
@@ -239,8 +184,8 @@ def _bridged(run: Run) -> tuple[Run, ...]:
         notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
     edges = [0, *(int(i) + 1 for i in sorted({*result.broken_after, *jumps})), len(run)]
     if len(edges) == 2:
-        return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}, notes=notes),)
-    parts = []
+        return (replace(run, position=result.position, counts={**run.counts, "gaps": int(gaps.size)}, notes=notes),)
+    run, parts = replace(run, position=result.position), []
     for number, (start, stop) in enumerate(pairwise(edges), 1):
         part = run.cut(start, stop)
         inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
@@ -263,10 +208,8 @@ def _counted(number: int, thing: str) -> str:
     return f"{number} {thing}{'s' * (number != 1)}"
 
 
-FEWEST = 5
-"""Samples of a standstill."""
-SURE = 4.0
-"""Standard errors within which the readings of a standstill show no trend."""
+FEWEST = 5  # Samples of a standstill
+SURE = 4.0  # Standard errors within which the readings of a standstill show no trend
 
 
 def summed_position(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> Floats:

@@ -8,24 +8,30 @@ dropped as well.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Mask
-from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import is_slow, longest_repeat
-from automarine_cli.runs.steps import Step
-from automarine_cli.runs.undriven import undriven
+from automarine_cli.runs.allocation_limits import SINGLE
+from automarine_cli.runs.checks import is_slow, longest_repeat, undriven
+from automarine_cli.runs.noise import slope
+from automarine_cli.runs.run import ASKED, Run, SetAside
+from automarine_cli.runs.steps import Step, find_steps, start_position
+from automarine_cli.runs.unwrap import Mask
 
 COMMAND_ENDS = "the {force} changed"
 LOG_ENDS, WINDOW = "the log ended", "the window"
 
 FEWEST_SAMPLES = 8
 MARGIN_IN_SIGMA = 3.0
+FEWEST_STUCK = 10  # samples of one exact position
+STILL_CHANGING = 0.1  # of the last third's rate
+SURE = 4.0  # standard errors
+MOST_REST = 200
+"""Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +44,8 @@ class Trim:
     low: float = -math.inf
     high: float = math.inf
 
-    def beyond(self, position: Floats, zero: Floats, noise: Floats, dof: Dof) -> Mask:
-        """Which samples, all (N,), are no longer followed; the ends of a window are as sure as the noise lets them
+    def beyond(self, position: Floats, zero: float, noise: float, dof: Dof) -> Mask:
+        """Tell which positions (N,) are no longer followed; the ends of a window are as sure as the noise lets them
         be."""
         far = np.abs(position - zero) > (dof.limits.trim if self.reach is None else self.reach)
         if math.isinf(self.low) and math.isinf(self.high):
@@ -49,7 +55,7 @@ class Trim:
 
     def of_whole(self, run: Run) -> Run:
         """A whole run of a translation as far as it is followed."""
-        out = self.beyond(run.position, run.position[:1], np.array([run.noise]), run.dof)
+        out = self.beyond(run.position, float(run.position[0]), run.noise, run.dof)
         return run.cut(0, int(np.argmax(out))) if not run.dof.wraps and out.any() else run
 
     def ended(self, dof: Dof) -> str:
@@ -92,16 +98,160 @@ class HalfTurn:
     @property
     def moved(self) -> bool:
         """Whether the vehicle went further than standing still looks like."""
-        return bool(abs(self.turned) >= least_way(self.step.run.dof, self.noise))
+        return abs(self.turned) >= max(self.step.run.dof.limits.still, 5 * self.noise)
 
     @property
     def name(self) -> str:
         """Name of the run."""
         return self.step.run.name
 
-    def of(self, run: Run) -> "HalfTurn":
-        """The same of another version of the run, with the same samples."""
-        return self if run is self.step.run else replace(self, step=replace(self.step, run=run))
+    def of(self, run: Run, begin: int = 0) -> "HalfTurn":
+        """The same of another version of the run, which begins with sample `begin` of this one's."""
+        if run is self.step.run:
+            return self
+        step, kept = self.step, slice(self.kept.start - begin, self.kept.stop - begin)
+        rest = None if step.rest is None else slice(max(step.rest.start - begin, 0), step.rest.stop - begin)
+        moved = replace(step, run=run, first=step.first - begin, stop=min(step.stop - begin, len(run)), rest=rest)
+        return replace(self, step=moved, kept=kept, time=run.time[kept], position=run.position[kept])
+
+
+def all_half_turns(run: Run, trim: Trim = UNTRIMMED) -> list[HalfTurn]:
+    """Trim every step of a run to |psi - psi0| <= pi and judge it, in the order of time.
+
+    Trimming what was trimmed changes nothing. Raises RunError where the run has no moment.
+    """
+    return [_half_turn(step, trim) for step in find_steps(run)]
+
+
+def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
+    """Return the first half-turn of every run that serves, and the runs set aside with their reasons."""
+    good: list[HalfTurn] = []
+    aside: list[SetAside] = []
+    for run in runs:
+        turn, why = first_half_turn(run, trim)
+        if turn is None:
+            aside.append(SetAside(run.source, run.name, why))
+        else:
+            good.append(turn)
+    return tuple(good), tuple(aside)
+
+
+def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, str]:
+    """Return the first half-turn of a run that serves, or None and why there is none."""
+    turns = []
+    for step in find_steps(run):
+        turns.append(_half_turn(step, trim))
+        if turns[-1].serves:
+            return turns[-1], ""
+    return None, why_none(run, turns)
+
+
+@dataclass(frozen=True)
+class Trimmed:
+    """A run of which only its half-turn is kept, with some of the rest before it and of what follows (for figures);
+    of a run without one nothing but its name, and `why`.
+    """
+
+    run: Run
+    turn: HalfTurn | None
+    why: str
+
+    @classmethod
+    def of(cls, run: Run, trim: Trim = UNTRIMMED) -> "Trimmed":
+        """Keep of a run what a fit to half-turns needs. Raises RunError where it has no moment."""
+        turn, why = first_half_turn(run, trim)
+        if turn is None:
+            return cls(_copied(run, 0, 0), None, why)
+        step = turn.step
+        begin = max(step.first if step.rest is None else step.rest.start, step.first - MOST_REST)
+        short = _copied(run, begin, min(step.stop, 2 * turn.kept.stop - step.first))
+        return cls(short, turn.of(short, begin), "")
+
+    def renamed(self, run: Run) -> "Trimmed":
+        """The same of `run`, which has the same samples."""
+        return self if run is self.run else Trimmed(run, None if self.turn is None else self.turn.of(run), self.why)
+
+
+def _copied(run: Run, start: int, stop: int) -> Run:
+    """Samples start:stop of what sensors of the motion and thrusters say: the rest need not stay in memory."""
+    kept = (name for name in run.extras if name in (run.dof.velocity, ASKED) or SINGLE.fullmatch(name))
+    return replace(
+        run,
+        time=run.time[start:stop].copy(),
+        position=run.position[start:stop].copy(),
+        moment=None if run.moment is None else run.moment[start:stop].copy(),
+        extras={name: run.extras[name][start:stop].copy() for name in kept},
+    )
+
+
+def _half_turn(step: Step, trim: Trim) -> HalfTurn:
+    run, first = step.run, step.first
+    dof, noise, zero = run.dof, run.noise, start_position(step)
+    beyond = trim.beyond(run.position[step.segment], zero, noise, dof)
+    crossed, stop = bool(beyond.any()), step.stop
+    if crossed:
+        stop = first + _kept_samples(run.position[step.segment], int(np.argmax(beyond)), noise)
+    time, position = run.time[first:stop], run.position[first:stop]
+    last = slice(max(first, stop - 6), stop)  # the end is read from the line through the last six samples
+    rate, _ = slope(run.time[last], run.position[last])
+    end = run.position[last].mean() + rate * (run.time[stop - 1] - run.time[last].mean())
+    turn = HalfTurn(
+        step=step,
+        time=time,
+        position=position,
+        kept=slice(first, stop),
+        start_position=zero,
+        switch_from=step.switch_from,
+        switch_to=step.switch_to,
+        moment=step.moment,
+        cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.ends_log else dof.fill(COMMAND_ENDS),
+        turned=float(end - zero),
+        noise=noise,
+        steady=_is_steady(time, position, noise),
+        why="",
+    )
+    why = _why_not(turn, crossed)
+    return replace(turn, why=why) if why else turn
+
+
+def _kept_samples(position: Floats, crossing: int, noise: float) -> int:
+    """How many samples are kept of a step that half a turn (or what else limits the motion) ends after `crossing`
+    samples."""
+    back = min(10, crossing - 1)
+    if back < 1:
+        return max(crossing, 1)
+    pace = abs(position[crossing - 1] - position[crossing - 1 - back]) / back
+    margin = math.ceil(MARGIN_IN_SIGMA * noise / pace) if pace > 0 else crossing
+    return max(crossing - margin, min(crossing, FEWEST_SAMPLES))
+
+
+def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
+    """Whether the rate of the last third is that of the third before, within a tenth or the noise."""
+    third = len(time) // 3
+    if third < 3:
+        return False
+    late, late_error = slope(time[-third:], position[-third:])
+    middle, middle_error = slope(time[-2 * third : -third], position[-2 * third : -third])
+    change, doubt = abs(late - middle), SURE * noise * math.hypot(late_error, middle_error)
+    return change <= STILL_CHANGING * abs(late) or change <= doubt
+
+
+def _why_not(turn: HalfTurn, crossed: bool) -> str:
+    """The sentence for which a half-turn is set aside, or nothing."""
+    dof, count, way = turn.step.run.dof, len(turn.position), abs(turn.turned)
+    repeats, same = 1, turn.position[1:] == turn.position[:-1]
+    if np.count_nonzero(same) >= FEWEST_STUCK - 1:
+        repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
+    backward = turn.turned * turn.moment < 0 and not dof.has_constant
+    reasons = (
+        (repeats >= max(FEWEST_STUCK, count / 2), stuck),
+        (count < FEWEST_SAMPLES, too_short),
+        (not turn.moved, never_moved),
+        (not turn.step.from_rest, not_from_rest),
+        (backward, against),
+        (not crossed and (way < dof.limits.least or not turn.steady), too_soon),
+    )
+    return next((why for holds, tell in reasons if holds and (why := tell(turn))), "")
 
 
 def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
@@ -122,11 +272,6 @@ def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
 
 
 NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
-
-
-def least_way(dof: Dof, noise: Floats | float) -> Floats:
-    """How far [rad or m] a vehicle that does not stand still goes at least, shape of the `noise` [rad or m]."""
-    return np.maximum(dof.limits.still, 5 * noise)
 
 
 def _at(turn: HalfTurn) -> str:

@@ -5,38 +5,33 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
-from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_logs, require_motion
+from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.logs.find import in_parcels
-from automarine_cli.logs.formats import format_of
-from automarine_cli.pipeline.parallel import together_stream
+from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
-from automarine_cli.runs.clean import NotUsable, Split, clean, plain_rows, too_short
-from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim
+from automarine_cli.runs.checks import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
+from automarine_cli.runs.clean import NotUsable, clean, too_short
+from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed
 from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
-from automarine_cli.runs.sense import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
-from automarine_cli.runs.trimmed import Trimmed, trimmed
+from automarine_cli.runs.unwrap import Indices
 
 Kept = TypeVar("Kept")
 OfOneLog = tuple[list[Run], list[SetAside]]
 ANGLE_SLACK = 1.001
 RADIANS_SEEN = "wraps at 2 pi where"
 """What the proof says of radians that are called degrees; the others are of degrees called radians."""
-Reading = Callable[..., Iterator[OfOneLog]]
+Reading = Callable[..., OfOneLog]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
-PAYS_FROM = 3000  # logs, read one by one, from which processes are started to read them
-FREED = 31 << 20
-"""Bytes of an array that is never filled: who freed one as large (GNU C library) keeps what smaller ones leave."""
+PAYS_FROM = 3000  # logs from which processes are started to read them
 
 
 @dataclass(frozen=True)
@@ -67,7 +62,7 @@ def load_runs(
     left.
     """
     files = find_logs(logs)
-    work = partial(_read, read=read or read_runs, columns=columns, dof=dof)
+    work = partial(read or read_runs, columns=columns, dof=dof)
     runs, aside = _gathered(work, files, strict, progress, jobs)
     _refuse_other_units(aside, files, columns, dof)
     limited, limits = within_limits(_one_unit(named_apart(runs)))
@@ -112,7 +107,7 @@ def load_half_turns(
     runs = _one_unit(named_apart([one.run for one in found]))
     limited, limits = within_limits(runs)
     named = [
-        one.of(run) if run is now or one.turn is None else trimmed([now], trim)[0]
+        one.renamed(run) if run is now or one.turn is None else Trimmed.of(now, trim)
         for one, run, now in zip(found, runs, limited)
     ]
     return HalfTurnCampaign(
@@ -127,7 +122,7 @@ def load_half_turns(
 
 
 def _gathered(
-    read: Callable[[Sequence[LogFile]], list[tuple[list[Kept], list[SetAside]]]],
+    read: Callable[[LogFile], tuple[list[Kept], list[SetAside]]],
     files: Sequence[LogFile],
     strict: bool,
     progress: Progress,
@@ -136,9 +131,8 @@ def _gathered(
     """What is read of all files, and what is set aside."""
     kept: list[Kept] = []
     aside: list[SetAside] = []
-    np.empty(FREED, dtype=np.uint8)
-    jobs = _paying(files, jobs)
-    for good, bad in together_stream(read, in_parcels(files), jobs, progress=progress, stage="reading logs"):
+    jobs = jobs if len(files) > PAYS_FROM else 1  # to start processes takes longer than to read few logs
+    for good, bad in ordered_stream(read, files, jobs, progress=progress, stage="reading logs"):
         kept += good
         aside += bad
     if strict and aside:
@@ -160,11 +154,11 @@ def _refuse_other_units(
     maps = {file.name: known.of(file.path).columns for file in files}
     bad = {one.file for one in aside}
     others = [file for file in files if file.name not in bad and maps[file.name] == maps[proof.file]]
-    spans = [
-        float(np.nanmax(table.columns[dof.position]) - np.nanmin(table.columns[dof.position]))
-        for table in read_logs(others, columns, dof=dof)
-        if isinstance(table, LogTable) and dof.position in table.columns
-    ]
+    spans = []
+    for file in others:
+        with contextlib.suppress(LogError):
+            position = read_log(file, columns, dof=dof).columns.get(dof.position)
+            spans += [] if position is None else [float(np.nanmax(position) - np.nanmin(position))]
     turn = RADIANS_AS_DEGREES if RADIANS_SEEN in proof.why else dof.turn
     less = [0.5 * turn < span <= ANGLE_SLACK * turn for span in spans]
     alike = sum(less) if RADIANS_SEEN in proof.why else sum(span > ANGLE_SLACK * turn for span in spans)
@@ -176,30 +170,11 @@ def _refuse_other_units(
         )
 
 
-def _paying(files: Sequence[LogFile], jobs: int) -> int:
-    """`jobs` where they pay: to start them takes longer than few logs, handing over longer than logs read together."""
-    alone = [file for file in files if (form := format_of(file.path.name)) is None or form.together is None]
-    return jobs if len(alone) > PAYS_FROM else 1
-
-
-def _read(files: Sequence[LogFile], read: Reading, columns: ColumnMap | None, dof: Dof) -> list[OfOneLog]:
-    return list(read(files, columns, dof=dof))
-
-
 def _read_trimmed(
-    files: Sequence[LogFile], columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
-) -> list[tuple[list[Trimmed], list[SetAside]]]:
-    found: list[OfOneLog] = []
-    problem = None
-    try:
-        for runs, aside in read_runs(files, columns, dof=dof):
-            found.append(([run if drive is None else drive(run) for run in runs], aside))
-    except (LogError, RunError) as error:  # what is wrong with the runs before comes first
-        problem = error
-    short = iter(trimmed([run for runs, _ in found for run in runs], trim))
-    if problem is not None:
-        raise problem
-    return [([*islice(short, len(runs))], aside) for runs, aside in found]
+    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
+) -> tuple[list[Trimmed], list[SetAside]]:
+    runs, aside = read_runs(file, columns, dof=dof)
+    return [Trimmed.of(run if drive is None else drive(run), trim) for run in runs], aside
 
 
 def has_bytes(file: LogFile) -> bool:
@@ -241,11 +216,16 @@ def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
         ) from None
 
 
-def read_runs(files: Sequence[LogFile], columns: ColumnMap | None = None, *, dof: Dof | None) -> Iterator[OfOneLog]:
-    """The runs of each log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
-    RunError if a log was named and is unreadable.
+def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> OfOneLog:
+    """Read the runs of a log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
+    RunError if the log was named and is unreadable.
     """
-    return runs_of_tables(files, read_logs(files, columns, dof=dof))
+    try:
+        return runs_of_table(file, read_log(file, columns, dof=dof))
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [unreadable(file, error)]
 
 
 def unreadable(file: LogFile, error: Exception) -> SetAside:
@@ -253,40 +233,15 @@ def unreadable(file: LogFile, error: Exception) -> SetAside:
     return SetAside(file.name, own_name(file.name), _without_source(str(error), file.name))
 
 
-def runs_of_tables(files: Sequence[LogFile], tables: Sequence[LogTable | LogError]) -> Iterator[OfOneLog]:
-    """The runs of tables already read, or what kept them from it, and those set aside. Raises as `read_runs`."""
-    splits: dict[int, Split] = {}
-    refused: dict[int, LogError] = {}
-    for i, table in enumerate(tables):
-        try:
-            if isinstance(table, LogError):
-                raise table
-            require_motion(table)
-            splits[i] = _split(table)
-        except LogError as error:
-            refused[i] = error
-            if files[i].named:
-                break
-    plain: dict[int, list[Floats | None]] = {}
-    for kind in dict.fromkeys(split.kind for split in splits.values()):
-        own = {i: split for i, split in splits.items() if split.kind == kind}
-        plain |= zip(own, plain_rows([*own.values()]))
-    for i, file in enumerate(files):
-        if i not in refused:
-            yield _cleaned(splits[i], file, plain[i])
-        elif file.named:
-            raise refused[i]
-        else:
-            yield [], [unreadable(file, refused[i])]
-
-
-def _cleaned(split: Split, file: LogFile, plain: Sequence[Floats | None]) -> OfOneLog:
-    """The runs of one log, and those set aside."""
+def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
+    """The runs of a table, and those set aside. Raises LogError or RunError if the log was named and is unusable, or
+    is none of its motion."""
+    require_motion(table)
     runs: list[Run] = []
     aside: list[SetAside] = []
-    for r, name in enumerate(split.names):
+    for name, rows in _rows_of_runs(table):
         try:
-            parts = clean(split.table, split.rows(r), name, plain[r])
+            parts = clean(table, rows, name)
         except NotUsable as error:
             aside.append(SetAside(file.name, name, str(error)))
             continue
@@ -304,15 +259,18 @@ def _cleaned(split: Split, file: LogFile, plain: Sequence[Floats | None]) -> OfO
     return runs, aside
 
 
-def _split(table: LogTable) -> Split:
+def _rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices | slice]]:
+    """The runs of a table in the order in which they begin, and their rows."""
     names, code = table.run_names, table.run_code
     if code is None:
-        return Split(table, [own_name(table.source)], None, np.array([0, len(table)]))
+        yield own_name(table.source), slice(0, len(table))
+        return
     begins = np.flatnonzero(code[1:] != code[:-1]) + 1
     if len(begins) + 1 == len(names):
-        return Split(table, names, None, np.concatenate([[0], begins, [len(code)]]))
+        yield from zip(names, (slice(a, b) for a, b in pairwise([0, *begins.tolist(), len(code)])))
+        return
     order = np.argsort(code, kind="stable")  # the runs take turns
-    return Split(table, names, order, np.searchsorted(code[order], np.arange(len(names) + 1)))
+    yield from zip(names, np.split(order, np.searchsorted(code[order], np.arange(1, len(names)))))
 
 
 def _without_source(sentence: str, source: str) -> str:

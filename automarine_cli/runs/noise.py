@@ -1,61 +1,50 @@
 """Noise of a position measured from the log alone, without any model of the vehicle."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices, medians
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME = 1e-9  # rad or m; positions closer than this are one
-HELD = 0.2
-"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
+HELD = 0.2  # Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings
 FLAT = 3.0
 """Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
 
 def position_noise(time: Floats, position: Floats) -> float:
-    """Standard deviation [rad or m] of the white noise on a position of shape (N,); 0 for fewer than 7 samples.
+    """Estimate the standard deviation [rad or m] of the white noise on a position of shape (N,); 0 if N < 7.
 
     Each sample is compared with the cubic through two neighbours on either side at their true times, which
     removes any smooth motion and any clock jitter; the median makes glitches harmless. A quantised position that
     often repeats itself has at least its quantum / sqrt(12).
     """
-    return float(position_noises(time, position, np.array([0, len(time)]))[0])
-
-
-def position_noises(time: Floats, position: Floats, edges: Indices) -> Floats:
-    """The same of several runs one behind the other, (R,): samples `edges[r]` to `edges[r + 1] - 1` are those of run
-    r."""
-    found = np.zeros(len(edges) - 1)
     if len(time) < 7:
-        return found
+        return 0.0
     last, step = len(time) - 2, time[1:] - time[:-1]
     # from each of the four neighbours to the sample, and between neighbours
     near, far = step[1:-2], step[2:-1]
     off = (step[:-3] + near, near, -far, -(far + step[3:]))
     apart = {(j, m): off[j] - off[m] for j in range(4) for m in range(j + 1, 4)}
     before, after = off[0] * off[1], off[2] * off[3]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # from one run to the next
-        weights = (
-            off[1] * after / (-apart[0, 1] * apart[0, 2] * apart[0, 3]),
-            off[0] * after / (apart[0, 1] * apart[1, 2] * apart[1, 3]),
-            before * off[3] / (-apart[0, 2] * apart[1, 2] * apart[2, 3]),
-            before * off[2] / (apart[0, 3] * apart[1, 3] * apart[2, 3]),
-        )
-        residual, square = position[2:last].copy(), np.ones(len(time) - 4)
-        for weight, k in zip(weights, (-2, -1, 1, 2)):
-            residual -= weight * position[2 + k : last + k]
-            square += weight * weight
-        sizes = np.abs(residual) / np.sqrt(square)
-    first, stop = edges[:-1], edges[1:]
-    some = np.flatnonzero(stop - first >= 7)
-    found[some] = NORMAL * medians(sizes, first[some], stop[some] - 4)
-    still = np.flatnonzero(np.abs(position[1:] - position[:-1]) < SAME)
-    often = (np.searchsorted(still, stop - 1) - np.searchsorted(still, first)) >= (stop - first - 1) / 3
-    for r in np.flatnonzero(often & (stop - first >= 7)):
-        found[r] = max(found[r], _quantum(position[first[r] : stop[r]]) / np.sqrt(12))
-    return found
+    weights = (
+        off[1] * after / (-apart[0, 1] * apart[0, 2] * apart[0, 3]),
+        off[0] * after / (apart[0, 1] * apart[1, 2] * apart[1, 3]),
+        before * off[3] / (-apart[0, 2] * apart[1, 2] * apart[2, 3]),
+        before * off[2] / (apart[0, 3] * apart[1, 3] * apart[2, 3]),
+    )
+    residual, square = position[2:last].copy(), np.ones(len(time) - 4)
+    for weight, k in zip(weights, (-2, -1, 1, 2)):
+        residual -= weight * position[2 + k : last + k]
+        square += weight * weight
+    sigma = NORMAL * median(np.abs(residual) / np.sqrt(square))
+    moved = np.abs(position[1:] - position[:-1])
+    still = moved < SAME
+    if np.count_nonzero(still) >= len(still) / 3 and not still.all():
+        sigma = max(sigma, float(moved[~still].min()) / np.sqrt(12))
+    return sigma
 
 
 def median(values: Floats) -> float:
@@ -67,24 +56,15 @@ def median(values: Floats) -> float:
     return float(parted[half - 1] + parted[half]) / 2
 
 
-def _quantum(position: Floats) -> float:
-    """Smallest step of a position that repeats itself in a third of its samples or more, else 0 [rad or m]."""
-    steps = np.abs(np.diff(position))
-    still = steps < SAME
-    if still.mean() < 1 / 3 or still.all():
-        return 0.0
-    return float(steps[~still].min())
-
-
 def slope(time: Floats, position: Floats) -> tuple[float, float]:
     """Least-squares slope [rad/s or m/s] and its standard error for a noise of 1 rad or m a sample; (0, inf) for one
     sample.
     """
-    centred = time - time.mean()
+    centred = time - np.add.reduce(time) / len(time)
     square = float(centred @ centred)
     if square == 0:
-        return 0.0, np.inf
-    return float(centred @ (position - position.mean())) / square, 1 / np.sqrt(square)
+        return 0.0, math.inf
+    return float(centred @ (position - np.add.reduce(position) / len(time))) / square, 1 / math.sqrt(square)
 
 
 def fresh_readings(read: Floats) -> NDArray[np.bool_]:

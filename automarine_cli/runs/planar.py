@@ -4,7 +4,7 @@ Of each run `extras` hold, where logged, `north` and `east` [m], `surge` and `sw
 and `force_Y` [N]; NaN where a sensor has no reading of its own (see `held`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,25 +13,30 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_logs
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_log
 from automarine_cli.logs.canonical import driven
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.load import OfOneLog, runs_of_tables
+from automarine_cli.runs.load import OfOneLog, runs_of_table, unreadable
 from automarine_cli.runs.run import Run
 
 EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geodetic System 1984
-SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))
-"""Quantities that come out of one sensor each."""
+SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))  # Quantities that come out of one sensor each
 
 
-def read_planar(files: Sequence[LogFile], columns: ColumnMap | None = None, *, dof: Dof = YAW) -> Iterator[OfOneLog]:
-    """The runs of each log of motion in the plane, and those set aside.
+def read_planar(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW) -> OfOneLog:
+    """Read the runs of a log of motion in the plane, and those set aside.
 
-    Raises LogError or RunError if a log was named and is unreadable, or drives nothing but the heading.
+    Raises LogError or RunError if the log was named and is unreadable, or drives nothing but the heading.
     """
-    tables = map(_with_forces, read_logs(files, columns, dof=dof, motion=PLANAR))
-    for runs, aside in runs_of_tables(files, list(tables)):
-        yield [_with_fresh_readings(_on_the_water(run)) for run in runs], aside
+    try:
+        table = read_log(file, columns, dof=dof, motion=PLANAR)
+        _require_forces(table)
+        runs, aside = runs_of_table(file, _with_forces(table))
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [unreadable(file, error)]
+    return [_with_fresh_readings(_on_the_water(run)) for run in runs], aside
 
 
 def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
@@ -75,15 +80,8 @@ def _require_forces(table: LogTable) -> None:
         )
 
 
-def _with_forces(table: LogTable | LogError) -> LogTable | LogError:
-    """The table without headings where a force is missing: `clean` drops these rows, and counts them; or its
-    refusal."""
-    try:
-        if isinstance(table, LogError):
-            return table
-        _require_forces(table)
-    except LogError as error:
-        return error
+def _with_forces(table: LogTable) -> LogTable:
+    """The table without headings where a force is missing: `clean` drops these rows, and counts them."""
     missing = np.zeros(len(table), dtype=bool)
     for dof in (SURGE, SWAY):
         if dof.command in table.columns:
@@ -129,14 +127,10 @@ def _repeated(extras: Mapping[str, Floats]) -> Iterator[tuple[tuple[str, ...], N
 
 Flags = NDArray[np.bool_]
 
-FEWEST = 8
-"""Changes of a value that tell anything of its sensor."""
-FINE = 5.0
-"""A median step of so many of the smallest steps or more: two readings in a row are then hardly ever equal."""
-COARSE = 2.0
-"""The same below which a value that stands may as well be one that creeps."""
-FEW = 0.1
-"""Share of repeats below which they are chance, and cost nothing."""
+FEWEST = 8  # Changes of a value that tell anything of its sensor
+FINE = 5.0  # A median step of so many of the smallest steps or more: two readings in a row are then hardly ever equal
+COARSE = 2.0  # The same below which a value that stands may as well be one that creeps
+FEW = 0.1  # Share of repeats below which they are chance, and cost nothing
 BESIDE = 0.1
 """Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices, Mask, first_where, spread
-from automarine_cli.runs.joined import Joined, slopes
+from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
@@ -15,6 +14,7 @@ FEWEST_AT_REST = 2
 SHORT_REST = 10
 SLOW = 0.1  # of the mean rate of the step: a slower start counts as standing still
 SURE = 4.0  # standard errors
+OFTEN_IDLE = 1000  # samples before a step that are looked at before all of them are
 
 
 @dataclass(frozen=True)
@@ -54,163 +54,109 @@ class Step:
         return (self.switch_from + self.switch_to) / 2
 
 
-@dataclass(frozen=True)
-class Steps:
-    """The steps of several runs, (S,), in their order: the `run` that each is of, its samples `first` to `stop - 1` in
-    the flat arrays, the first sample of the `rest` before it (`first` where there is none); others as in `Step`, NaN
-    for no `start_position`."""
-
-    joined: Joined
-    run: Indices
-    first: Indices
-    stop: Indices
-    moment: Floats
-    switch_from: Floats
-    rest: Indices
-    start_position: Floats
-    from_rest: Mask
-    start_rate: Floats
-
-    def step(self, i: int, run: Run, begin: int) -> Step:
-        """Step i in a version of its run that begins with sample `begin` of the flat arrays."""
-        joined, first, stop, rest = self.joined, int(self.first[i]), int(self.stop[i]), int(self.rest[i])
-        own, after = joined.edges[self.run[i]], joined.edges[self.run[i] + 1]
-        return Step(
-            run=run,
-            first=first - begin,
-            stop=min(stop - begin, len(run)),
-            moment=float(self.moment[i]),
-            switch_from=float(self.switch_from[i]),
-            switch_to=float(joined.time[first]),
-            start_position=float(self.start_position[i]) if rest < first else None,
-            rest=slice(max(rest - begin, 0), first - begin) if rest < first else None,
-            from_rest=bool(self.from_rest[i]),
-            start_rate=float(self.start_rate[i]),
-            begins_log=bool(first == own),
-            ends_log=bool(stop == after),
-            notes=(joined.dof.fill(ALREADY_ON),) if first == own else (),
-        )
-
-
 ALREADY_ON = "the log begins with the {force} already on: its switch is taken within the sample period before"
 
 
 def find_steps(run: Run) -> tuple[Step, ...]:
-    """Stretches of one constant, non-zero moment of at least five samples, in the order of time.
+    """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time.
 
     Raises RunError where the run has no moment.
     """
-    if not len(run.command):
-        return ()
-    found = steps_of(Joined.of([run]))
-    return tuple(found.step(i, run, 0) for i in range(len(found.first)))
+    stretches = segments(run.command)
+    held = [(a, b, moment) for a, b, moment in stretches if moment != 0 and b - a >= FEWEST_SAMPLES]
+    least = _least_change(run.command)
+    return tuple(_step(run, first, stop, moment, least) for first, stop, moment in held)
 
 
 def segments(moment: Floats) -> list[tuple[int, int, float]]:
-    """(first, stop, moment) of every stretch of one constant moment, in order; moments of a hair around 0 are
-    0.
-    """
+    """Return (first, stop, moment) of every stretch of one constant moment, in order; a hair around 0 is 0."""
     if not len(moment):
         return []
-    _, first, stop, value = _stretches(moment, np.array([0, len(moment)]))[0]
-    return list(zip(first.tolist(), stop.tolist(), value.tolist()))
+    least = _least_change(moment)
+    first = np.concatenate([[0], np.flatnonzero(np.abs(np.diff(moment)) > least) + 1])
+    value = np.where(np.abs(moment[first]) > least, moment[first], 0.0)
+    return list(zip(first.tolist(), [*first[1:].tolist(), len(moment)], value.tolist()))
 
 
-def _stretches(command: Floats, edges: Indices) -> tuple[tuple[Indices, Indices, Indices, Floats], Indices]:
-    """Run, first sample, one after the last, and command of every stretch of one constant command, (S,), of runs one
-    behind the other; and where any command differs from the one before at all."""
-    least = _least_change(command, edges)
-    change = command[1:] - command[:-1]
-    moved = np.flatnonzero(change != 0)
-    large = np.abs(change[moved]) > least[np.searchsorted(edges, moved + 1, side="right") - 1]
-    first = np.union1d(edges[:-1], moved[large] + 1)
-    run = np.searchsorted(edges, first, side="right") - 1
-    value = command[first]
-    found = run, first, np.append(first[1:], len(command)), np.where(np.abs(value) > least[run], value, 0.0)
-    return found, np.union1d(edges[:-1], moved + 1)
+def _least_change(moment: Floats) -> float:
+    return SAME_MOMENT * float(np.abs(moment).max(initial=0.0))
 
 
-def _least_change(command: Floats, edges: Indices) -> Floats:
-    """From what size on a change of the command is one, (R,)."""
-    largest = np.maximum(np.maximum.reduceat(command, edges[:-1]), -np.minimum.reduceat(command, edges[:-1]))
-    return SAME_MOMENT * largest
+def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
+    rest, pace = _rest(run, first, stop, least)
+    rate = 0.0
+    from_rest = rest < first
+    if not from_rest:
+        limit = run.dof.limits.start
+        rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], run.noise, limit)
+        # too little before the step to tell: its own start decides
+        from_rest = first < SHORT_REST and abs(rate) <= SLOW * abs(pace) + SURE * doubt
+    before = run.time[first - 1] if first else run.time[0] - run.sample_period
+    return Step(
+        run=run,
+        first=first,
+        stop=stop,
+        moment=moment,
+        switch_from=float(before),
+        switch_to=float(run.time[first]),
+        start_position=float(run.position[rest:first].mean()) if rest < first else None,
+        rest=slice(rest, first) if rest < first else None,
+        from_rest=from_rest,
+        start_rate=rate,
+        begins_log=first == 0,
+        ends_log=stop == len(run),
+        notes=() if first else (run.dof.fill(ALREADY_ON),),
+    )
 
 
-def steps_of(joined: Joined) -> Steps:
-    """The steps of all runs."""
-    stretches, pieces = _stretches(joined.command, joined.edges)
-    held = (stretches[3] != 0) & (stretches[2] - stretches[1] >= FEWEST_SAMPLES)
-    run, first, stop, _ = (one[held] for one in stretches)
-    time, position, sigma, own = joined.time, joined.position, joined.noise[run], joined.edges[run]
-    begins = first == own
-    before = time[first - 1]
-    before[begins] = [time[i] - joined.runs[r].sample_period for i, r in zip(first[begins], run[begins])]
-    pace = _mean_rates(joined, first, stop)
-    rest = _rests(joined, run, first, pace, pieces)
-    rate, slow = np.zeros(len(first)), np.zeros(len(first), dtype=bool)
-    for i in np.flatnonzero(rest == first):
-        one = slice(first[i], stop[i])
-        rate[i], doubt = start_motion(time[one], position[one], float(sigma[i]), joined.dof.limits.start)
-        slow[i] = abs(rate[i]) <= SLOW * abs(pace[i]) + SURE * doubt
-    only = begins | (first - own < SHORT_REST)  # too little before the step to tell: its own start decides
-    lasting = zip(rest.tolist(), first.tolist())
-    start = np.array([position[a:b].mean() if a < b else np.nan for a, b in lasting])
-    from_rest = (rest < first) | (only & slow)
-    return Steps(joined, run, first, stop, joined.command[first], before, rest, start, from_rest, rate)
+def _mean_rate(run: Run, first: int, stop: int) -> float:
+    """Mean rate of a stretch [rad/s or m/s], as far as a step is followed at most."""
+    far = np.abs(run.position[first:stop] - run.position[first]) > run.dof.limits.trim
+    last = first + int(np.argmax(far)) if far.any() else stop - 1
+    if last == first:
+        return 0.0
+    return float((run.position[last] - run.position[first]) / (run.time[last] - run.time[first]))
 
 
-def _mean_rates(joined: Joined, first: Indices, stop: Indices) -> Floats:
-    """Mean rate of each stretch [rad/s or m/s], (S,), as far as a step is followed at most."""
-    time, position = joined.time, joined.position
-    far = np.abs(position - spread(position[first], first, stop, len(position))) > joined.dof.limits.trim
-    last = np.where((last := first_where(far, first, stop)) < stop, last, stop - 1)
-    taken = np.where(last > first, time[last] - time[first], np.inf)
-    return (position[last] - position[first]) / taken
+def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
+    """The first sample of the longest stretch of zero moment right before the samples `first` to `stop` - 1 over which
+    the position shows no slope, `first` where there is none; and the mean rate of these samples [rad/s or m/s].
 
-
-def _rests(joined: Joined, run: Indices, first: Indices, pace: Floats, pieces: Indices) -> Indices:
-    """The first samples, (S,), of the longest stretches of zero moment right before samples `first` of runs over which
-    the position shows no slope, `first` where there is none. Where a constant force acts, of any one command: that may
-    be the one that balances it. `pieces` as of `_stretches`.
+    Where a constant force acts, the stretch is one of any one command: that may be the one that balances it.
     """
-    time, position, sigma, own = joined.time, joined.position, joined.noise[run], joined.edges[run]
-    rest = first.copy()
-    length = first - _idle_since(joined, run, first, pieces)
-    left = np.flatnonzero(length >= FEWEST_AT_REST)
-    while left.size:
-        start = first[left] - length[left]
-        rate, error = slopes(time, position, start, first[left])
-        doubt, most = SURE * error * sigma[left], SLOW * np.abs(pace[left])
-        whole = start == own[left]  # the log begins here: nothing moved the vehicle before
-        still = (np.abs(rate) <= doubt + 0.2 * most) & (whole | (doubt <= most))
-        rest[left[still]] = start[still]
-        length[left] = (0.7 * length[left]).astype(np.int64)
-        left = left[~still & (length[left] >= FEWEST_AT_REST)]
-    return rest
+    pace = _mean_rate(run, first, stop)
+    length, most = first - _idle_since(run, first, least), SLOW * abs(pace)
+    while length >= FEWEST_AT_REST:
+        start = first - length
+        rate, error = slope(run.time[start:first], run.position[start:first])
+        doubt = SURE * error * run.noise
+        # where the log begins, nothing moved the vehicle before
+        if abs(rate) <= doubt + 0.2 * most and (start == 0 or doubt <= most):
+            return start, pace
+        length = int(0.7 * length)
+    return first, pace
 
 
-def _idle_since(joined: Joined, run: Indices, first: Indices, pieces: Indices) -> Indices:
-    """From which sample on the command was idle until samples `first` of runs."""
-    command, own = joined.command, joined.edges[run]
-    least = _least_change(command, joined.edges)[run]
-    idle = np.where(first > own, command[first - 1], 0.0) if joined.dof.has_constant else np.zeros(len(first))
-    found = first.copy()
-    values = command[pieces]
-    place = np.searchsorted(pieces, first) - 1
-    for i, k in enumerate(place.tolist()):
-        while k >= 0 and pieces[k] >= own[i] and not abs(values[k] - idle[i]) > least[i]:
-            found[i] = pieces[k]
-            k -= 1
-    return found
+def _idle_since(run: Run, first: int, least: float) -> int:
+    """From which sample on the command was idle until sample `first`."""
+    command = run.command
+    idle = command[first - 1] if run.dof.has_constant and first else 0.0
+    for start in (max(0, first - OFTEN_IDLE), 0):
+        acting = np.flatnonzero(np.abs(command[start:first] - idle) > least)
+        if acting.size:
+            return start + int(acting[-1]) + 1
+    return 0
 
 
 def released(run: Run) -> int:
-    """The first sample of a new command where the vehicle stands still from the start of the run until then, else 0."""
-    joined = Joined.of([run])
-    stretches, pieces = _stretches(joined.command, joined.edges)
-    which, first, stop = (one[1:2] for one in stretches[:3])
-    rest = _rests(joined, which, first, _mean_rates(joined, first, stop), pieces)
-    return int(first[0]) if first.size and rest[0] < first[0] and rest[0] <= 2 else 0
+    """Find the first sample of a new command before which the vehicle stands still from the start of the run on; else
+    return 0."""
+    stretches = segments(run.command)
+    if len(stretches) < 2:
+        return 0
+    first, stop, _ = stretches[1]
+    rest, _ = _rest(run, first, stop, _least_change(run.command))
+    return first if rest < first and rest <= 2 else 0
 
 
 def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:

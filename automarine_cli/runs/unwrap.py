@@ -1,14 +1,16 @@
 """One continuous position from a sensor that wraps, skips and spikes."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices, Mask, between, edges_of, medians
-from automarine_cli.runs.noise import NORMAL
+from automarine_cli.runs.noise import NORMAL, median
+
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 TURN = 2 * np.pi
 SPIKE_IN_SIGMA = 8.0
@@ -25,200 +27,125 @@ def wrapped(angle: Floats, turn: float = TURN) -> Floats:
     return angle - turn * np.ceil(angle / turn - 0.5) if turn < np.inf else angle
 
 
-@dataclass(frozen=True)
-class Track:
-    """Positions of several runs one behind the other, (N,) [rad or m], and how they go from sample to sample; samples
-    `edges[r]` to `edges[r + 1] - 1` are those of run r."""
+def short_steps(position: Floats, dof: Dof) -> Floats:
+    """Return the differences of positions (N,) from sample to sample, the short way round, (N - 1,)."""
+    steps = position[1:] - position[:-1]
+    if dof.wraps:
+        far = np.abs(steps) >= dof.turn / 2
+        if far.any():
+            steps[far] = wrapped(steps[far], dof.turn)
+    return steps
 
-    time: Floats
-    position: Floats
-    edges: Indices
-    dof: Dof
 
-    @classmethod
-    def of_one(cls, time: Floats, position: Floats, dof: Dof) -> "Track":
-        """That of one run."""
-        return cls(time, position, np.array([0, len(time)]), dof)
-
-    @cached_property
-    def spans(self) -> Floats:
-        """Times between samples [s], as of `flat.between`."""
-        return between(self.time, self.edges)
-
-    @cached_property
-    def raw(self) -> Floats:
-        """Differences of positions, as of `flat.between`."""
-        return between(self.position, self.edges)
-
-    @cached_property
-    def turned(self) -> Indices:
-        """The samples after which the position wraps."""
-        far = np.abs(self.raw) >= self.dof.turn / 2
-        far[self.edges[1:] - 1] = False
-        return np.flatnonzero(far)
-
-    @cached_property
-    def steps(self) -> Floats:
-        """The same differences the shortest way round."""
-        if not self.turned.size:
-            return self.raw
-        steps = self.raw.copy()
-        steps[self.turned] = wrapped(self.raw[self.turned], self.dof.turn)
-        steps[self.edges[1:] - 1] = steps[self.edges[1:] - 2]
-        return steps
-
-    @cached_property
-    def bend(self) -> Floats:
-        """How much each step differs from the next; 0 after the last two samples of each run."""
-        bend = np.zeros(len(self.steps))
-        np.abs(np.subtract(self.steps[1:], self.steps[:-1], out=bend[:-1]), out=bend[:-1])
-        bend[self.edges[1:] - 1] = 0.0
-        return bend
-
-    def larger(self, steps: Floats, size: float) -> Indices:
-        """After which samples a step is larger than `size`, either way."""
-        far = np.abs(steps) > size
-        far[self.edges[1:] - 1] = False
-        return np.flatnonzero(far)
-
-    def scatter(self, asked: Mask) -> Floats:
-        """Standard deviation of the steps that are noise, of the runs `asked` for, (R,), of more than two samples; 0 of
-        others. By the sizes of second differences: those of white noise are root three times as wide as its steps. A
-        thousand of them are enough."""
-        first, stop = self.edges[:-1][asked], self.edges[1:][asked] - 2
-        every = 1 + (stop - first) // ENOUGH
-        some = [self.bend[a:b:c] for a, b, c in zip(first.tolist(), stop.tolist(), every.tolist())]
-        edges = edges_of([len(one) for one in some])
-        scatter = np.zeros(len(asked))
-        scatter[asked] = NORMAL * medians(np.concatenate([self.bend[:0], *some]), edges[:-1], edges[1:]) / np.sqrt(3.0)
-        return scatter
-
-    def least_spikes(self, asked: Mask) -> Floats:
-        """From what size on [rad or m] a sample may be a spike, in the runs `asked` for, (R,)."""
-        return np.maximum(self.dof.limits.spike, SPIKE_IN_SIGMA * self.scatter(asked))
+def _scatter(steps: Floats) -> float:
+    """Robust standard deviation of steps (N - 1,), by their second differences: those of white noise are root three
+    times as wide. A thousand of them are enough; 0 for fewer than two steps."""
+    if len(steps) < 2:
+        return 0.0
+    bend = np.abs(np.diff(steps))
+    return NORMAL * median(bend[:: 1 + len(bend) // ENOUGH]) / np.sqrt(3.0)
 
 
 def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
-    """Which samples of a position [rad or m], shape (N,), are spikes of one or two samples: far off both neighbours,
-    which agree.
+    """Find spikes of one or two samples in a position (N,) [rad or m]: far off both neighbours, which agree.
 
     A spike stands out against the local rate by eight robust standard deviations and the motion's least spike, and by
     half as much again as the vehicle moves from sample to sample around it; the samples on either side of it
     continue each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp
     reversal.
     """
+    bad = np.zeros(len(time), dtype=bool)
     if len(time) < LOCAL:
-        return np.zeros(len(time), dtype=bool)
-    track, every = Track.of_one(time, position, dof), np.ones(1, dtype=bool)
-    bad = find_spikes(track, every)
-    if not _jumps_at_ends(position, dof):
         return bad
-    return bad | _ends(track, max(float(track.least_spikes(every)[0]), dof.limits.end_spike))
-
-
-def find_spikes(track: Track, asked: Mask) -> Mask:
-    """The spikes, (N,), that are not at an end, in those of several runs that are `asked` for, (R,)."""
-    bad, starts, limits = np.zeros(len(track.time), dtype=bool), track.edges[:-1], track.dof.limits
-    share = 2 / 3 - (np.maximum.reduceat(track.spans, starts) / np.minimum.reduceat(track.spans, starts) - 1.0) / 1.5
-    large = track.larger(track.steps, limits.large_step)
-    several = np.diff(np.searchsorted(large, track.edges))
-    # by the least size, of which the scatter makes no more
-    asked = asked & (
-        (np.maximum.reduceat(track.bend, starts) > 0.99 * share * limits.spike) | (several > 0) | (share < 0.2)
-    )
-    if not asked.any():
+    limits, steps, spans = dof.limits, short_steps(position, dof), np.diff(time)
+    bend = np.abs(np.diff(steps))
+    # two steps in a row differ by 2/3 of a spike's size or more, less what an uneven clock adds
+    share = 0.99 * (2 / 3 - (spans.max() / spans.min() - 1.0) / 1.5)
+    everywhere = share < 0.2 or bool(np.abs(steps).max() > limits.large_step)
+    ends = np.abs(np.concatenate([steps[:LONGEST_SPIKE], steps[-LONGEST_SPIKE:]])).max() > 0.99 * limits.end_spike
+    if not (everywhere or ends or bend.max() > share * limits.spike):
         return bad
-    thresholds = track.least_spikes(asked)
-    large = large[asked[np.searchsorted(track.edges, large, side="right") - 1]]
-    least = np.where(asked, np.where((share < 0.2) | (several > 2), -1.0, 0.99 * share * thresholds), np.inf)
-    bent = np.flatnonzero(track.bend > np.repeat(least, np.diff(track.edges)))
-    for width in range(1, LONGEST_SPIKE + 1):
-        before, run = _suspects(track, bent, large, width)
-        if not before.size:
-            continue
-        after, threshold, ends = before + width + 1, thresholds[run], (starts[run], track.edges[1:][run] - 2)
-        rate = _median_beside(track.steps, before, after, ends, track.spans)
-        across = np.abs(_off(track, rate, before, after))
-        off = np.abs(_off(track, rate, before, before + 1))
-        for k in range(2, width + 1):
-            off = np.maximum(off, np.abs(_off(track, rate, before, before + k)))
-        spike = (off > threshold) & (across < threshold) & (off > 3 * across)
-        if not spike.any():
-            continue
-        before, after, off, ends = before[spike], after[spike], off[spike], (ends[0][spike], ends[1][spike])
-        spike = off > 1.5 * _median_beside(np.abs(track.steps), before, after, ends)
+    threshold = max(limits.spike, SPIKE_IN_SIGMA * _scatter(steps))
+    bent = np.arange(len(time)) if everywhere else np.flatnonzero(bend > share * threshold)
+    for width in range(1, LONGEST_SPIKE + 1) if len(bent) else ():
+        before = np.unique(np.concatenate([bent - k for k in range(width)]))
+        before = before[(before >= 0) & (before < len(time) - 1 - width)]
+        after = before + width + 1
+        rate = _median_beside(steps / spans, before, after)
+        off = [np.abs(_off(time, position, rate, before, before + k, dof)) for k in range(1, width + 2)]
+        size, across = np.max(off[:-1], axis=0), off[-1]
+        spike = (size > threshold) & (across < threshold) & (size > 3 * across)
+        spike &= size > 1.5 * _median_beside(np.abs(steps), before, after)
         spike &= ~np.any([bad[before + k] for k in range(width + 2)], axis=0)
         for k in range(1, width + 1):
             bad[before[spike] + k] = True
-    return bad
+    return bad | _end_spikes(time, position, max(threshold, limits.end_spike), dof) if ends else bad
 
 
-def _suspects(track: Track, bent: Indices, large: Indices, width: int) -> tuple[Indices, Indices]:
-    """The samples, shape (M,), that a spike of `width` samples may follow, and their runs: a look at differences of
-    steps spares the medians of nearly all samples of a log, and leaves out none that is a spike.
-
-    With X the steps less the local rate r, a spike has |X1 + ... + Xk| = off > threshold for some k <= width,
-    |X1 + ... + X(width + 1)| < off / 3, and |r| span < off / 1.5 (the median of |step| around). Then two steps in a row
-    differ by 4/3 off or more if one sample is off, by 2/3 off if two are, less what an uneven clock adds: such samples
-    are `bent`. That holds where no sum of steps passes half a turn, which samples with `large` steps may do, and is
-    asked of the rest in full.
-    """
-    edges = track.edges
-    found = np.concatenate([bent, large, large - 1])
-    run = np.searchsorted(edges, np.concatenate([bent, large, large]), side="right") - 1
-    found, run = np.concatenate([found - k for k in range(width)]), np.tile(run, width)
-    if large.size:  # at the ends of the log a step stands for its missing neighbours too
-        ends = np.unique(run[-len(large) :])
-        last = edges[1:][ends] - 1 - width
-        near = [*(edges[ends] + k for k in range(4)), *(last - k for k in range(1, 5))]
-        found, run = np.concatenate([found, *near]), np.concatenate([run, np.tile(ends, 8)])
-    inside = (found >= edges[run]) & (found < edges[run + 1] - 1 - width)
-    found, first = np.unique(found[inside], return_index=True)
-    return found, run[inside][first]
-
-
-def _median_beside(
-    steps: Floats, before: Indices, after: Indices, ends: tuple[Indices, Indices], spans: Floats | None = None
-) -> Floats:
+def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
     """The median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,), as far
-    as the first and last step of their run; of their rates where the `spans` of the steps are given."""
+    as the first and last step."""
     places = np.array([before - 3, before - 2, before - 1, after, after + 1, after + 2])
-    inside = np.minimum(np.maximum(places, ends[0]), ends[1])
-    values = steps[inside] if spans is None else steps[inside] / spans[inside]
-    values.sort(axis=0)
+    values = np.sort(steps[np.clip(places, 0, len(steps) - 1)], axis=0)
     return np.asarray((values[2] + values[3]) / 2)
 
 
-def _off(track: Track, rate: Floats, here: Indices, there: Indices) -> Floats:
-    """How far the position `there` is from that `here` carried on at `rate`, modulo a turn."""
-    time, position = track.time, track.position
-    return wrapped(position[there] - position[here] - rate * (time[there] - time[here]), track.dof.turn)
+def _off(time: Floats, position: Floats, rate: Floats, start: Indices, stop: Indices, dof: Dof) -> Floats:
+    """How far the positions at `stop` are from those at `start` carried on at `rate`, modulo a turn."""
+    return wrapped(position[stop] - position[start] - rate * (time[stop] - time[start]), dof.turn)
 
 
-def _jumps_at_ends(position: Floats, dof: Dof) -> bool:
-    """Whether any of the first or last steps is large enough for a spike there: only one side can be compared with."""
-    near = LONGEST_SPIKE + 1
-    steps = np.concatenate([np.diff(position[:near]), np.diff(position[-near:])])
-    return bool(np.abs(wrapped(steps, dof.turn)).max() > 0.99 * dof.limits.end_spike)
-
-
-def _ends(track: Track, threshold: float) -> Mask:
-    """Spikes at the very first and last samples of one run: far off what the next samples, which agree, lead to."""
-    time, position, turn, count = track.time, track.position, track.dof.turn, len(track.time)
-    bad = np.zeros(count, dtype=bool)
-    for order in (np.arange(count), np.arange(count)[::-1]):
+def _end_spikes(time: Floats, position: Floats, threshold: float, dof: Dof) -> Mask:
+    """Spikes at the very first and last samples: far off what the next samples, which agree, lead to."""
+    bad = np.zeros(len(time), dtype=bool)
+    for order in (np.arange(len(time)), np.arange(len(time))[::-1]):
         for width in range(1, LONGEST_SPIKE + 1):
             inner = order[width : width + 6]
-            steps = wrapped(np.diff(position[inner]), turn)
+            steps = wrapped(np.diff(position[inner]), dof.turn)
             rate = np.array(np.median(steps / np.diff(time[inner])))
-            jump = abs(float(wrapped(position[inner[0]] - position[order[width - 1]], turn)))
-            agree = np.abs(_off(track, rate, inner[:-1], inner[1:])) < threshold / 4
-            far = np.abs(_off(track, rate, np.repeat(inner[0], width), order[:width])) > threshold
+            jump = abs(float(wrapped(position[inner[0]] - position[order[width - 1]], dof.turn)))
+            agree = np.abs(_off(time, position, rate, inner[:-1], inner[1:], dof)) < threshold / 4
+            far = np.abs(_off(time, position, rate, np.repeat(inner[0], width), order[:width], dof)) > threshold
             # a vehicle at rest that starts to turn is far off as well, but it begins with a small step
             if agree.all() and far.all() and jump > max(threshold, 2 * float(np.median(np.abs(steps)))):
                 bad[order[:width]] = True
                 break
     return bad
+
+
+AROUND = 6  # Steps on either side with which a jump is compared
+TIMES_FASTER = 3.0  # How much faster than any of them it is
+JUMP_IN_SIGMA = 5.0  # Of steps that are noise
+
+
+def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
+    """Find the samples, of a position (N,) [rad or m] without spikes, after which a jump follows that stays.
+
+    A jump is a step beyond noise that is several times faster than every step beside it, on both sides, and that a
+    vehicle would need more than the motion's largest acceleration to begin and to end within its span (two parabolas:
+    four times the step by the square of the span). A sensor that had stopped catches up over the span since its last
+    change. What comes back is no jump, nor is a move, whose rate has to grow and to fall.
+    """
+    most = dof.limits.acceleration
+    steps, spans = short_steps(position, dof), np.diff(time)
+    sizes = np.abs(steps)
+    large = np.flatnonzero((sizes > dof.limits.jump) & (4.0 * sizes > most * spans**2))
+    if not large.size:
+        return large
+    speeds, least = sizes / spans, max(dof.limits.jump, JUMP_IN_SIGMA * _scatter(steps))
+    jumps = []
+    for i in large[sizes[large] > least].tolist():
+        last = i
+        while last > 0 and steps[last - 1] == 0:
+            last -= 1
+        span = time[i + 1] - time[last]
+        before, after = speeds[max(last - AROUND, 0) : last], speeds[i + 1 : i + 1 + AROUND]
+        if min(len(before), len(after)) < AROUND // 2:
+            continue
+        fastest = max(before.max(), after.max())
+        if sizes[i] > TIMES_FASTER * fastest * span and 4.0 * sizes[i] > most * span**2:
+            jumps.append(i)
+    return np.array(jumps, dtype=int)
 
 
 @dataclass(frozen=True)
@@ -241,15 +168,16 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
     """
     turn = dof.turn
     if not dof.wraps:
-        return Unwrapped(position.copy(), ())
+        return Unwrapped(position, ())
     raw = np.diff(position)
     inside = np.ones(len(raw), dtype=bool)
     inside[gaps] = False
     if np.ptp(position) > 1.01 * turn and np.all(np.abs(raw[inside]) < turn / 2):
-        return Unwrapped(position.copy(), ())
+        return Unwrapped(position, ())
     steps = wrapped(raw, turn)
-    rates = np.abs(steps[inside]) / np.diff(time)[inside]
-    fastest = FASTER * float(np.percentile(rates, 99)) if rates.size else np.inf
+    fastest = np.inf
+    if gaps.size and inside.any():
+        fastest = FASTER * float(np.percentile(np.abs(steps[inside]) / np.diff(time)[inside], 99))
     broken = []
     for gap in gaps:
         span = time[gap + 1] - time[gap]
@@ -259,7 +187,8 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
         if doubt > turn / 4 or span > LONGEST_BRIDGE:
             broken.append(int(gap))
         steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted), turn)
-    return Unwrapped(position[0] + np.concatenate([[0.0], np.cumsum(steps)]), tuple(broken))
+    turns = np.cumsum(np.round((steps - raw) / turn))
+    return Unwrapped(np.concatenate([position[:1], position[1:] + turn * turns]), tuple(broken))
 
 
 def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices) -> tuple[float, float]:

@@ -1,45 +1,51 @@
-"""Simulated runs become log files: CSV, CSV in gzip, Parquet; the same bytes on every machine."""
+"""Simulated runs become log files: CSV, CSV in gzip, Parquet; CSV is the same bytes on every machine."""
 
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.campaign import SimulatedRun
 from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
-from automarine_cli.simulation.parquet_bytes import Column, parquet_bytes
+from automarine_cli.simulation.planar_specification import PlanarSpecification
 from automarine_cli.simulation.specification import Specification
 
+Column: TypeAlias = Floats | Sequence[str]
 STORED = 65535  # bytes in one block of a gzip file that is stored as it is
 PLACES = dict.fromkeys(("n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])), None)
 """Decimals of a column in CSV; None: as many as the number has. Every other column has `DECIMALS`."""
 
 
-def label(specification: Specification, seed: int) -> str:
+def label(specification: Specification | PlanarSpecification, seed: int) -> str:
     """The sentence that every file begins with."""
     return f"Simulated by automarine from {specification.source}, seed {seed}: no measurement."
 
 
-def run_logs(runs: Sequence[SimulatedRun], specification: Specification, seed: int) -> Iterator[tuple[str, bytes]]:
-    """Name and content of every log of the runs, in the order of the specification."""
+def runs_by_file(runs: Sequence[SimulatedRun]) -> dict[str, list[SimulatedRun]]:
+    """Sort the runs by the name of the log that they are in, in the order of the specification."""
     files: dict[str, list[SimulatedRun]] = {}
     for run in sorted(runs, key=lambda run: run.plan.turn):
         files.setdefault(run.plan.file, []).append(run)
-    dof = specification.vehicle.dof
+    return files
+
+
+def log_of(runs: Sequence[SimulatedRun], specification: Specification, seed: int) -> bytes:
+    """Return the content of the log of these runs."""
+    dof, group = specification.vehicle.dof, runs[0].plan.group
     moment = dof.column(dof.command, specification.vehicle.force_unit)
-    for file, members in files.items():
-        group = members[0].plan.group
-        parts = [_columns(run, moment, dof) for run in members]
-        columns: dict[str, Column] = {}
-        if group.together is not None:
-            members_of = zip(members, parts)
-            columns["run"] = [run.plan.name for run, part in members_of for _ in range(len(part["time_s"]))]
-        columns |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        yield file, log_bytes(columns, group.format, label(specification, seed))
+    parts = [_columns(run, moment, dof) for run in runs]
+    columns: dict[str, Column] = {}
+    if group.together is not None:
+        columns["run"] = [run.plan.name for run, part in zip(runs, parts) for _ in range(len(part["time_s"]))]
+    columns |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return log_bytes(columns, group.format, label(specification, seed))
 
 
 def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:
@@ -53,11 +59,18 @@ def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:
 def log_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
     """One log in the format "csv", "csv.gz" or "parquet"; `comment` goes first, or into Parquet's metadata."""
     if format == "parquet":
-        return parquet_bytes(columns, {"comment": comment}, "automarine")
+        return parquet_bytes(columns, comment)
     head = [f"# {comment}", ",".join(columns)]
     rows = map(",".join, zip(*(_cells(name, column) for name, column in columns.items())))
     text = "\n".join(chain(head, rows)) + "\n"
     return text.encode() if format == "csv" else gzip_bytes(text.encode())
+
+
+def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
+    """One log as Parquet, `comment` in its metadata; the same bytes with the same version of pyarrow."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
+    return bytes(sink.getvalue().to_pybytes())
 
 
 def _cells(name: str, column: Column) -> Iterator[str]:

@@ -9,8 +9,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.logs.canonical import BY
-from automarine_cli.logs.labels import splitting
-from automarine_cli.logs.table import Labels
+from automarine_cli.logs.table import Labels, splitting
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.pipeline.words import listed, quoted
 from automarine_cli.quantities import Floats

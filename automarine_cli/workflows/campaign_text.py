@@ -6,9 +6,8 @@ from textwrap import wrap
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
-from automarine_cli.logs.labels import splitting
-from automarine_cli.logs.recognise import Recognised
-from automarine_cli.logs.spans import pulses
+from automarine_cli.logs.recognise import Recognised, pulses
+from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.recipe import toml_line
 from automarine_cli.pipeline.words import listed, printable
@@ -134,7 +133,7 @@ def _tune(look: Look) -> Iterator[str]:
     """A controller at the end, for who wants one."""
     yield ""
     yield _beside("# [tune]", "gains of a heading controller at the end: take the # of these lines away")
-    yield _beside('# target = "ardusub"', "or ardurover, pid, labust, python")
+    yield _beside('# target = "ardusub"', "or ardurover, pid, python")
     if look.thrusters_drive:
         yield _beside("# thrusters = true", "fly the thruster map, dead-band included")
     else:

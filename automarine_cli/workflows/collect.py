@@ -126,5 +126,4 @@ def _analysed(folder: Path, logs: Iterable[str], runner: Runner) -> CampaignRun:
 
 collect = Command(
     "collect", CollectOptions, _collect, {Collected: View(Collected.tables, lambda result: iter(result.runs))},
-    repeats=False,
 )  # fmt: skip

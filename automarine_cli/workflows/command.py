@@ -1,7 +1,7 @@
 """What a command is, and the one way from its options to a folder of results.
 
 A module of this folder that defines a `Command` has made a command of it: `commands()` finds it there, and so do
-`run --from`, the steps of a campaign and Python. The options are a frozen dataclass, of which the fields say what is
+the steps of a campaign and Python. The options are a frozen dataclass, of which the fields say what is
 read and what a manifest records; `Runner.results` does the rest alike for all.
 """
 
@@ -95,7 +95,7 @@ class Command(Generic[Options, Result]):
     `kept` says how its result file is read back, `section` which of its files the report of a campaign shows
     where it lies in a folder of the command's name. `instead` names, for the settings at hand, another command of the
     same name, such as that for another kind of model, which is not `listed` itself; `python` is its name there, where
-    it has another; `repeats` where it leaves a manifest from which it can be carried out again. A command is called as
+    it has another. A command is called as
     a function, with the first of its options or with all by name.
     """
 
@@ -108,7 +108,6 @@ class Command(Generic[Options, Result]):
     instead: "Callable[[Mapping[str, object]], Command[Any, Any] | None]" = lambda settings: None
     python: str = ""
     listed: bool = True
-    repeats: bool = True
     __name__: ClassVar[str]
 
     def __post_init__(self) -> None:
@@ -239,7 +238,7 @@ def _plain(value: object, one: "Field[Any]") -> Any:
     if kind == "file":
         return _file(value, one.name)
     if kind == "logs":
-        from automarine_cli.logs.frames import as_logs
+        from automarine_cli.logs.parquet import as_logs
 
         return as_logs(value, one.name)
     many = [value] if isinstance(value, str | Path) else value

@@ -275,5 +275,4 @@ def _one_of(known: Iterable[str], asked: str, what: str) -> str:
 
 export = Command(
     "export", ExportOptions, _export, {Exported: View(Exported.tables, lambda result: iter(result.warnings))},
-    repeats=False,
 )  # fmt: skip

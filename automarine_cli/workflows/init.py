@@ -143,5 +143,5 @@ def _below(base: str, places: Sequence[str]) -> Iterator[str]:
 
 
 init = Command(
-    "init", InitOptions, _init, {Started: View(Started.tables, lambda result: iter(result.questions))}, repeats=False
+    "init", InitOptions, _init, {Started: View(Started.tables, lambda result: iter(result.questions))}
 )  # fmt: skip

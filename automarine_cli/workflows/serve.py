@@ -172,5 +172,5 @@ def _address(text: str) -> tuple[str, int]:
 
 
 serve_runs = Command(
-    "serve", ServeOptions, _serve, {Rehearsal: View(Rehearsal.tables, lambda result: iter(()))}, repeats=False
+    "serve", ServeOptions, _serve, {Rehearsal: View(Rehearsal.tables, lambda result: iter(()))}
 )  # fmt: skip

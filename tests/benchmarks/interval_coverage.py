@@ -26,7 +26,7 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.runs.turns import half_turns
+from automarine_cli.runs.half_turn import half_turns
 
 Floats = NDArray[np.float64]
 

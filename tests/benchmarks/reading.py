@@ -101,7 +101,7 @@ READERS = {
     + "import automarine_cli.commands.fit_motion\n"
     + "from automarine_cli.logs import find_logs\nfrom automarine_cli.dofs import YAW\n"
     + "from automarine_cli.runs.load import read_runs\n"
-    + "print(sum(len(runs) for file in find_logs(sys.argv[1:2]) for runs, _ in read_runs([file], dof=YAW)))",
+    + "print(sum(len(runs) for file in find_logs(sys.argv[1:2]) for runs in read_runs(file, dof=YAW)[:1]))",
     "half-turns of all runs": _START
     + "import automarine_cli.commands.fit_motion\n"
     + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_half_turns\n"

@@ -25,7 +25,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.turns import half_turns
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.simulation.specification import SCHEMA, specification_from
 
 Floats = NDArray[np.float64]

@@ -23,8 +23,8 @@ from automarine_cli.fits.step_response import StepData, half_turn_data
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import simulate
 

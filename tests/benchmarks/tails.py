@@ -21,7 +21,7 @@ from automarine_cli.fits.velocity_error import fit_velocity_error
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.turns import half_turns
+from automarine_cli.runs.half_turn import half_turns
 
 STREAM = 9
 RUNS = 3 * BOTH_SIDES

@@ -131,7 +131,7 @@ class Blind:
     why: str = ""
 
 
-TARGETS = ("ardusub", "python", "pid", "labust")
+TARGETS = ("ardusub", "python", "pid")
 
 
 FAMILIES = {"blind": Truth.drawn, "late": Truth.late, "driven": Truth.driven}

@@ -20,7 +20,6 @@ from automarine_cli.planning.limits import Limits, Logger
 from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.report.yaw_report import sentences
 from automarine_cli.runs.load import load_runs
-from automarine_cli.workflows.rerun import rerun
 
 Run = Callable[..., Result]
 TRANSLATIONS = [dof for dof in DOFS.values() if not dof.wraps]
@@ -83,13 +82,12 @@ def test_results_say_which_sensors_they_rest_on(steps: Path, run: Run, tmp_path:
         assert "Sensors that count" in (there / name.replace("json", "md")).read_text()
 
 
-def test_what_was_asked_is_recorded_and_done_again(steps: Path, run: Run, tmp_path: Path) -> None:
+def test_what_was_asked_is_recorded(steps: Path, run: Run, tmp_path: Path) -> None:
     out = tmp_path / "yaw"
     result = run("fit-yaw", steps, "--channels", "position", "-o", out)
     assert "The yaw rate does not count. It was not asked for (--channels)." in result.stdout
     assert read_manifest(out / "manifest.json").options["channels"] == "position"
     assert told(out, "yaw_model.json")["yaw_rate"]["used"] is False
-    assert rerun(out, inputs=[steps.parent]).same
 
 
 def test_what_is_no_sensor_is_refused(steps: Path, run: Run) -> None:

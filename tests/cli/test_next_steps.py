@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 import automarine_cli
-from automarine_cli.logs.csv_text import _SIGNATURES
+from automarine_cli.logs.csv import SIGNATURES
 from automarine_cli.logs.mixing import ELSE, FETCH
 from automarine_cli.pipeline.staging import ADVICE
 
@@ -130,7 +130,7 @@ TABLES = {
     "{ELSE}": UNCLEAR,
     "{FETCH}": UNCLEAR,
     "{table.origin.why_not}": UNCLEAR,
-    "{what}": _SIGNATURES,
+    "{what}": SIGNATURES,
     "{ADVICE.get(problem.errno or 0, 'Choose another folder with -o')}": ADVICE,
 }
 """Ends of sentences that are looked up in a table, which is read instead."""

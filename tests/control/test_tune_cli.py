@@ -220,7 +220,7 @@ def test_no_gains_keep_a_margin_that_none_can_keep(run: Run, tmp_path: Path) -> 
     assert "No gains within the documented ranges keep a disk margin of 0.75 for 95% of" in found.stdout
 
 
-@pytest.mark.parametrize("target", ["pid", "labust", "python"])
+@pytest.mark.parametrize("target", ["pid", "python"])
 def test_depth_is_designed_by_the_same_code(target: str, run: Run, tmp_path: Path) -> None:
     """Heave: weight less buoyancy is held, the step is in metres."""
     fit = tmp_path / "fit"
@@ -233,7 +233,7 @@ def test_depth_is_designed_by_the_same_code(target: str, run: Run, tmp_path: Pat
     result = json.loads((out / "tuning.json").read_text())
     assert result["verdict"] == "gains" and result["motion"] == "heave" and result["step_m"] == 1.0
     assert result["promised"]["load_error_cm"]["unit"] == "cm" and "depth" in (out / "tuning.md").read_text() + "depth"
-    text = (out / {"pid": "pid.json", "labust": "labust.yaml", "python": "controller.py"}[target]).read_text()
+    text = (out / {"pid": "pid.json", "python": "controller.py"}[target]).read_text()
     assert "heave" in text
 
 

@@ -18,10 +18,9 @@ from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.runs.half_turn import Trim
+from automarine_cli.runs.half_turn import Trim, half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
 

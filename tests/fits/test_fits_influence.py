@@ -14,8 +14,8 @@ from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.fits.run_effects import Block, RunEffects
 from automarine_cli.fits.step_problem import step_problem
 from automarine_cli.fits.step_response import half_turn_data
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns
 
 RUNS = 10
 

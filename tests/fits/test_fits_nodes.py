@@ -17,7 +17,7 @@ from automarine_cli.fits.output_error import fit_half_turns
 from automarine_cli.fits.step_problem import step_problem
 from automarine_cli.fits.step_response import StepData, half_turn_data, step_data
 from automarine_cli.models.closed_form import response
-from automarine_cli.runs.turns import half_turns
+from automarine_cli.runs.half_turn import half_turns
 
 START = (1.2, 1.0, 1.0)
 

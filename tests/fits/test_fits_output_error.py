@@ -21,8 +21,8 @@ from automarine_cli.fits.step_problem import step_problem
 from automarine_cli.fits.step_response import StepData, half_turn_data, instant
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns
 
 TRUTH = {"I_r": PAPER.inertia, "k_rr": PAPER.k_rr}
 SEEDS = range(24)

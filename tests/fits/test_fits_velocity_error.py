@@ -19,7 +19,7 @@ from automarine_cli.fits.tail_choice import BIAS_LIMIT
 from automarine_cli.fits.tails import asked_tail, tail_lines
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response
-from automarine_cli.runs.turns import half_turns
+from automarine_cli.runs.half_turn import half_turns
 
 Floats = NDArray[np.float64]
 

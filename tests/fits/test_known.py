@@ -25,8 +25,8 @@ from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import OWN, Structure, observed, rough_sizes
 from automarine_cli.fits.step_response import half_turn_data
 from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.workflows.campaign_file import read_campaign
 
@@ -164,10 +164,6 @@ def test_the_command_tells_it_everywhere(tmp_path: Path) -> None:
     assert model["2"]["k_r"]["value"] == 0.1 and model["2"]["k_r"]["known"] is True
     options = json.loads((tmp_path / "out" / "manifest.json").read_text())["options"]
     assert options["known"]["parameters"] == {"I_r": {"value": 1.0, "stderr": 0.05}, "k_r": {"value": 0.1}}
-    again = CliRunner().invoke(
-        automarine, ["run", "--from", str(tmp_path / "out" / "manifest.json"), "--inputs", str(SAMPLE_RUNS / "steps")]
-    )
-    assert again.exit_code == 0 and "have the bytes recorded" in again.output, again.output
 
 
 def test_python_takes_a_mapping() -> None:

@@ -7,9 +7,8 @@ from automarine_cli.fits.identify import Map, identify_turns
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.runs.channels import AUTO
-from automarine_cli.runs.half_turn import UNTRIMMED, Trim
+from automarine_cli.runs.half_turn import UNTRIMMED, Trim, half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns
 
 
 def identify(

@@ -8,7 +8,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogFile, LogTable
 from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.pipeline.words import printable
-from automarine_cli.runs.load import runs_of_tables
+from automarine_cli.runs.load import runs_of_table
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.specification import Specification, specification_from
@@ -27,7 +27,7 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     runs: list[Run] = []
     for made in make_campaign(specification, seed):
         table = as_table(made, specification.vehicle.force_unit, specification.vehicle.dof)
-        ((found, _),) = runs_of_tables([LogFile(Path(made.plan.file), made.plan.file, named=False)], [table])
+        found, _ = runs_of_table(LogFile(Path(made.plan.file), made.plan.file, named=False), table)
         runs += found
     return runs
 

@@ -9,8 +9,7 @@ import pytest
 from automarine_cli.commands.check import check
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, read_column_map, read_log, whole_logs
-from automarine_cli.logs.columns import ColumnsOf
-from automarine_cli.logs.join import Join, matches
+from automarine_cli.logs.columns import ColumnsOf, Join, matches
 from automarine_cli.workflows.command import inputs_of
 
 JOIN = Join("nav_*.csv", "cmd_*.csv")

@@ -56,7 +56,7 @@ def test_a_recording_cut_anywhere(tmp_path: Path, suffix: str) -> None:
 @EVERY
 def test_a_run_of_a_recording_turns_through_north(tmp_path: Path, suffix: str) -> None:
     content, told = made(suffix)
-    ((runs, aside),) = read_runs([recorded(tmp_path, suffix, content)], told.columns, dof=YAW)
+    runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
     assert not aside and len(runs) == 1
     assert np.rad2deg(runs[0].position[-1] - runs[0].position[0]) == pytest.approx(150, abs=0.02)
     assert set(np.round(runs[0].extras["n_port"], 6)) == {0.0, 0.25}
@@ -124,7 +124,7 @@ def test_a_clock_that_steps_back_is_refused_with_its_row(tmp_path: Path, suffix:
     back = replace(whole, time=np.where(np.arange(200) == 120, whole.time - 0.35, whole.time))
     content, told = made(suffix, back)
     try:
-        ((runs, aside),) = read_runs([recorded(tmp_path, suffix, content)], told.columns, dof=YAW)
+        runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
     except AutomarineError as error:
         assert "the clock steps back" in str(error) and "row 1" in str(error)
     else:  # the format sorts its messages

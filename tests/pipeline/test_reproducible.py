@@ -1,5 +1,4 @@
-"""The same inputs, options and version make the same bytes, wherever, whenever and however the command is run; and
-a manifest is enough to make a result again."""
+"""The same inputs, options and version make the same bytes, wherever, whenever and however the command is run."""
 
 import json
 import locale
@@ -7,16 +6,12 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from click.testing import Result
 from repository import ROOT, SAMPLE_RUNS
 from torn_writes import content
-
-from automarine_cli.pipeline.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
 
@@ -148,104 +143,3 @@ def test_nothing_holds_a_date(first: Path) -> None:
     files = [path for path in first.rglob("*") if path.suffix in (".png", ".svg", ".pdf", ".parquet")]
     assert {path.suffix for path in files} >= {".png", ".parquet"}
     assert [path.name for path in files if any(word in path.read_bytes() for word in words)] == []
-
-
-# Made again from the manifest
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_manifest_is_enough_to_make_the_result_again(
-    first: Path, run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    monkeypatch.chdir(first.parent)
-    before = content(first / name)
-    found = run("run", "--from", first / name / "manifest.json", "-o", tmp_path / "again")
-    assert found.exit_code == 0, found.output
-    files, inputs = len(before) - 1, len(read_manifest(first / name / "manifest.json").inputs)
-    command = recipes("", 1)[name][0]
-    assert found.stdout.startswith(
-        f"{command} made again from {inputs} input{'s' * (inputs > 1)}: all {files} files have the bytes recorded. "
-        "All versions are those recorded.\n"
-    )
-    assert content(tmp_path / "again") == before == content(first / name)
-
-
-def test_inputs_are_found_under_the_folders_given_and_by_content(
-    first: Path, run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also from elsewhere, among namesakes with other content, and without writing anything."""
-    shutil.copytree(first.parent / "pool", tmp_path / "moved" / "logs")
-    (tmp_path / "moved" / "bollard.csv").write_text("n,force_N\n1,1\n")
-    (tmp_path / "cwd").mkdir()
-    monkeypatch.chdir(tmp_path / "cwd")
-    found = run("run", "--from", first / "thrusters", "--inputs", tmp_path / "moved", "--json")
-    assert found.exit_code == 0, found.output
-    said = json.loads(found.stdout)
-    assert said["schema"] == "automarine/rerun/1" and said["same"] and said["versions"] == {}
-    assert set(said["files"].values()) == {"same"} and len(said["files"]) == 4
-    assert list(Path().iterdir()) == []
-
-
-def test_missing_and_changed_inputs_are_refused_by_name(
-    first: Path, run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    found = run("run", "--from", first / "thrusters", "-o", "again")
-    assert (found.exit_code, found.stderr) == (
-        1,
-        "Error: 1 of 1 recorded inputs are not in the working directory as they were: thrusters/bollard.csv (not "
-        "found); give the folders that hold them with --inputs\n",
-    )
-    shutil.copytree(first.parent / "pool", "pool")
-    Path("pool/thrusters/bollard.csv").write_text("n,force_N\n1,1\n")
-    found = run("run", "--from", first / "thrusters", "-o", "again", "--inputs", "pool")
-    assert found.stderr == (
-        "Error: 1 of 1 recorded inputs are not under pool as they were: thrusters/bollard.csv (changed); give the "
-        "folders that hold them with --inputs\n"
-    )
-    assert not Path("again").exists()
-    found = run("run", "--from", "pool")
-    assert found.stderr == "Error: pool: no manifest.json here; give a folder of results, or its manifest.json\n"
-
-
-def test_other_bytes_and_other_versions_are_said(
-    first: Path, run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(first.parent)
-    manifest = json.loads((first / "thrusters" / "manifest.json").read_text())
-    manifest["libraries"]["numpy"] = "1.0"
-    manifest["outputs"][0]["sha256"] = "0" * 64
-    manifest["outputs"].append({"file": "more.csv", "sha256": "1" * 64})
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    found = run("run", "--from", tmp_path, "-o", tmp_path / "again")
-    assert found.exit_code == 1
-    odd = f"more.csv (missing), {manifest['outputs'][0]['file']} (different)"
-    assert f"2 of 5 files are not as recorded: {odd}.\nVersions differ: numpy 1.0 then, " in found.stdout
-    assert (tmp_path / "again" / "thrusters.json").is_file()
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"schema": "automarine/manifest/2"}, "schema is 'automarine/manifest/2'; expected 'automarine/manifest/1'"),
-        ({"schema": "other"}, "is no manifest of automarine"),
-        ({"command": "rm -rf"}, "command is 'rm -rf'; known are check, diagnose, fit-planar"),
-        ({"options": {"form": 3}}, "options.form: found 3, expected a text in quotes"),
-        ({"options": {"out": "/etc"}}, "options: unknown key 'out'"),
-        ({"options": {"evil": 1}}, "options: unknown key 'evil' of fit-thrusters"),
-        ({"options": {"columns": "columns.toml"}}, "no input was recorded as the columns"),
-        ({"inputs": [{"file": "../../etc/passwd", "role": "log"}]}, "leads out of the folder"),
-        ({"inputs": "all"}, 'inputs: found "all", expected a list'),
-    ],
-)  # fmt: skip
-def test_a_manifest_that_cannot_be_followed_is_refused(
-    first: Path, run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    change: dict[str, object], sentence: str,
-) -> None:  # fmt: skip
-    monkeypatch.chdir(first.parent)
-    manifest = json.loads((first / "thrusters" / "manifest.json").read_text())
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest | change))
-    found = run("run", "--from", tmp_path / "manifest.json")
-    assert found.exit_code == 1
-    assert found.stderr.startswith("Error: manifest.json: ") and sentence in found.stderr
-    assert found.stderr.count("\n") == 1

@@ -124,12 +124,6 @@ def test_the_terminal_says_the_same(run: Run, made: tuple[Plan, Path]) -> None:
     assert json.loads(done.stdout) == json.loads((folder / "plan" / "plan.json").read_text())
 
 
-def test_it_is_made_again_from_its_manifest(run: Run, made: tuple[Plan, Path]) -> None:
-    done = run("run", "--from", made[1] / "plan", "--inputs", made[1])
-    assert done.exit_code == 0, done.output
-    assert "files have the bytes recorded" in done.stdout
-
-
 def test_one_parameter_is_narrowed_more_when_it_alone_is_wanted(made: tuple[Plan, Path]) -> None:
     folder = made[1]
     alone = am.plan(folder / "yaw_model.json", limits=folder / "limits.toml", parameters="k_rr", seed=1)

@@ -134,19 +134,6 @@ def test_a_figure_that_fails_is_a_warning(
     assert run("verify", bad).exit_code == 0
 
 
-def test_made_again_it_is_the_same_until_the_figure_is_there(
-    place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    case = CASES["fit-thrusters"]
-    with monkeypatch.context() as patch:
-        patch.setattr(case.draws, boom)
-        run(*case.command.split(), "-o", tmp_path / "out")
-        same = run("run", "--from", tmp_path / "out")
-    assert (same.exit_code, same.stderr) == (0, f"Warning: {SENTENCE.format(case.figure)}\n")
-    drawn = run("run", "--from", tmp_path / "out")
-    assert (drawn.exit_code, drawn.stderr) == (1, "") and "thrusters.png (new)" in drawn.stdout
-
-
 def test_so_is_one_that_cannot_be_saved(place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(FORMATS, "png", boom)  # type: ignore[arg-type]
     found = run("fit-yaw", "pool/steps", "-o", tmp_path / "out")

@@ -9,16 +9,15 @@ from hypothesis import strategies as st
 from made_runs import mirrored, step_run
 
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.half_turn import LOG_ENDS, HalfTurn
+from automarine_cli.runs.half_turn import LOG_ENDS, HalfTurn, all_half_turns, half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.turns import half_turns, turns_of
 
 MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
 
 
 def trimmed(run: Run) -> HalfTurn:
     """The half-turn of a run with one step."""
-    (turn,) = turns_of([run]).in_run(0)
+    (turn,) = all_half_turns(run)
     return turn
 
 

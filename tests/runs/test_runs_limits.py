@@ -5,12 +5,11 @@ import pytest
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, SURGE, Dof
-from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
-from automarine_cli.runs.clean import Split, clean, plain_rows
+from automarine_cli.runs.checks import position_trouble
+from automarine_cli.runs.clean import clean
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import find_jumps, position_trouble
-from automarine_cli.runs.unwrap import find_glitches
+from automarine_cli.runs.unwrap import find_glitches, find_jumps
 
 Floats = NDArray[np.float64]
 
@@ -80,37 +79,7 @@ def test_where_a_way_is_measured_from_does_not_matter() -> None:
     assert found.counts["glitches"] == 10 and len(found) == len(time) - 10
 
 
-@pytest.mark.parametrize("vehicle", VEHICLES)
-@pytest.mark.parametrize("rate", RATES)
-@pytest.mark.parametrize("dirt", ["none", "spike", "jump", "mm", "fast", "stuck", "missing"])
-def test_the_short_way_and_the_thorough_one_agree(vehicle: str, rate: float, dirt: str) -> None:
-    for noise in (0.0, *NOISES):
-        time, position, command = driven(*VEHICLES[vehicle], rate, noise, 4)
-        at = len(time) // 2
-        if dirt == "spike":
-            position[at] += 0.3
-        elif dirt == "jump":
-            position[at:] += 2.0
-        elif dirt in ("mm", "fast"):
-            position = position * (1000.0 if dirt == "mm" else 20.0)
-        elif dirt == "stuck":
-            position[at : at + int(20 * rate)] = position[at]
-        elif dirt == "missing":
-            position[at] = np.nan
-        assert outcome(time, position, command) == outcome(time, position, command, thorough=True)
-
-
-def cleaned(time: Floats, position: Floats, command: Floats, thorough: bool = False) -> tuple[Run, ...]:
+def cleaned(time: Floats, position: Floats, command: Floats) -> tuple[Run, ...]:
     columns = {"time": time, SURGE.position: position, SURGE.command: command}
     table = LogTable("log.csv", columns, np.arange(1, len(time) + 1), moment_unit="N", dof=SURGE)
-    ((plain,),) = plain_rows([Split(table, ["run"], None, np.array([0, len(time)]))])
-    return clean(table, slice(0, len(time)), "run", None if thorough else plain)
-
-
-def outcome(time: Floats, position: Floats, command: Floats, thorough: bool = False) -> object:
-    """What cleaning makes of it, to be compared: positions, counts and notes of each run, or the refusal."""
-    try:
-        runs = cleaned(time, position, command, thorough)
-    except RunError as refusal:
-        return str(refusal)
-    return [(run.name, run.position.tolist(), dict(run.counts), run.notes) for run in runs]
+    return clean(table, slice(0, len(time)), "run")

@@ -255,7 +255,6 @@ def test_thruster_commands_instead_of_a_moment(tmp_path: Path) -> None:
 
 def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("automarine_cli.runs.load.PAYS_FROM", 0)
-    monkeypatch.setattr("automarine_cli.logs.find.PARCEL", (1, 1))
     for i in range(4):
         path = written(replace(step_run(0.5, seed=i), name=f"r{i}"), tmp_path / f"r{i}.csv")
         pd.read_csv(path).to_parquet(path.with_suffix(".parquet"))
@@ -277,19 +276,16 @@ def test_signs_are_mirrored_by_the_column_map(tmp_path: Path) -> None:
 
 def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    stream = load.together_stream
+    stream = load.ordered_stream
 
     def noted(read, files, jobs, **how):  # type: ignore[no-untyped-def]
         asked.append(jobs)
         return stream(read, files, 1, **how)
 
-    monkeypatch.setattr(load, "together_stream", noted)
-    path = written(step_run(0.5), tmp_path / "a.csv")
+    monkeypatch.setattr(load, "ordered_stream", noted)
+    written(step_run(0.5), tmp_path / "a.csv")
+    load.load_runs([tmp_path], jobs=2, dof=YAW)
     monkeypatch.setattr(load, "PAYS_FROM", 0)
-    load.load_runs([tmp_path], jobs=2, dof=YAW)  # read together with others, sooner than handed over
-    pd.read_csv(path).to_parquet(tmp_path / "b.parquet")
     load.load_runs([tmp_path], jobs=2, dof=YAW)
     load.load_runs([tmp_path], jobs=1, dof=YAW)
-    monkeypatch.setattr(load, "PAYS_FROM", 1)
-    load.load_runs([tmp_path], jobs=2, dof=YAW)
-    assert asked == [1, 2, 1, 1]
+    assert asked == [1, 2, 1]

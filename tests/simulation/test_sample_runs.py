@@ -1,5 +1,6 @@
-"""`sample_runs` is what its specification makes, byte for byte, anywhere; and what its README says it is."""
+"""`sample_runs` is what its specification makes, anywhere; and what its README says it is."""
 
+import io
 import json
 import os
 import subprocess
@@ -9,13 +10,14 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from repository import ROOT, SAMPLE_RUNS
 from specified import read_specification
 
 from automarine_cli.dofs import YAW
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.turns import half_turns
 from automarine_cli.simulation.campaign import make_campaign
 
 HIDDEN = ("hidden_one", "hidden_two")
@@ -44,6 +46,11 @@ def files(folder: Path, names: Iterable[str]) -> list[tuple[str, bytes]]:
     return found
 
 
+def content(name: str, data: bytes) -> object:
+    """What must be equal: the columns of Parquet, whose bytes differ between versions of pyarrow; else the bytes."""
+    return pq.read_table(io.BytesIO(data)).to_pydict() if name.endswith(".parquet") else data
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("specification", MADE)
 @pytest.mark.parametrize(
@@ -53,7 +60,7 @@ def files(folder: Path, names: Iterable[str]) -> list[tuple[str, bytes]]:
         {"LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "PYTHONHASHSEED": "99"},
     ],
 )
-def test_sample_runs_are_made_again_byte_for_byte(tmp_path: Path, place: dict[str, str], specification: str) -> None:
+def test_sample_runs_are_made_again(tmp_path: Path, place: dict[str, str], specification: str) -> None:
     asked = SAMPLE_RUNS / f"{specification}.toml"
     command = [sys.executable, "-m", "automarine_cli", "simulate", str(asked)]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
@@ -63,7 +70,7 @@ def test_sample_runs_are_made_again_byte_for_byte(tmp_path: Path, place: dict[st
     kept = files(SAMPLE_RUNS, [kept_as(specification, name) for name in names])
     made = files(tmp_path / "made", names)
     assert kept and [name for name, _ in kept] == [name for name, _ in made]
-    assert [one for (one, data), (_, again) in zip(kept, made) if data != again] == []
+    assert [one for (one, data), (_, again) in zip(kept, made) if content(one, data) != content(one, again)] == []
 
 
 def test_sample_runs_are_small_and_nothing_else_is_there() -> None:

@@ -9,16 +9,14 @@ import pytest
 from specified import make_runs
 from tank import pool_specification
 
+from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.logs import find_logs, read_log
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.turns import half_turns
-from automarine_cli.simulation import parquet_bytes as room
 from automarine_cli.simulation.campaign import make_campaign
 from automarine_cli.simulation.log_files import gzip_bytes
-from automarine_cli.simulation.parquet_bytes import parquet_bytes
 from automarine_cli.simulation.specification import Specification
-from automarine_cli.workflows.simulate import simulate
 
 
 def test_noise_is_white_and_as_large_as_asked() -> None:
@@ -167,22 +165,6 @@ def test_bollard_test_is_the_square_law_with_noise(tmp_path: Path) -> None:
     assert off.std() == pytest.approx(0.2, rel=0.12)
     assert abs(off.mean()) < 4 * 0.2 / np.sqrt(len(n))
     assert np.any(np.diff(n) < 0)
-
-
-def test_plain_parquet_is_read_by_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    numbers = np.array([1.5, -2.25, np.pi, 0.0, 1e300])
-    words = ["a", "", "ψ²", "long " * 40, "e"]
-    columns = {"run": words, **{f"c{i}": numbers * i for i in range(20)}}
-    monkeypatch.setattr(room, "ROWS_PER_GROUP", 2)
-    path = tmp_path / "plain.parquet"
-    path.write_bytes(parquet_bytes(columns, {"comment": "ψ" * 200, "other": ""}, "automarine"))
-    file = pq.ParquetFile(path)
-    assert (file.metadata.num_row_groups, file.metadata.created_by) == (3, "automarine")
-    table = file.read()
-    assert table["run"].to_pylist() == words
-    for i in range(20):
-        np.testing.assert_array_equal(table[f"c{i}"].to_numpy(), numbers * i)
-    assert table.schema.metadata == {b"comment": ("ψ" * 200).encode(), b"other": b""}
 
 
 def test_stored_gzip_is_read_by_gzip() -> None:

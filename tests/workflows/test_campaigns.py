@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
+from automarine_cli.commands.verify import verify
 from automarine_cli.errors import SettingError
 from automarine_cli.workflows import campaigns as room
 from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaigns import names_of, run_campaigns
-from automarine_cli.workflows.rerun import rerun
-from automarine_cli.workflows.verify import verify
 
 EARLY = "fit-yaw"
 
@@ -122,11 +121,6 @@ def test_what_is_done_is_kept_and_a_changed_log_is_not(season: Path, tmp_path: P
     after = tree(tmp_path / "out")
     changed = {name.split("/")[0] for name in before if before[name] != after[name]}
     assert "tuesday" in changed and "monday" not in changed
-
-
-def test_the_recorded_overview_can_be_made_again(season: Path, done: Path) -> None:
-    again = rerun(done, inputs=[season / "season"])
-    assert again.same and set(again.files) == {"campaigns.csv", "campaigns.json"}
 
 
 @pytest.mark.parametrize(

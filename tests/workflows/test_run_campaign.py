@@ -10,9 +10,9 @@ import pytest
 from click.testing import Result
 from small_campaign import CAMPAIGN, make_small_campaign
 
+from automarine_cli.commands.verify import verify
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.workflows.run import CampaignRun, News, run_campaign
-from automarine_cli.workflows.verify import verify
 
 EARLY = "fit-yaw"  # as far as most of these tests go: a second of work
 
@@ -250,19 +250,6 @@ def test_another_campaign_needs_overwrite(tmp_path: Path) -> None:
     assert fates(kept)["check"] == "kept" and fates(kept)["report"] == "made"
 
 
-def test_run_is_made_again_from_its_manifest(
-    tmp_path: Path, run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    campaign = make_small_campaign(tmp_path / "pool")
-    text = CAMPAIGN.replace('steps = ["steps"]\nmanoeuvres = ["driving/*.csv"]\n', "")
-    campaign.write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    assert run("run", "pool/campaign.toml", "-o", "out").exit_code == 0
-    found = run("run", "--from", "out", "--inputs", "pool")
-    assert found.exit_code == 0, found.stderr
-    assert "have the bytes recorded" in found.stdout
-
-
 def test_without_out_results_stand_beside_the_campaign(place: Path, run: Callable[..., Result]) -> None:
     found = run("run", place / "pool" / "campaign.toml", "--until", "check")
     assert found.exit_code == 0
@@ -275,8 +262,6 @@ def test_without_out_results_stand_beside_the_campaign(place: Path, run: Callabl
 def test_wrong_usage(place: Path, run: Callable[..., Result]) -> None:
     campaign = place / "pool" / "campaign.toml"
     assert run("run").exit_code == 2
-    assert run("run", campaign, "--from", place / "out" / "yaw").exit_code == 2
-    assert run("run", "--from", place / "out" / "yaw", "--force").exit_code == 2
     assert run("run", campaign, "--until", "fit").exit_code == 2
 
 

@@ -17,7 +17,7 @@ from automarine_cli.link.vehicles.base import Halted, Pace
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.logs.can import messages_of
 from automarine_cli.logs.canonical import CANONICAL, LABELS
-from automarine_cli.logs.vehicles import needed
+from automarine_cli.logs.streams import needed
 from automarine_cli.planning.vehicle import CommandTable, Drive, command_table
 
 LISTEN_S = 0.5
