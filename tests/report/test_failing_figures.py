@@ -37,7 +37,7 @@ class Case(NamedTuple):
 REPORT, WORK = "automarine_cli.report", "automarine_cli.workflows"
 CASES = {
     "fit-thrusters": Case(
-        "fit-thrusters pool/thrusters --thrusters-per-test 2", f"{WORK}.fit_thrusters.thruster_figure", "thrusters"
+        "fit-thrusters pool/thrusters --thrusters-per-test 2", f"{REPORT}.thruster_tables.thruster_figure", "thrusters"
     ),
     "fit-yaw": Case("fit-yaw pool/steps", f"{REPORT}.figures.yaw.drag_figure", "drag"),
     "fit-yaw, whole runs": Case(
