@@ -13,7 +13,7 @@ PACKAGE = ROOT / "automarine_cli"
 ROOMS = (
     "errors", "quantities", "dofs", "pipeline", "logs", "runs", "results", "effects", "models", "simulation", "filters",
     "fits", "thrusters", "comparison", "diagnosis", "planning", "control", "link", "report", "exports", "guide",
-    "workflows", "cli", "commands",
+    "commands",
 )  # fmt: skip
 OPEN_TO_ALL = {"__version__"}
 NOT_FROM = {"effects": {"logs", "runs"}, "models": {"logs", "runs"}}  # a model knows nothing of files
@@ -26,7 +26,7 @@ FORBIDDEN_METHODS = {
 }  # fmt: skip
 FORBIDDEN_KEYWORDS = {"allow_pickle", "shell"}
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "matplotlib"}
-LIGHT_ROOMS = {"cli", "commands", "errors", "dofs", "__init__", "__main__"}
+LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
@@ -73,7 +73,7 @@ def test_imports_come_from_rooms_to_the_left() -> None:
     wrong = []
     for path, name, line in EVERY_IMPORT:
         here, there = room(path), name.split(".")[1] if name.startswith("automarine_cli.") else ""
-        if not there or there in OPEN_TO_ALL or here in ("__init__", "__main__", "cli", "workflows"):
+        if not there or there in OPEN_TO_ALL or here in ("__init__", "__main__"):
             continue
         left = there in ROOMS[: ROOMS.index(here) + 1] and there not in NOT_FROM.get(here, ())
         if not left:
@@ -89,8 +89,8 @@ def test_libraries_stay_in_their_rooms() -> None:
             "pyplot": "pyplot" not in name,
             "nothing that executes what it reads": library not in FORBIDDEN_LIBRARIES,
             "matplotlib in report/figures": library != "matplotlib" or inside(path).startswith("report/figures/"),
-            "click in commands": library != "click" or here in ("cli", "commands"),
-            "pandas at the edges": library != "pandas" or here in ("logs", "runs", "report", "workflows"),
+            "click in commands": library != "click" or here == "commands",
+            "pandas at the edges": library != "pandas" or here in ("logs", "runs", "report"),
             "light rooms stay light": library not in HEAVY or here not in LIGHT_ROOMS,
         }
         wrong += [f"{inside(path)}:{line} imports {name}: {rule}" for rule, holds in fine.items() if not holds]
@@ -101,12 +101,12 @@ def test_commands_import_their_workflow_inside_their_body() -> None:
     at_top = [
         f"{inside(path)}:{line} imports {name}"
         for path in MODULES
-        if room(path) in ("cli", "commands")
+        if room(path) == "commands"
         for node in TREES[path].body
         if isinstance(node, ast.Import | ast.ImportFrom)
         for name, line in imported(node, path)
         if name.startswith("automarine_cli.")
-        and name.split(".")[1] not in {"cli", "commands", "dofs", "errors", "pipeline"} | OPEN_TO_ALL
+        and name.split(".")[1] not in {"commands", "dofs", "errors", "pipeline"} | OPEN_TO_ALL
     ]
     assert at_top == []
 
