@@ -10,7 +10,6 @@ import errno
 import os
 import sys
 from importlib import import_module
-from pathlib import Path
 
 import click
 
@@ -73,8 +72,7 @@ def names() -> list[str]:
 def load(name: str) -> click.Command:
     """Import the command of that name."""
     place = MODULES.get(name, name.replace("-", "_"))
-    old = (Path(__file__).parents[1] / "cli" / f"{place}.py").exists()  # TODO until all are moved
-    module = import_module(f"automarine_cli.{'cli' if old else 'commands'}.{place}")
+    module = import_module(f"automarine_cli.commands.{place}")
     return next(value for value in vars(module).values() if isinstance(value, click.Command) and value.name == name)
 
 

@@ -1,18 +1,37 @@
 """A log flown with gains against what was promised of them: the steps of its reference, each beside the same step of
 every vehicle that the model allows; where the reference moves without steps, as a pilot turns it, all of it."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from automarine_cli.control.design import EXACT, crowds_of, nominal_of
 from automarine_cli.control.flight import fly, step_scores
-from automarine_cli.control.search import Crowd, Task
+from automarine_cli.control.search import Crowd, Task, paced
 from automarine_cli.control.targets.base import Gains, Target
-from automarine_cli.errors import RunError
+from automarine_cli.control.tuning import Setup, set_up
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.dofs import Dof
+from automarine_cli.errors import AutomarineError, ModelError, RunError
+from automarine_cli.fits.linear_mixed import in_words_of
+from automarine_cli.logs import ColumnMap, LogFile, given_columns
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document, Source, read_plain
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
+from automarine_cli.results.kinds import TUNING
+from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
+
+PIECES = 8
+"""Parts of all logs together that a diagnosis is made of."""
 
 REFERENCES = ("target", "reference", "desired", "DesYaw", "YDes")
 """Parts of the names of columns that hold a reference."""
@@ -54,6 +73,103 @@ class FlownStep:
     def held(self) -> bool:
         """Whether all was as promised."""
         return all(one.held for one in self.figures.values())
+
+    def to_json(self, dof: Dof) -> dict[str, Any]:
+        """The step in the result file."""
+        size = None if self.size is None else dof.logged(self.size)
+        figures = {}
+        for name, figure in self.figures.items():
+            flown, low, high = (in_print(name, x, dof) for x in (figure.value, *figure.band))
+            promised = [low if math.isfinite(low) else None, high if math.isfinite(high) else None]
+            key = KEYS[name].format(unit=dof.units.key)
+            flown_or_none = flown if math.isfinite(flown) else None
+            figures[key] = {"flown": flown_or_none, "promised": promised, "held": figure.held}
+        step = {f"step_{dof.units.log}": size}
+        return {"run": self.run, "begins_s": self.begins, **step, "held": self.held, "figures": figures}
+
+
+KEYS = {
+    "overshoot": "overshoot_percent", "settling": "settling_s", "rms": "rms_after_{unit}",
+    "distance": "rms_error_{unit}", "largest": "largest_error_{unit}",
+}  # fmt: skip
+
+
+def in_print(name: str, value: float, dof: Dof) -> float:
+    """A figure in the units of result files: percent, seconds, degrees or centimetres."""
+    return 100.0 * value if name == "overshoot" else value if name == "settling" else float(dof.shown(value))
+
+
+@dataclass(frozen=True, repr=False)
+class TuningCheck(Shown):
+    """The steps of a log beside what was promised, and what a diagnosis of the log says where it was not held."""
+
+    steps: tuple[FlownStep, ...]
+    dof: Dof
+    changed: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of tuning_check.json: schema automarine/tuning-check/1."""
+        return {
+            "schema": "automarine/tuning-check/1",
+            "motion": self.dof.name,
+            "verdict": "held" if all(step.held for step in self.steps) else "not-held",
+            "steps": [step.to_json(self.dof) for step in self.steps],
+            "changed": self.changed or None,
+        }
+
+
+def check_tuning(
+    tuning: Source,
+    logs: Sequence[LogFile],
+    reference: str | None,
+    columns: Path | Document | ColumnMap | None,
+    phrase: Callable[[Diagnosis], str],
+    progress: Progress = silent,
+) -> TuningCheck:
+    """Compare logs that were flown with the gains of a `tuning.json` with what was promised of them.
+
+    `phrase` says the verdict of a diagnosis. Raises ModelError for another file, LogError or RunError for logs without
+    a step.
+    """
+    setup, gains = _of_tuning(tuning)
+    runs = load_runs(logs, given_columns(columns), dof=setup.known.model.dof, progress=progress).runs
+    crowds = crowds_of(setup.known, setup.full, setup.bend, setup.seed)
+    target = paced(setup.target, nominal_of(crowds[0].vehicles, setup.task.step), EXACT)
+    steps = tuple(flown_steps(runs, reference, target, gains, crowds, setup.task))
+    changed = "" if all(step.held for step in steps) else _changed(runs, setup, phrase)
+    return TuningCheck(steps, setup.known.model.dof, changed)
+
+
+def _of_tuning(tuning: Source) -> tuple[Setup, dict[str, float]]:
+    """What a tuning was made of, and the gains that it gave or left."""
+    data = read_plain(tuning, "JSON", ModelError)
+    recipe: Any = data.get("made_from")
+    if data.get("schema") != TUNING.schema or not isinstance(recipe, dict):
+        raise ModelError(f"{tuning.name}: this is no tuning; give the tuning.json that `automarine tune` wrote")
+    gains: Any = data.get("gains") or data.get("present_gains")
+    if not gains:
+        raise ModelError(f"{tuning.name}: it gave no gains ({data.get('verdict')}); tune again, and fly those")
+    files = {key: json_document(file["name"], file["content"]) for key, file in recipe["files"].items()}
+    settings = {**recipe["settings"], "supply": tuple(recipe["settings"]["supply"]), **files}
+    flown = {name: float(gain["value"] if isinstance(gain, dict) else gain) for name, gain in gains.items()}
+    return set_up(**settings), flown
+
+
+def _changed(runs: Sequence[Run], setup: Setup, phrase: Callable[[Diagnosis], str]) -> str:
+    """What a diagnosis of the logs says, cut in pieces so that there is something to tell chance by, in a sentence."""
+    parts = -(-PIECES // len(runs))
+    pieces = [
+        replace(run.cut(start, stop), name=f"{run.name} {k}")
+        for run in runs
+        for k, (start, stop) in enumerate(pairwise(np.linspace(0, len(run), parts + 1).astype(int)), 1)
+    ]
+    try:
+        with in_words_of(setup.known.model.dof):
+            diagnosis = diagnose_runs(pieces, setup.known.model, seed=setup.seed)
+    except AutomarineError as problem:
+        return f"The log could not be diagnosed: {problem}."
+    effects = (effect.says for effect in diagnosis.effects)
+    return " ".join([f"A diagnosis of the log says: {phrase(diagnosis)}", *effects])
 
 
 def reference_of(run: Run, column: str | None) -> Floats:

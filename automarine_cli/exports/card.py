@@ -9,7 +9,7 @@ from dataclasses import replace
 from automarine_cli import __version__, effects
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
-from automarine_cli.exports.conversions import in_enu, in_newton_metres
+from automarine_cli.exports.export import in_enu, in_newton_metres
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number

@@ -18,6 +18,8 @@ of the fluid's inertia itself; the system's own added mass is off. Sources: gaze
 Hydrodynamics, and src/systems/hydrodynamics/Hydrodynamics.cc; sdformat.org, element inertial/fluid_added_mass.
 """
 
+from collections.abc import Mapping
+
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, head, number, xml_comment
 from automarine_cli.exports.planar import PlanarSubject, rigid_of
@@ -45,10 +47,6 @@ def write(subject: YawSubject) -> Written:
         f"{linear}{rate}": -subject.value("drag-asymmetry"),
         dot: -added if subject.form == DERIVATIVE else 0.0,
     }
-    shown = "".join(
-        f"      <{tag}>{number(value)}</{tag}>\n" for i, (tag, value) in enumerate(tags.items()) if value or i < 2
-    )
-    fluid = f"        <fluid_added_mass>\n          <{entry}>{number(added)}</{entry}>\n        </fluid_added_mass>\n"
     notes = (
         subject.about_inertia(),
         f"No axis but {dof.name} is identified: the other entries are placeholders; merge with the values of "
@@ -57,30 +55,41 @@ def write(subject: YawSubject) -> Written:
     )
     drag = f"{linear} {r} + {linear}abs{rate} |{r}| {r} + {linear}{rate} {r}^2 + {dot} {r}'"
     equation = f"({own} + {entry}) {r}' = {subject.force} + {drag}"
-    moment = number(rigid if dof.wraps else 1.0)
-    return Written(
-        f"""<?xml version="1.0"?>
-{xml_comment(head(subject, equation, notes))}<sdf version="1.10">
+    mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
+    fluid = {entry: added} if added and subject.form == FLUID else None
+    system = {"disable_added_mass": "false" if tags[dot] else "true"}
+    system |= {tag: number(value) for i, (tag, value) in enumerate(tags.items()) if value or i < 2}
+    return Written(_sdf(head(subject, equation, notes), mass, moment, fluid, system), notes)
+
+
+def _sdf(
+    lines: list[str], mass: float, moment: float, fluid: Mapping[str, float] | None, system: Mapping[str, str]
+) -> str:
+    """The file: the link's own inertia, that of the fluid with it, and what the system is told."""
+    added = ""
+    if fluid is not None:
+        entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in fluid.items())
+        added = f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n"
+    told = "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in system.items())
+    return f"""<?xml version="1.0"?>
+{xml_comment(lines)}<sdf version="1.10">
   <model name="vehicle">
     <link name="base_link">
       <inertial>
-        <mass>{number(1.0 if dof.wraps else rigid)}</mass>
+        <mass>{number(mass)}</mass>
         <inertia>
-          <ixx>{moment}</ixx>
-          <iyy>{moment}</iyy>
-          <izz>{moment}</izz>
+          <ixx>{number(moment)}</ixx>
+          <iyy>{number(moment)}</iyy>
+          <izz>{number(moment)}</izz>
         </inertia>
-{fluid if added and subject.form == FLUID else ""}      </inertial>
+{added}      </inertial>
     </link>
     <plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
       <link_name>base_link</link_name>
-      <disable_added_mass>{"false" if tags[dot] else "true"}</disable_added_mass>
-{shown}    </plugin>
+{told}    </plugin>
   </model>
 </sdf>
-""",
-        notes,
-    )
+"""
 
 
 ENTRIES = (("xx", 0, 0), ("xy", 0, 1), ("xr", 0, 2), ("yy", 1, 1), ("yr", 1, 2), ("rr", 2, 2))
@@ -94,46 +103,18 @@ def write_planar(subject: PlanarSubject) -> Written:
         )
     rigid = rigid_of(subject)
     added = subject.inertia - rigid.matrix
-    fluid = "".join(f"          <{tag}>{number(added[i, j])}</{tag}>\n" for tag, i, j in ENTRIES if added[i, j])
-    tags = []
-    for _, places, value in subject.drags():
-        letters = [VELOCITIES[one].upper() for one in places[1:]]
-        along, size = letters[-1], f"abs{letters[0]}" if len(letters) == 2 else ""
-        tag = f"{FORCES[places[0]].lower()}{along}{size}"
-        tags.append(f"      <{tag}>{number(-value)}</{tag}>\n")
-    moment = number(rigid.I_r)
+    fluid = {tag: added[i, j] for tag, i, j in ENTRIES if added[i, j]}
+    system = {"disable_added_mass": "true", "disable_coriolis": "true"}
+    for _, (force, *letters), value in subject.drags():
+        size = "".join(f"abs{VELOCITIES[place].upper()}" for place in letters[:-1])
+        system[f"{FORCES[force].lower()}{VELOCITIES[letters[-1]].upper()}{size}"] = number(-value)
     notes = (
-        f"Mass: {number(rigid.m_u)} kg and yaw inertia {moment} kg m^2 are the vehicle's own (given); the rest of M is "
-        "fluid_added_mass, which needs the DART engine.",
+        f"Mass: {number(rigid.m_u)} kg and yaw inertia {number(rigid.I_r)} kg m^2 are the vehicle's own (given); the "
+        "rest of M is fluid_added_mass, which needs the DART engine.",
         "Heave, roll and pitch are not identified: merge with the values of your model, and add its buoyancy.",
         *subject.about_water(),
     )
-    return Written(
-        f"""<?xml version="1.0"?>
-{xml_comment([*subject.head(), *notes])}<sdf version="1.10">
-  <model name="vehicle">
-    <link name="base_link">
-      <inertial>
-        <mass>{number(rigid.m_u)}</mass>
-        <inertia>
-          <ixx>{moment}</ixx>
-          <iyy>{moment}</iyy>
-          <izz>{moment}</izz>
-        </inertia>
-        <fluid_added_mass>
-{fluid}        </fluid_added_mass>
-      </inertial>
-    </link>
-    <plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
-      <link_name>base_link</link_name>
-      <disable_added_mass>true</disable_added_mass>
-      <disable_coriolis>true</disable_coriolis>
-{"".join(tags)}    </plugin>
-  </model>
-</sdf>
-""",
-        notes,
-    )
+    return Written(_sdf([*subject.head(), *notes], rigid.m_u, rigid.I_r, fluid, system), notes)
 
 
 TARGET = Target(

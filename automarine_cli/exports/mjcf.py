@@ -22,6 +22,9 @@ VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of highe
 FREE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
 STICKS = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
 HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
+CARRIES = (
+    *DRAG, "cubic-drag", "coulomb-drag", "tether-spring", "bias-moment", "thruster-lag", "input-delay", "saturation",
+)  # fmt: skip
 LACKS = {
     **{
         ("thruster-lag", law): "it is slow in the propeller's speed; MuJoCo's filterexact is first order in the thrust"
@@ -99,20 +102,15 @@ def _friction(subject: YawSubject) -> dict[str, str]:
 
 
 def _actuator(subject: YawSubject) -> dict[str, str]:
-    """What the actuator makes of its control, as attributes; empty where the model has nothing of the kind."""
+    """What the actuator makes of its control, as attributes."""
     lag, delay = subject.value("thruster-lag"), subject.value("input-delay")
     most, constant = subject.values.get("saturation", (math.inf,))[0], subject.value("bias-moment")
-    return {
-        "dyntype": "filterexact" if lag else "",
-        "dynprm": number(lag) if lag else "",
-        "actearly": "true" if lag else "",
-        "delay": number(delay) if delay else "",
-        "nsample": str(math.ceil(delay / STEP) + 2) if delay else "",
-        "ctrllimited": "true" if math.isfinite(most) else "",
-        "ctrlrange": row([-most, most]) if math.isfinite(most) else "",
-        "biastype": "affine" if constant else "",
-        "biasprm": row([constant, 0.0, 0.0]) if constant else "",
-    }
+    attributes = {"dyntype": "filterexact", "dynprm": number(lag), "actearly": "true"} if lag else {}
+    if delay:
+        attributes |= {"delay": number(delay), "nsample": str(math.ceil(delay / STEP) + 2)}
+    if math.isfinite(most):
+        attributes |= {"ctrllimited": "true", "ctrlrange": row([-most, most])}
+    return attributes | ({"biastype": "affine", "biasprm": row([constant, 0.0, 0.0])} if constant else {})
 
 
 def _attributes(given: Mapping[str, str]) -> str:
@@ -125,18 +123,7 @@ TARGET = Target(
     source="mujoco.readthedocs.io, XML Reference (3.7 or newer)",
     forms={"joint": ".xml"},
     frames=("ENU", "NED"),
-    carries=frozenset(
-        {
-            *DRAG,
-            "cubic-drag",
-            "coulomb-drag",
-            "tether-spring",
-            "bias-moment",
-            "thruster-lag",
-            "input-delay",
-            "saturation",
-        }
-    ),
+    carries=frozenset(CARRIES),
     laws=None,
     lacks=LACKS,
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),

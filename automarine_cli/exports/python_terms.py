@@ -6,7 +6,7 @@ What is not here needs a logged column or differs from run to run.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from automarine_cli.effects.learned import DRAG, FIRST, GAIN, MOMENT, Variable, 
 CURVE_POINTS = 101
 
 
-@dataclass(frozen=True)
-class Lines:
+class Lines(NamedTuple):
     """`command`: lines that change the moment {F}, in the model's order; `moment`: a term of the sum of moments;
     `state`: slopes of states of its own; `reading`: lines that change the positions {x} of shape (N,)."""
 
@@ -30,12 +29,10 @@ class Lines:
 
     def filled(self, names: Mapping[str, str]) -> "Lines":
         """The same with what stands for the names in braces."""
-        return Lines(
-            tuple(line.format(**names) for line in self.command),
-            self.moment.format(**names),
-            tuple(line.format(**names) for line in self.state),
-            tuple(line.format(**names) for line in self.reading),
+        command, state, reading = (
+            tuple(line.format(**names) for line in lines) for lines in (self.command, self.state, self.reading)
         )
+        return Lines(command, self.moment.format(**names), state, reading)
 
 
 LINES: Mapping[str, Lines] = {

@@ -13,6 +13,8 @@ Ours: F = a max(min(|n|, n_sat) - n_0, 0)^p, forward and backward apart. Theirs:
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -28,18 +30,13 @@ from automarine_cli.exports.base import (
     row,
     xml_comment,
 )
-from automarine_cli.exports.thruster_laws import (
-    CLOSE,
-    both_sides,
-    force_of,
-    largest_signal,
-    square_side,
-    table,
-    top,
-    worst,
-)
 from automarine_cli.quantities import Floats
+from automarine_cli.thrusters.forms import Curve, thrust_both_ways
+from automarine_cli.thrusters.map import ThrusterMap
 
+GRID = 2001  # control signals at which a law is compared with the map
+CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
+MOST_POINTS = 1025  # of a table, in one direction
 TABLES = {
     "constants": "stonefish-table or uuv-table",
     "stonefish-deadband": "stonefish-table",
@@ -58,7 +55,11 @@ def write(subject: MapSubject) -> Written:
     notes = [AHEAD, f"n is the control signal in the logs' unit{unit}, up to {n_max:.4g}."]
     for name, curve in (("forward", subject.map.forward), ("backward", subject.map.backward)):
         if curve is None:
-            _refuse_unmeasured(subject, name)
+            if not subject.settings.allow_partial:
+                raise SettingError(
+                    f"{subject.origin.file}: {name} was never measured; give --allow-partial for a file in which the "
+                    f"thruster gives nothing {name}, or fit the map from a bollard test that pulls both ways"
+                )
             notes.append(f"Left out: {name} was never measured and gives nothing here.")
         elif curve.n_0 >= n_max:
             raise SettingError(
@@ -84,14 +85,6 @@ def write(subject: MapSubject) -> Written:
     return _text(subject, notes, values, max(ahead.limit, astern.limit))
 
 
-def _refuse_unmeasured(subject: MapSubject, name: str) -> None:
-    if not subject.settings.allow_partial:
-        raise SettingError(
-            f"{subject.origin.file}: {name} was never measured; give --allow-partial for a file in which the thruster "
-            f"gives nothing {name}, or fit the map from a bollard test that pulls both ways"
-        )
-
-
 def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -> list[str]:
     """The note on how far the law is from the map; raises SettingError where that is too far and was not allowed."""
     off, full = worst(subject.map, law, n_max), top(subject.map, n_max)
@@ -110,9 +103,9 @@ def _gz(subject: MapSubject, notes: list[str], n_max: float) -> Written:
     """Gazebo's law has one coefficient; with two it would need another plugin."""
     if subject.settings.lag is not None:
         raise SettingError("--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out")
-    side = both_sides(subject, n_max)
-    law: Callable[[Floats], Floats] = lambda n: np.sign(n) * side.thrust(np.abs(n))  # noqa: E731
-    off, full = worst(subject.map, law, n_max), top(subject.map, n_max)
+    sides = [square_side(c, n_max, with_dead_band=False) for c in (subject.map.forward, subject.map.backward) if c]
+    side = Side(float(np.mean([one_way.k for one_way in sides])), 0.0, n_max)
+    off, full = worst(subject.map, lambda n: np.sign(n) * side.thrust(np.abs(n)), n_max), top(subject.map, n_max)
     wrong = f"{off:.2g} N ({100 * off / full:.2g} % of {full:.3g} N)"
     if off >= CLOSE * full:
         if not subject.settings.symmetrise:
@@ -130,23 +123,106 @@ def _gz(subject: MapSubject, notes: list[str], n_max: float) -> Written:
 def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_max: float) -> Written:
     equation, body = BODIES[subject.form]
     lag = subject.settings.lag
-    own = dict(values) | {"limit": number(n_max), "minus": number(-n_max)}
-    own["density"], own["diameter"] = number(DENSITY), number(DIAMETER)
-    own["uuv_lag"] = (
-        "<type>ZeroOrder</type>"
-        if lag is None
-        else f"<type>FirstOrder</type>\n        <timeConstant>{number(lag)}</timeConstant>"
-    )
-    own["fish_lag"] = (
-        '<rotor_dynamics type="zero_order"/>'
-        if lag is None
-        else f'<rotor_dynamics type="first_order">\n    <time_constant value="{number(lag)}"/>\n  </rotor_dynamics>'
-    )
-    own["T_n"] = "" if lag is None else f"T_n = {number(lag)}  # s\n"
+    uuv, fish, constant = "<type>ZeroOrder</type>", '<rotor_dynamics type="zero_order"/>', ""
+    if lag is not None:
+        uuv = f"<type>FirstOrder</type>\n        <timeConstant>{number(lag)}</timeConstant>"
+        value = f'    <time_constant value="{number(lag)}"/>'
+        fish = f'<rotor_dynamics type="first_order">\n{value}\n  </rotor_dynamics>'
+        constant = f"T_n = {number(lag)}  # s\n"
+    own = {
+        **values, "limit": number(n_max), "minus": number(-n_max), "density": number(DENSITY),
+        "diameter": number(DIAMETER), "uuv_lag": uuv, "fish_lag": fish, "T_n": constant,
+    }  # fmt: skip
     lines = head(subject, equation, notes)
     if subject.form == "constants":
         return Written(commented(lines, "#") + body.format(**own), tuple(notes))
     return Written(f'<?xml version="1.0"?>\n{xml_comment(lines)}{body.format(**own)}', tuple(notes))
+
+
+@dataclass(frozen=True)
+class Side:
+    """One direction of a law F = k max(n^2 - d, 0) up to `limit`: k [N/n^2], d [n^2], limit [n]; k is 0 where the
+    direction was never measured."""
+
+    k: float
+    d: float
+    limit: float
+
+    def thrust(self, n: Floats) -> Floats:
+        """Size of the thrust [N] for |n| of any shape."""
+        return np.asarray(self.k * np.maximum(np.minimum(n, self.limit) ** 2 - self.d, 0.0))
+
+
+def largest_signal(subject: MapSubject) -> float:
+    """The largest control signal: as given, else where the stronger direction reaches the full scale measured.
+
+    Raises SettingError where neither is told.
+    """
+    if subject.settings.n_max is not None:
+        return subject.settings.n_max
+    curves = [curve for curve in (subject.map.forward, subject.map.backward) if curve is not None]
+    if subject.full_scale is None or subject.full_scale <= 0:
+        limits = [curve.n_sat for curve in curves if curve.n_sat is not None]
+        if limits:
+            return max(limits)
+        raise SettingError(f"{subject.origin.file} does not tell how far the thruster was driven; give --n-max")
+    return min(_signal(curve, subject.full_scale) for curve in curves)
+
+
+def _signal(curve: Curve, force: float) -> float:
+    """Control signal of a thrust, no more than the saturation."""
+    n = curve.n_0 + (force / curve.a) ** (1.0 / curve.p)
+    return float(n if curve.n_sat is None else min(n, curve.n_sat))
+
+
+def square_side(curve: Curve | None, n_max: float, *, with_dead_band: bool) -> Side:
+    """The law nearest to a curve by least squares on the thrust; its dead band, if it has one, is the curve's."""
+    if curve is None:
+        return Side(0.0, 0.0, n_max)
+    limit = n_max if curve.n_sat is None else min(curve.n_sat, n_max)
+    d = curve.n_0**2 if with_dead_band else 0.0
+    n = np.linspace(0.0, limit, GRID)
+    rise = np.maximum(n**2 - d, 0.0)
+    return Side(float(rise @ curve.thrust(n) / (rise @ rise)), d, limit)
+
+
+def table(map_: ThrusterMap, n_max: float) -> tuple[Floats, Floats]:
+    """Control signals and thrusts between which straight lines follow the map to CLOSE; nothing beyond n_max."""
+    points = 9
+    while True:
+        backward, forward = (_knots(curve, n_max, points) for curve in (map_.backward, map_.forward))
+        n = np.concatenate([-backward[::-1], forward[1:]])
+        force = force_of(map_, n)
+        straight: Callable[[Floats], Floats] = partial(np.interp, xp=n, fp=force)  # type: ignore[assignment]
+        off = worst(map_, straight, n_max)
+        if points >= MOST_POINTS or off < CLOSE * top(map_, n_max):
+            return n, force
+        points = 2 * points - 1
+
+
+def _knots(curve: Curve | None, n_max: float, points: int) -> Floats:
+    """Control signals from 0 to n_max, one at each kink of the curve, closer together where it begins."""
+    if curve is None:
+        return np.array([0.0, n_max])
+    limit = n_max if curve.n_sat is None else min(curve.n_sat, n_max)
+    rise = curve.n_0 + (limit - curve.n_0) * np.linspace(0.0, 1.0, points) ** 1.5
+    return np.unique([float(number(n)) for n in (0.0, *rise, n_max)])  # as the file has them: none twice
+
+
+def force_of(map_: ThrusterMap, n: Floats) -> Floats:
+    """Thrust [N] of the map; nothing in a direction that was never measured."""
+    return thrust_both_ways(map_.forward, map_.backward, n, unmeasured=0.0)
+
+
+def top(map_: ThrusterMap, n_max: float) -> float:
+    """The largest thrust [N] of the map up to n_max."""
+    return float(np.max(np.abs(force_of(map_, np.array([-n_max, n_max])))))
+
+
+def worst(map_: ThrusterMap, law: Callable[[Floats], Floats], n_max: float) -> float:
+    """The largest difference [N] of a law from the map within n_max."""
+    n = np.linspace(-n_max, n_max, GRID)
+    return float(np.max(np.abs(law(n) - force_of(map_, n))))
 
 
 _CONSTANTS = """k_pos = {k_pos}  # N per n^2, ahead

@@ -2,9 +2,9 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.answers import Log, State
@@ -16,6 +16,7 @@ from automarine_cli.pipeline.one_file import write_whole
 from automarine_cli.pipeline.outputs import json_text
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.words import printable
 
 LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
 POLL_S = 1.0
@@ -23,6 +24,41 @@ TRIES = 3
 """How often a log with a wrong hash is fetched again."""
 
 Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Collected:
+    """The vehicle's last state, name and SHA-256 of every log that is here, how many came now, bytes and cuts; how the
+    campaign that was handed over ended, if that was before its last run; what `run` made of the logs, or why there is
+    no analysis yet, if one was asked for."""
+
+    state: State
+    logs: dict[str, str]
+    new: int
+    bytes_in: int
+    cuts: int
+    ended_early: str = ""
+    analysis: Any = None
+    no_analysis: str = ""
+
+    @property
+    def waits_for(self) -> str:
+        """What is missing before the logs can be analysed; empty where nothing is."""
+        if not self.state.campaigns:
+            return "the vehicle has no campaign; hand it one with --campaign"
+        if not all(campaign.over for campaign in self.state.campaigns):
+            return "a campaign is still played; run the same command again when it is over"
+        if self.state.campaigns[-1].why_stopped:
+            return "the last campaign was stopped; analyse what there is with `automarine init` and `automarine run`"
+        return ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema automarine/collected/1."""
+        return {
+            "schema": "automarine/collected/1", "state": asdict(self.state), "logs": self.logs, "new": self.new,
+            "bytes": self.bytes_in, "cuts": self.cuts,
+            "analysis": None if self.analysis is None else self.analysis.to_json(),
+        }  # fmt: skip
 
 
 @dataclass
@@ -46,6 +82,14 @@ class Collector:
     overwrite: bool = False
     poll_s: float = POLL_S
     crossing: Crossing = field(default_factory=Crossing)
+
+    def collected(self, campaign: LinkCampaign | None, stop: bool) -> Collected:
+        """Collect, and tell what came. Raises as `collect`."""
+        before = len(self.ledger())
+        state = self.collect(campaign, stop)
+        logs, last = self.ledger(), None if campaign is None else state.of(campaign.id)
+        early = printable(last.says) if last is not None and last.played < last.runs else ""
+        return Collected(state, logs, len(logs) - before, self.crossing.bytes_in, self.crossing.cuts, early)
 
     def collect(self, campaign: LinkCampaign | None, stop: bool) -> State:
         """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.

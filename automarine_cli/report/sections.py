@@ -7,6 +7,7 @@ from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.tables import Table
@@ -27,7 +28,7 @@ class Sections:
 
     `printed` are tables and sentences; `files` by name are texts, bytes, what makes these, or data to be written as
     JSON; `figures` draw what is saved as NAME.png, and can be pickled; `listed` are the files that the terminal names;
-    `rows` are the numbers, one mapping a parameter, run or score.
+    `rows` are the numbers, one mapping a parameter, run or score; `warnings` say what could not be made.
     """
 
     printed: Sequence[Table | str]
@@ -35,6 +36,7 @@ class Sections:
     figures: "Mapping[str, Draw]" = field(default_factory=dict)
     listed: Sequence[str] = ()
     rows: Sequence[Mapping[str, object]] = ()
+    warnings: Sequence[str] = ()
 
     def text(self, width: int = WIDTH) -> str:
         """Render what is printed as plain text."""
@@ -50,6 +52,12 @@ class Sections:
         """Render the tables as HTML, with everything that came from files escaped."""
         tables = [part.to_markdown() for part in self.printed if isinstance(part, Table)]
         return to_html("\n".join(tables), lambda place, said: "").html
+
+    def frame(self) -> Any:
+        """Give the rows as a `pandas.DataFrame`."""
+        import pandas as pd  # here, as most commands make no frame
+
+        return pd.DataFrame(list(self.rows))
 
     def figure(self, name: str | None = None) -> Any:
         """Draw a figure, by default the first. Raises SettingError with the names that there are."""
@@ -69,6 +77,8 @@ class Sections:
                 folder.write(name, content)
             else:
                 folder.write_json(name, content)
+        for warning in self.warnings:
+            folder.taken(Attempt(None, warning))
         write_figures(folder, self.figures if formats else {}, formats, each)
 
 

@@ -165,7 +165,7 @@ def blind(seed: int, out: Path, family: str = "blind") -> Blind:
     if found["verdict"] != "gains":
         return Blind(seed, target, hidden, names, found["verdict"], None, {}, {}, {}, seconds, found["why"])
     gains = {key: one["value"] for key, one in found["gains"].items()}
-    one = flown(truth, tuned.made.target, gains, found["flight_s"], np.random.default_rng([seed, 19]))
+    one = flown(truth, tuned.designed.target, gains, found["flight_s"], np.random.default_rng([seed, 19]))
     did = {
         "overshoot_percent": 100.0 * float(one.overshoot[0]), "settling_s": float(one.settling[0]),
         "rms_after_deg": float(np.rad2deg(one.rms[0])), "load_error_deg": float(np.rad2deg(one.error[0])),

@@ -154,7 +154,7 @@ def test_the_planned_runs_settle_an_unknown_delay(tmp_path: Path) -> None:
     am.simulate(tmp_path / "truth.toml", out=tmp_path / "day")
     am.diagnose([str(tmp_path / "day")], model=path, out=tmp_path / "diagnosis")
     found = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python", full=30.0)
-    assert found.made.verdict == "gains" and found.to_json()["promised"]["settles"] >= 0.95
+    assert found.designed.verdict == "gains" and found.to_json()["promised"]["settles"] >= 0.95
 
 
 @pytest.mark.slow
@@ -165,7 +165,7 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     path = written(tmp_path / "diagnosis.json", diagnosis("input-delay", late, "dead-band"))
     bare = written(tmp_path / "model.json", model("nu", 1.0, []))
     before = am.tune(path, target="python", out=tmp_path / "out")
-    assert before.made.verdict == "cannot-promise" and before.made.open == "dead-band"
+    assert before.designed.verdict == "cannot-promise" and before.designed.open == "dead-band"
     planned = json.loads((tmp_path / "out" / "settles" / "plan.json").read_text())
     assert all(one["evidence"] >= 20.0 for one in planned["splits"])
     am.simulate(tmp_path / "out" / "settles" / "plan.toml", out=tmp_path / "day")
@@ -180,4 +180,4 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     (effect,) = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())["effects"]
     assert effect["name"] == "input-delay" and not effect["rivals"]
     after = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python")
-    assert after.made.verdict == "gains" and after.made.open == ""
+    assert after.designed.verdict == "gains" and after.designed.open == ""

@@ -15,13 +15,13 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
+from automarine_cli.control import flown
 from automarine_cli.control.flight import fly
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.errors import RunError
 from automarine_cli.pipeline.manifest import MANIFEST
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows import tune_check
 
 Run = Callable[..., Result]
 
@@ -154,10 +154,10 @@ def test_what_the_fit_itself_asks_for_is_settled_first(run: Run, tmp_path: Path)
 def test_nothing_is_promised_of_a_thrust_that_is_not_known(said: dict[str, Any], why: str, tmp_path: Path) -> None:
     """A scatter at the bound of its fit, or a gain that goes with the command: a dead-band may hide in it."""
     content = model(0.05, 0.08, 1.0, "nu", lag=0.05, delay=0.05)
-    found = am.tune(written(tmp_path, content | said), target="ardusub", full=1.0).made
+    found = am.tune(written(tmp_path, content | said), target="ardusub", full=1.0).designed
     assert found.verdict == "cannot-promise" and found.why.startswith(why) and found.open == "dead-band"
     small = {"gain_scatter": 0.02, "gain_exponent": estimate(0.04, "1", 1.0)}
-    assert am.tune(written(tmp_path, content | small), target="ardusub", full=1.0).made.verdict == "gains"
+    assert am.tune(written(tmp_path, content | small), target="ardusub", full=1.0).designed.verdict == "gains"
 
 
 def test_a_curve_of_the_thrust_is_flown_with_the_dead_band_that_it_may_hide(tmp_path: Path) -> None:
@@ -196,9 +196,11 @@ def test_present_gains_that_are_as_good_are_left(tmp_path: Path) -> None:
     content = model(0.3, 0.5, 1.0, "nu", lag=0.1, delay=0.1)
     path = written(tmp_path, content)
     found = am.tune(path, target="ardusub", full=1.0, out=tmp_path / "out")
-    assert found.made.verdict == "gains"
+    assert found.designed.verdict == "gains"
     again = am.tune(path, target="ardusub", full=1.0, present=tmp_path / "out" / "ardusub.param")
-    assert again.made.verdict == "leave" and again.made.why.startswith("The present gains keep the margin of 0.75")
+    assert again.designed.verdict == "leave" and again.designed.why.startswith(
+        "The present gains keep the margin of 0.75"
+    )
 
 
 def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
@@ -209,7 +211,7 @@ def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
         {"name": "dead-band", "parameters": {"width": estimate(0.117, "nu", 0.003), "law": 1.0, "stall": 0.5}},
         {"name": "sensor-lag", "parameters": {"T_s": estimate(0.168, "s", 0.01)}},
     ]
-    found = am.tune(written(tmp_path, content), target="python", full=1.0, beyond_range=True).made
+    found = am.tune(written(tmp_path, content), target="python", full=1.0, beyond_range=True).designed
     assert found.verdict == "cannot-promise" and "do not settle for 95%" in found.why
 
 
@@ -243,7 +245,6 @@ REFUSALS: list[tuple[dict[str, Any], list[str], str]] = [
     (model(1.0, 1.2, 9.0), [], "its moments are in N m, and ardusub commands outputs from -1 to 1; give --full"),
     (model(1.0, 1.2, 9.0), ["--full", "4"], "it was fitted to moments up to 9 N m, and --full is 4 N m at the"),
     (model(1.0, -1.2, 9.0), ["--full", "9"], "models.3.k_rr: found -1.2, expected a drag of zero or more"),
-    (model(1.0, 1.2, 9.0), ["--full", "9", "--margin", "3"], "--margin: found a value that makes no sense; expected"),
     (model(1.0, 1.2, 9.0), ["--full", "9", "--sample-time", "0.1"], "ardusub runs at its firmware's own rate"),
 ]  # fmt: skip
 
@@ -257,6 +258,13 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(
     assert found.exit_code == 1
     assert sentence in found.stderr and len(found.stderr.splitlines()) == 1
     assert not out.exists()
+
+
+@pytest.mark.parametrize("slip", ["--margin=3", "--load=nan", "--supply=1.1 1.2", "--delay=-1", "--sample-time=2"])
+def test_values_out_of_range_are_slips_of_usage(slip: str, run: Run, tmp_path: Path) -> None:
+    name, _, value = slip.partition("=")
+    found = run("tune", written(tmp_path, model(1.0, 1.2, 9.0)), "--for", "pid", name, *value.split())
+    assert found.exit_code == 2 and f"Invalid value for '{name}'" in found.stderr
 
 
 def test_drag_that_drives_is_refused(run: Run, tmp_path: Path) -> None:
@@ -314,7 +322,7 @@ def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) ->
 def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0, piloted: bool = False) -> str:
     """A log of two steps, there and back, of the vehicle that was tuned or of one that answers later; or of a heading
     that a pilot turns without end."""
-    made = found.made
+    made = found.designed
     one = made.crowds[0].vehicles.pick(slice(0, 1))
     one = replace(one, late=one.late + later)
     target, random = made.target, np.random.default_rng(2)
@@ -363,7 +371,7 @@ def test_a_log_of_a_pilot_s_turns_is_followed(
     def few(runs: Any, base: Any, **settings: Any) -> Any:
         raise RunError("too few")
 
-    monkeypatch.setattr(tune_check, "diagnose_runs", few)
+    monkeypatch.setattr(flown, "diagnose_runs", few)
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
     found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
     log = flown_log(tmp_path, found, 0.5, later, piloted=True)
@@ -390,7 +398,7 @@ def test_a_log_of_a_vehicle_that_answers_later_does_not(
         asked.append(len(runs))
         raise RunError("too few")
 
-    monkeypatch.setattr(tune_check, "diagnose_runs", few)
+    monkeypatch.setattr(flown, "diagnose_runs", few)
     checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log)
     assert checked.exit_code == 0, checked.stderr
     assert checked.stdout.startswith("Not as promised: 2 of 2 steps leave the bands of 95 %.")

@@ -16,13 +16,14 @@ from export_readers import MESH_TORQUE, READERS, fall_time, gz_sim, rise_time, r
 
 import automarine_cli as am
 from automarine_cli import exports as targets
+from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
 from automarine_cli.exports.base import YAW_MODEL
+from automarine_cli.exports.export import Exported
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.workflows.export import Exported, export
 
 I_R, K_R, K_RR = 1.52, 0.31, 1.87  # N m s², N m s, N m s²
 SIMULATORS = sorted(READERS)

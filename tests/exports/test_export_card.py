@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from automarine_cli.commands.export import export
 from automarine_cli.errors import ModelError
 from automarine_cli.pipeline.manifest import sha256
-from automarine_cli.workflows.export import export
 
 
 @pytest.fixture

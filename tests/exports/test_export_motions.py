@@ -16,14 +16,13 @@ from effect_contract import strange_to
 from export_readers import constants_of, number_in, yaml_of
 
 from automarine_cli import exports as targets
-from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
+from automarine_cli.commands.export import export
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FORCES, FRAMES, THRUSTER_MAP, Origin, Settings, Written, YawSubject
-from automarine_cli.exports.conversions import in_enu
-from automarine_cli.exports.prepare import in_unit, refuse_inertia, refuse_motion, split
+from automarine_cli.exports.export import in_enu, in_unit, refuse_inertia, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.results.models import ModelEntry, ModelFile
-from automarine_cli.workflows.export import export
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
 PLACES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}
@@ -178,12 +177,11 @@ def test_python_has_the_motions_letters_and_moves_it(tmp_path: Path, motion: str
     assert float(out.stdout) == pytest.approx(float(steady_rate(6.0, LINEAR, QUADRATIC)), rel=1e-4)
 
 
-def test_what_a_target_does_not_take_is_refused() -> None:
-    origin = Origin("surge_model.json", "0" * 64)
+def test_what_a_target_does_not_take_is_refused(tmp_path: Path) -> None:
+    path = fitted(tmp_path, "surge")
     with pytest.raises(SettingError) as problem:
-        refuse_motion(targets.get("stonefish"), SURGE, origin)
+        export(path, to="stonefish")
     assert str(problem.value) == "surge_model.json is a model of surge; --to stonefish takes models of yaw"
-    refuse_motion(targets.get("uuv"), SURGE, origin)
 
 
 def test_a_mass_that_holds_water_is_not_a_links_mass() -> None:

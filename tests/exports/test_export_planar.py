@@ -16,13 +16,14 @@ from made_planar import FULL, driven
 from numpy.typing import NDArray
 
 from automarine_cli import exports as targets
+from automarine_cli.commands.export import export
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
+from automarine_cli.exports.export import export_targets
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.workflows.export import export, export_targets
 
 Floats = NDArray[np.float64]
 Three = tuple[float, float, float]

@@ -13,16 +13,16 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.commands.export import export
 from automarine_cli.effects.base import EVEN
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.conversions import in_enu
+from automarine_cli.exports.export import in_enu
 from automarine_cli.exports.python_terms import LAWS, LINES
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.workflows.export import export
 
 Floats = NDArray[np.float64]
 RUNNER = """

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from test_export import model_file, ours
 from test_export_motions import LINEAR, MASS, OWN, QUADRATIC, written
 
+from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.workflows.export import export
 
 Floats = NDArray[np.float64]
 STEP = 1e-3  # s, Gazebo's own

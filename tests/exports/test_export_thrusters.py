@@ -15,12 +15,12 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli import exports as targets
+from automarine_cli.commands.export import export
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import number
-from automarine_cli.exports.thruster_laws import table, top, worst
+from automarine_cli.exports.thrusters import table, top, worst
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.export import export
 
 Floats = NDArray[np.float64]
 FORMS = list(targets.get("thrusters").forms)

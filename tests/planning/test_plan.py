@@ -15,7 +15,7 @@ import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.pipeline.recipe import from_mapping
 from automarine_cli.planning.limits import EXAMPLE, Limits, Pool
-from automarine_cli.workflows.plan import Plan
+from automarine_cli.planning.plan import Plan
 
 Run = Callable[..., Result]
 

@@ -8,17 +8,20 @@ import contextlib
 import time
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
 from automarine_cli.link.vehicles.base import Halted, Pace
-from automarine_cli.logs import ColumnMap, ColumnRule
+from automarine_cli.logs import ColumnMap, ColumnRule, given_columns
 from automarine_cli.logs.can import messages_of
 from automarine_cli.logs.canonical import CANONICAL, LABELS
 from automarine_cli.logs.streams import needed
-from automarine_cli.planning.vehicle import CommandTable, Drive, command_table
+from automarine_cli.pipeline.plain_data import Document, Source
+from automarine_cli.planning.vehicle import CommandTable, Drive, command_table, drive_of
+from automarine_cli.thrusters.moments import map_and_arm
 
 LISTEN_S = 0.5
 """So long a run listens before it sends, to a compass that speaks; to one that does not, `SILENT_S`."""
@@ -47,6 +50,15 @@ class CanBus:
     names: ColumnMap
     drive_by: Drive | None
     speed: float = 1.0
+
+    @classmethod
+    def of(
+        cls, place: str, columns: Path | Document | ColumnMap | None, thrusters: Source | None, arm: float | None
+    ) -> "CanBus":
+        """The bus with the signals of a column map and the drive of a thruster map. Raises SettingError, ModelError."""
+        names = given_columns(columns)
+        levered = map_and_arm(thrusters, arm, names, YAW)
+        return cls(place, names, levered and drive_of(*levered, most=None, equal_thrust=True, unit=1.0))
 
     @property
     def messages(self) -> Mapping[str, Any]:

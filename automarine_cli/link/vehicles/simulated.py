@@ -3,6 +3,7 @@
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from automarine_cli.link.vehicles.base import Halted, Pace, refuse_beyond
 from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.planning.fitting import Logger
 from automarine_cli.planning.vehicle import MOMENT_COLUMNS
@@ -106,3 +108,44 @@ class Simulated:
             yield f"{begins + since:.3f},{shown:.3f},{0.0 if ends else moment:g}\n"
             if ends:
                 return
+
+
+@dataclass(frozen=True)
+class RehearsedRun:
+    """A run of a campaign: when its log begins, how long it is driven, how far the simulated vehicle turns [degrees]
+    (None without a model), and what is left in the battery [Ah]."""
+
+    name: str
+    begins_s: float
+    driven_s: float
+    turned_deg: float | None
+    left_Ah: float
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What a campaign would be."""
+
+    campaign: LinkCampaign
+    runs: tuple[RehearsedRun, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema automarine/rehearsal/1."""
+        runs = [vars(run) for run in self.runs]
+        return {"schema": "automarine/rehearsal/1", "campaign": self.campaign.id, "planned": runs}
+
+
+def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progress = silent) -> Rehearsal:
+    """Say what a campaign would be, on a simulated vehicle where there is one. Raises SettingError for a campaign that
+    it cannot drive."""
+    if vehicle is not None:
+        vehicle.refuse(campaign)
+    runs = []
+    for number, run in enumerate(campaign.runs):
+        turned = None
+        if vehicle is not None:
+            heading = vehicle.track(campaign, run).heading
+            turned = float(np.rad2deg(heading[-1] - heading[0]))
+        runs.append(RehearsedRun(run.name, campaign.begins(number), run.driven, turned, campaign.left(number + 1)))
+        progress("simulating", number + 1, len(campaign.runs))
+    return Rehearsal(campaign, tuple(runs))

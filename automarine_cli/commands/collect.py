@@ -1,0 +1,107 @@
+"""`collect`: on the surface, hands a campaign to the vehicle and fetches its logs, over any link that is cut; then, if
+it is asked to, has them analysed."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.terminal import end_with, verbosity_level
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.progress import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.link.collector import Collected
+
+ANALYSIS = "analysis"
+"""Where in the folder of logs the results are."""
+
+
+@command("collect", report="link_report", saves=False)
+@argument("url", metavar="URL")
+@option(
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", required=True,
+    help="Fetch the logs into this folder.",
+)  # fmt: skip
+@option("--token", default="", metavar="T", help="The token that serve printed.")
+@option(
+    "--campaign", type=click.Path(exists=True, path_type=Path), metavar="FILE",
+    help="Hand over the folder of a plan, or its plan.json, and stay until it was played.",
+)  # fmt: skip
+@option("--stop", is_flag=True, help="On contact, first stop what the vehicle plays, for good.")
+@option(
+    "--wait", type=click.FloatRange(min=0), metavar="SECONDS",
+    help="Give up after so long without contact.  [default: never]",
+)  # fmt: skip
+@option(
+    "--then", type=click.Choice(("run",)),
+    help="When the campaigns are over, run the campaign.toml in DIR (made as by init) into DIR/analysis.",
+)  # fmt: skip
+@option("--overwrite", is_flag=True, help="Fetch again what was changed in DIR since it was fetched.")
+@options.jobs
+@options.as_json
+@options.verbosity
+def collect(
+    url: str, token: str, campaign: Path | None, stop: bool, wait: float | None, then: str | None, out: Path,
+    overwrite: bool, jobs: int, progress: Progress,
+) -> "Collected":  # fmt: skip
+    """Wait for contact with a vehicle that runs `automarine serve` at URL, and fetch its logs into DIR.
+
+    On contact come first the vehicle's state and --stop, then the campaign, then the logs; after a cut it goes on
+    where it was. Logs have the same names and the same bytes as on the vehicle; ledger.json holds their SHA-256.
+    The exit status is 1 where the campaign ended before its last run.
+
+    \b
+    Example:
+      automarine collect http://192.168.2.2:8722 --token T --campaign out/plan -o out/pool --then run
+    """
+    from automarine_cli.link.client import Client
+    from automarine_cli.link.collector import Collector
+    from automarine_cli.link.document import read_campaign
+
+    planned = None if campaign is None else read_campaign(campaign)
+    if planned is not None:
+        planned.refuse_beyond_reserve()
+    result = Collector(Client.of(url, token), out, wait, progress, overwrite).collected(planned, stop)
+    if then is None:
+        return result
+    if result.waits_for:
+        return replace(result, no_analysis=f"No analysis was started: {result.waits_for}.")
+    return replace(result, analysis=_analysed(out, result.logs, overwrite, jobs, progress))
+
+
+def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, progress: Progress) -> Any:
+    """What `run` makes of the logs. Raises SettingError for a campaign file that leaves some of them out."""
+    from automarine_cli.commands.campaign import read_campaign
+    from automarine_cli.commands.init import NAME, init
+    from automarine_cli.commands.run import run_campaign
+
+    file = folder / NAME
+    if not file.exists():
+        init(folder, out=file, jobs=jobs, progress=progress)
+    named = {log.path.name for log in read_campaign(file).every_log()}
+    if left_out := sorted(set(logs) - named):
+        raise SettingError(
+            f"{NAME} in {folder} leaves out {len(left_out)} of {len(set(logs))} logs, such as {left_out[0]}; add them, "
+            "or move the file away, and it is written anew"
+        )
+    return run_campaign(file, out=folder / ANALYSIS, overwrite=overwrite, jobs=jobs, progress=progress)
+
+
+def _finish(ctx: click.Context, result: "Collected") -> None:
+    """Say where the logs are; status 1 where a step was refused or the campaign ended early."""
+    if not ctx.params["as_json"] and verbosity_level() >= 0:
+        analysis = ", the analysis is in its folder analysis" if ctx.params["then"] else ""
+        click.echo(f"The logs are in {ctx.params['out']}{analysis}.")
+    if result.analysis is not None:
+        end_with(ctx, list(result.analysis.refused))
+    if result.ended_early:
+        click.echo(f"Error: {result.ended_early}", err=True)
+        ctx.exit(1)
+
+
+collect.finish = _finish

@@ -1,0 +1,83 @@
+"""`export`: a model file and a target in, a file for that simulator out."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.terminal import verbosity_level
+
+if TYPE_CHECKING:
+    from automarine_cli.exports.export import Exported, Targets
+
+POSITIVE = options.Finite(positive=True)
+
+
+@command("export", report="sections", saves=False)
+@argument("model", metavar="[MODEL.json]", required=False, type=options.FILE, reads="file")
+@option("--to", metavar="NAME", help="The target: see --list.")
+@option("--list", "show_list", is_flag=True, help="List the targets, their forms and frames, and exit.")
+@option("--form", metavar="NAME", help="Form of the target; by default from FILE's extension.")
+@option("--number", metavar="N", help="Number of the yaw model in the file.  [default: the preferred one]")
+@option("--frame", metavar="NAME", help="ENU or NED.  [default: the target's own]")
+@option(
+    "--rigid-inertia", type=POSITIVE, metavar="VALUE",
+    help="The vehicle's own part of I_r; the rest is written as added inertia.",
+)  # fmt: skip
+@option("--rigid-mass", type=POSITIVE, metavar="KG", help="gz-sim, of a planar model: the vehicle's own mass.")
+@option(
+    "--newton-metres-per-nu", type=POSITIVE, metavar="VALUE",
+    help="The moment in N m that one normalised unit stands for.",
+)  # fmt: skip
+@option(
+    "--mesh-torque", type=POSITIVE, nargs=2, metavar="QUADRATIC VISCOUS",
+    help="stonefish: yaw drag [N m] of your mesh at 1 rad/s with a coefficient of 1.",
+)  # fmt: skip
+@option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, error and all.")
+@option("--n-max", type=POSITIVE, metavar="VALUE", help="thrusters: the largest control signal.")
+@option("--lag", type=POSITIVE, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")
+@option("--allow-partial", is_flag=True, help="Leave out what the target cannot represent, and say so.")
+@option(
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    help="The file to write; without it the text goes to standard output.",
+)  # fmt: skip
+@options.overwrite
+@options.as_json
+@options.verbosity
+def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> "Exported | Targets":
+    """Write a yaw model or a thruster map for the program that is to use it.
+
+    Signs, units and frame become the target's own and are stated in the file. Effects that the target cannot
+    represent are listed, and refused without --allow-partial.
+
+    \b
+    Example:
+      automarine fit-yaw sample_runs/steps -o out/yaw
+      automarine export out/yaw/yaw_model.json --to gz-sim --newton-metres-per-nu 1.5 -o out/vehicle.sdf
+    """
+    from automarine_cli.exports.export import export_model, export_targets
+
+    return export_targets() if show_list else export_model(**settings, out=out, overwrite=overwrite)
+
+
+def _refuse_nothing(settings: dict[str, Any]) -> dict[str, Any]:
+    """Raise UsageError where there is nothing to export."""
+    if not settings["show_list"] and (settings["model"] is None or settings["to"] is None):
+        raise click.UsageError("give MODEL.json and --to NAME, or --list for the targets")
+    return settings
+
+
+def _finish(ctx: click.Context, result: Any) -> None:
+    """Say where the file is, or print it."""
+    if ctx.params["as_json"] or ctx.params["show_list"]:
+        return
+    if result.place is None:
+        click.echo(result.text, nl=False)
+    if verbosity_level() >= 0:
+        for line in result.warnings if result.place is None else [f"Written: {result.place}"]:
+            click.echo(line, err=result.place is None)
+
+
+export.complete, export.finish = _refuse_nothing, _finish

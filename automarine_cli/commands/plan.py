@@ -1,0 +1,62 @@
+"""`plan`: what is still unsure and what a day at the pool allows -> the runs of the next campaign."""
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.pipeline.progress import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.planning.plan import Plan
+
+
+def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value and not ctx.resilient_parsing:
+        from automarine_cli.planning.limits import EXAMPLE
+
+        click.echo(EXAMPLE, nl=False)
+        ctx.exit()
+
+
+@command("plan", report="plan_report")
+@argument("model", type=options.FILE, metavar="MODEL.json", reads="file")
+@option(
+    "--diagnosis", type=options.FILE, metavar="FILE", reads="file",
+    help="A diagnosis.json whose rivals the runs should separate.",
+)  # fmt: skip
+@option(
+    "--limits", type=options.FILE, metavar="FILE.toml", reads="file",
+    help="Limits of time, battery and moments at the pool.",
+)  # fmt: skip
+@click.option(
+    "--example-limits", is_flag=True, is_eager=True, expose_value=False, callback=_print_example,
+    help="Print a limits file with every setting and its default, and exit.",
+)  # fmt: skip
+@option(
+    "--parameter", "parameters", multiple=True, metavar="NAME",
+    help="Shrink the interval of this parameter (k_rr, I_r, ...); may be repeated.  [default: all]",
+)  # fmt: skip
+@option(
+    "--thruster-tests", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs",
+    role="thruster_tests", help="Bollard tests with a current or power column, for the battery; may be repeated.",
+)  # fmt: skip
+@options.thrusters
+@options.arm
+@options.columns
+@options.ending(options.seed, options.jobs)
+def plan(progress: Progress, **settings: Any) -> "Plan":
+    """The next pool campaign for a yaw model: which runs, in which order, and what intervals to expect of them.
+
+    Runs are chosen by Fisher information (with all that differs from run to run), within the
+    time, the battery and the moments that the limits allow. With a diagnosis, runs that separate its rivals come
+    first.
+
+    \b
+    Example:
+      automarine plan out/yaw/yaw_model.json -o out/plan
+    """
+    from automarine_cli.planning.plan import make_plan
+
+    return make_plan(**settings, progress=progress)

@@ -1,0 +1,96 @@
+"""`tune`: a model or a diagnosis -> gains of a controller with their margins; or a log flown with them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.pipeline.progress import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.control.flown import TuningCheck
+    from automarine_cli.control.tuning import Tuning
+
+POSITIVE = options.Finite(positive=True)
+
+
+@command("tune", report="tuning_report")
+@argument("model", type=options.FILE, metavar="MODEL.json", reads="file")
+@option("--extended", type=options.FILE, hidden=True, reads="file", help="The model of a diagnosis.")
+@option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid or python.")
+@option("--step", type=POSITIVE, metavar="DEG", help="Step of the heading.  [default: 90; of others 1 m]")
+@option(
+    "--load", type=options.Finite(min=0, max=100, min_open=True, max_open=True), default=10.0, show_default=True,
+    metavar="PERCENT", help="Load to hold against.",
+)  # fmt: skip
+@option(
+    "--margin", type=options.Finite(min=0, max=2, min_open=True, max_open=True), default=0.75, show_default=True,
+    metavar="M", help="Disk margin to keep.",
+)  # fmt: skip
+@option("--full", type=POSITIVE, metavar="VALUE", help="Moment or force of the whole output, in the model's unit.")
+@option(
+    "--delay", type=options.Finite(min=0, max=5), metavar="SECONDS", help="Longest delay that the logs cannot show."
+)
+@option(
+    "--supply", type=(options.Finite(min=0, max=1, min_open=True), options.Finite(min=1, max=3, max_open=True)),
+    default=(0.88, 1.08), show_default=True, metavar="LOW HIGH",
+    help="Lowest and highest supply voltage, in shares of that of the logs.",
+)  # fmt: skip
+@option(
+    "--present", type=options.FILE, metavar="FILE", reads="file",
+    help="The vehicle's .param file.  [default: defaults]",
+)  # fmt: skip
+@option(
+    "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
+    help="Time between two loops (pid, python).",
+)  # fmt: skip
+@option("--beyond-range", is_flag=True, help="Allow gains beyond the ranges that the firmware documents.")
+@option(
+    "--check", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role="log",
+    help="A log flown with the gains: MODEL.json is then the tuning.json. May be repeated.",
+)  # fmt: skip
+@option("--reference", metavar="COLUMN", help="Column of such a log with the heading asked for.")
+@options.thrusters
+@options.arm
+@options.columns
+@options.ending(options.seed)
+def tune(
+    *, check: Any, reference: str | None, out: Path | None, progress: Progress, **settings: Any
+) -> "Tuning | TuningCheck":
+    """Gains of a controller from a model or a diagnosis, as fast as its uncertainty allows.
+
+    What is uncertain is flown: the model's parameters, thrust that differs from run to run, the supply, delays that
+    the logs cannot show, and every explanation that a diagnosis left open. MODEL.json is a model of a fit, or a
+    diagnosis.json with its extended_model.json beside it. The verdict is new gains, the present ones kept, or that
+    none can be promised, with the run that would settle it.
+
+    \b
+    Example:
+      automarine fit-yaw sample_runs/steps -o out/yaw
+      automarine tune out/yaw/yaw_model.json --for ardusub --full 1.2 --delay 0.1 -o out/tuning
+    """
+    if check:
+        from automarine_cli.control.flown import check_tuning
+        from automarine_cli.report.diagnosis_report import verdict_sentence
+
+        return check_tuning(settings["model"], check, reference, settings["columns"], verdict_sentence, progress)
+    from automarine_cli.control.tuning import make_tuning
+
+    return make_tuning(out=out, progress=progress, **settings)
+
+
+def _completed(settings: dict[str, Any]) -> dict[str, Any]:
+    """A diagnosis brings the model beside it. Raises UsageError where there is nothing to do."""
+    from automarine_cli.control.knowledge import EXTENDED, is_diagnosis
+
+    if not settings["target"] and not settings["check"]:
+        raise click.UsageError("give --for TARGET, or --check LOG with a tuning.json")
+    model, extended = settings["model"], settings["extended"]
+    if extended is None and isinstance(model, Path) and model.with_name(EXTENDED).is_file() and is_diagnosis(model):
+        extended = model.with_name(EXTENDED)
+    return settings | {"extended": extended}
+
+
+tune.complete = _completed

@@ -1,0 +1,425 @@
+"""`export`: a model written for a simulator or a paper; what the target cannot represent is listed, and refused."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from automarine_cli import effects
+from automarine_cli import exports as targets
+from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.effects.base import EVEN, ODD
+from automarine_cli.effects.learned import PREFIX
+from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.exports.base import (
+    DRAG,
+    THRUSTER_MAP,
+    YAW_MODEL,
+    LeftOut,
+    MapSubject,
+    Origin,
+    Settings,
+    Target,
+    Written,
+    YawSubject,
+    mirrored,
+)
+from automarine_cli.exports.planar import PlanarSubject, planar_subject
+from automarine_cli.models.planar_store import planar_from_json
+from automarine_cli.models.store import file_and_models, motion_of
+from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.pipeline.manifest import sha256
+from automarine_cli.pipeline.one_file import refuse_existing, write_whole
+from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.reuse import logs_behind
+from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.report.sections import Sections, sections
+from automarine_cli.report.tables import Table
+from automarine_cli.results.kinds import PLANAR_MODEL
+from automarine_cli.results.kinds import THRUSTER_MAP as MAP
+from automarine_cli.thrusters.map import ThrusterMap
+
+WHY_NAMED = {"thruster-lag": "it acts in the thrusters; --to thrusters has --lag for it"}
+WHY_CONSTANT = "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
+WHY = {
+    "sensor": "it acts on the reading, not on the vehicle",
+    "actuator": "it acts in the thrusters, before the {force}",
+    "moment": "the target's equation has no such term",
+    "water": "the target's water has no state of its own",
+}
+Values = tuple[float, ...]
+MIXED: dict[str, Callable[[Values], Values]] = {
+    # reading: pi/2 - (psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi)
+    "compass-deviation": lambda v: (-v[1], -v[0], -v[2], *v[3:]),
+    "heading-moment": lambda v: (-v[1], -v[0]),
+    "wall": lambda v: (-v[0], v[1], v[2], -v[3], v[4]),
+    "current-deviation": lambda v: (v[0], -v[1], v[2]),
+    "periodic-disturbance": lambda v: (-v[0], -v[1], *v[2:]),
+    "thruster-imbalance": lambda v: v,  # a thruster is the same in any frame
+}
+"""Effects of which a mirror negates some parameters."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The file's text, with what it holds, what it leaves out, and what its reader must be told."""
+
+    target: str
+    form: str
+    frame: str
+    origin: Origin
+    moment_unit: str | None
+    carried: tuple[str, ...]
+    left_out: tuple[LeftOut, ...]
+    written: Written
+    place: Path | None = None
+
+    @property
+    def text(self) -> str:
+        """The file's content."""
+        return self.written.text
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """A sentence for each effect that the file leaves out."""
+        return tuple(f"Left out: {effect.name}: {effect.why}." for effect in self.left_out)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the reader must not miss: effects left out, and the notes that warn."""
+        return (*self.missing, *(note for note in self.written.notes if note.startswith(("Warning", "Left out"))))
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema automarine/export/1."""
+        return {
+            "schema": "automarine/export/1",
+            "target": self.target,
+            "form": self.form,
+            "frame": self.frame,
+            "moment_unit": self.moment_unit,
+            "source": {"file": self.origin.file, "sha256": self.origin.sha256, "model": self.origin.number or None},
+            "carried": list(self.carried),
+            "left_out": [vars(effect) for effect in self.left_out],
+            "notes": list(self.written.notes),
+            "text": self.text,
+        }
+
+
+@sections.register
+def _(result: Exported) -> Sections:
+    if result.place is None:
+        return Sections(())  # the text itself is printed
+    held = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
+    return Sections((held, *result.missing, *result.written.notes))
+
+
+@dataclass(frozen=True)
+class Targets:
+    """All targets, for the list."""
+
+    targets: tuple[Target, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema automarine/export-targets/1."""
+        return {
+            "schema": "automarine/export-targets/1",
+            "targets": [
+                {
+                    "name": target.name,
+                    "says": target.says,
+                    "takes": target.takes,
+                    "motions": _motions(target),
+                    "forms": dict(target.forms),
+                    "frames": list(target.frames),
+                    "effects": sorted(target.carries),
+                    "newton_metres": target.si,
+                    "source": target.source,
+                }
+                for target in self.targets
+            ],
+        }
+
+
+@sections.register
+def _(result: Targets) -> Sections:
+    rows = tuple(
+        (target.name, target.says, ", ".join(_motions(target)) or "thrusters", ", ".join(target.forms),
+         ", ".join(target.frames))
+        for target in result.targets
+    )  # fmt: skip
+    note = "The first form and the first frame are taken where none is asked for; --json lists the effects of each."
+    return Sections([Table("Targets", ("target", "writes", "models of", "forms", "frames"), rows, notes=(note,))])
+
+
+def _motions(target: Target) -> list[str]:
+    """Motions whose models a target takes; none where it takes thruster maps."""
+    together = [PLANAR.name] * (target.planar is not None)
+    return [*target.motions, *together] if target.takes == YAW_MODEL else []
+
+
+def export_targets() -> Targets:
+    """List every target there is."""
+    return Targets(tuple(targets.get(name) for name in targets.names()))
+
+
+def export_model(
+    model: Source,
+    to: str,
+    *,
+    form: str | None = None,
+    number: str | None = None,
+    frame: str | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
+    **settings: Any,
+) -> Exported:
+    """Write the model in a file `model` for the target `to`, into the file `out` if that is given.
+
+    `number` is which of the file's models (by default the preferred one), `frame` ENU or NED (by default the target's
+    own); the other settings are those of `exports.base.Settings`. Raises ModelError, SettingError or OutputError, for
+    an effect too that the target cannot represent, unless `allow_partial`.
+    """
+    target, chosen = targets.get(to), Settings(**settings)
+    _refuse_unused(target, chosen)
+    data = read_plain(model, "JSON", ModelError)
+    origin, kind = Origin(printable(model.name), sha256(model)), data.get("schema")
+    if kind == PLANAR_MODEL.schema:
+        _refuse_plane(target, origin, chosen)
+    takes = target.planar if kind == PLANAR_MODEL.schema and target.planar else target
+    ending = "" if out is None or takes is not target else out.suffix.lower()
+    usual = next((name for name, suffix in takes.forms.items() if suffix == ending), next(iter(takes.forms)))
+    form = _one_of(takes.forms, form or usual, f"--form of {target.name}")
+    frame = _one_of(takes.frames, (frame or takes.frames[0]).upper(), f"--frame of {target.name}")
+    if out is not None:
+        refuse_existing(out, overwrite=overwrite)
+    unit, left_out = None, tuple[LeftOut, ...]()
+    subject: PlanarSubject | MapSubject | YawSubject
+    if takes is not target:
+        planar = planar_from_json(data, origin.file).model
+        subject = planar_subject(planar, origin, frame, form, chosen, target.name)
+        unit, left_out, carried = "N m", subject.left_out, ("inertia", *(name for name, _, _ in subject.drags()))
+    elif target.takes == THRUSTER_MAP:
+        if kind != MAP.schema and "models" in data:
+            wrong = f"{origin.file} is a {motion_of(data).name} model"
+            raise SettingError(f"{wrong}; --to {target.name} takes the thrusters.json of a fit")
+        full_scale = MAP.of(data, origin.file).full_scale_N
+        subject = MapSubject(origin, ThrusterMap.from_json(data, origin.file), frame, form, chosen, full_scale)
+        carried = ("thruster map",)
+    else:
+        logs = logs_behind(model, origin.sha256)
+        subject = _yaw_subject(target, data, origin, number, form, frame, chosen, logs)
+        unit, left_out = subject.model.moment_unit, subject.left_out
+        carried = ("inertia", *(term.name for term in subject.model.terms))
+    written = takes.write(subject)
+    if out is not None:
+        write_whole(out, written.text)
+    return Exported(target.name, form, frame, subject.origin, unit, carried, left_out, written, out)
+
+
+def _one_of(choices: Iterable[str], value: str, option: str) -> str:
+    if value not in choices:
+        raise SettingError(f"{option}: found {value}, expected {' or '.join(choices)}")
+    return value
+
+
+def _refuse_plane(target: Target, origin: Origin, settings: Settings) -> None:
+    """Raise SettingError where a target takes no models of surge, sway and yaw together, and for a unit given."""
+    if target.planar is None:
+        takers = [name for name in targets.names() if targets.get(name).planar is not None]
+        raise SettingError(
+            f"{origin.file} is a model of surge, sway and yaw together; --to {target.name} takes one motion: take --to "
+            f"{' or '.join(takers)}, or a model of one motion"
+        )
+    if settings.newton_metres_per_nu is not None:
+        raise SettingError(
+            f"{origin.file} is in newtons already; --newton-metres-per-nu is for the unit nu, so leave it out"
+        )
+
+
+def _yaw_subject(
+    target: Target, data: Mapping[str, object], origin: Origin, number: str | None, form: str, frame: str,
+    settings: Settings, logs: tuple[tuple[str, str], ...] | None,
+) -> YawSubject:  # fmt: skip
+    """A model of one motion with what the target carries, in its frame and unit. Raises SettingError, ModelError."""
+    if data.get("schema") == MAP.schema:
+        raise SettingError(f"{origin.file} is a thruster map; --to {target.name} takes a yaw model, as --to thrusters "
+                           "takes a map")  # fmt: skip
+    if (motion := motion_of(data).name) not in target.motions:
+        raise SettingError(
+            f"{origin.file} is a model of {motion}; --to {target.name} takes models of {listed(target.motions)}"
+        )
+    file, stored = file_and_models(data, origin.file)
+    which = _one_of(stored.models, number or stored.preferred, "--number")
+    origin = replace(origin, number=which)
+    model = in_unit(target, stored.models[which], settings, origin)
+    terms, left_out = split(target, model, settings)
+    if left_out and not settings.allow_partial:
+        raise SettingError(_cannot(target, left_out, origin))
+    model = replace(model, terms=terms)
+    model = in_enu(model) if frame == "ENU" else model
+    refuse_inertia(target, settings.rigid_inertia, model, origin)
+    if target.si:
+        _refuse_driving(model, target, origin)
+    return YawSubject(origin, model, frame, form, settings, left_out, file, logs)
+
+
+def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin) -> YawModel:
+    """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
+    dof, factor = model.dof, settings.newton_metres_per_nu
+    unit, force = dof.units.forces[1], dof.words.force
+    full = "newton metres" if dof.levered else "newtons"
+    if model.moment_unit == unit and factor is not None:
+        raise SettingError(
+            f"{origin.file} is in {full} already; --newton-metres-per-nu is for the unit nu, so leave it out"
+        )
+    if model.moment_unit == "nu" and target.si and factor is None:
+        raise SettingError(
+            f"{origin.file}: its {force}s are normalised (nu) and {target.name} needs {full}; give "
+            f"--newton-metres-per-nu with the {force} [{unit}] that one nu stands for, as a bollard test "
+            f"{'and the thrusters' + chr(39) + ' arm tell' if dof.levered else 'tells'} it"
+        )
+    return model if factor is None else in_newton_metres(model, factor)
+
+
+def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
+    """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
+    dof = model.dof
+    live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
+    kept = tuple(term for term in live if not _why_not(target, term, dof, settings))
+    lost = (term for term in live if term not in kept)
+    return kept, tuple(LeftOut(term.name, _why_not(target, term, dof, settings)) for term in lost)
+
+
+def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
+    """Why the target cannot carry a term; empty where it can."""
+    effect = effects.get(term.name)
+    carried = target.carries_with(settings) if target.carries_with else target.carries
+    if effect.varies(term.values) and not target.varying:
+        return "it differs from run to run"
+    if term.name.startswith(PREFIX) and PREFIX in carried:
+        return ""
+    if term.name in carried:
+        law = effect.law(term.values)
+        if (term.name, law) in target.lacks:
+            return target.lacks[term.name, law]
+        known = not law or target.laws is None or (term.name, law) in target.laws or effect.varies(term.values)
+        return "" if known else f"its law {_law_name(term)!r} remembers earlier commands"
+    named = WHY_NAMED | dict(target.why)
+    if dof.has_constant and term.name == "bias-moment":
+        return WHY_CONSTANT
+    if term.name in named:
+        return named[term.name]
+    return f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
+
+
+def _law_name(term: Term) -> str:
+    """What the term's law is called."""
+    effect = effects.get(term.name)
+    return next(p.choices[effect.law(term.values)] for p in effect.parameters if p.choices)
+
+
+def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """Drag that a model has twice, once of its own and once found by a diagnosis, as one term."""
+    found: dict[str, Term] = {}
+    for term in terms:
+        twin = found.get(term.name) if term.name in DRAG else None
+        key = f"{term.name} {len(found)}" if term.name in found and twin is None else term.name
+        found[key] = term if twin is None else replace(twin, values=(twin.values[0] + term.values[0],))
+    return tuple(found.values())
+
+
+def _matters(term: Term) -> bool:
+    effect = effects.get(term.name)
+    return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
+
+
+def _cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str:
+    """The sentence for effects that the target has no term for."""
+    missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
+    python = targets.get("python")
+    has = target is not python and all(effect.name in python.carries for effect in left_out)
+    hint = ", or take --to python, which has them" if has else ""
+    return (
+        f"{origin.file}: {target.name} cannot represent {missing}; give {target.instead or ''}--allow-partial to write "
+        f"the file without{hint}"
+    )
+
+
+def refuse_inertia(target: Target, rigid: float | None, model: YawModel, origin: Origin) -> None:
+    """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
+    dof, word = model.dof, model.dof.words.inertia
+    if rigid is None and target.si and not dof.levered:
+        raise SettingError(
+            f"{origin.file}: the identified {word}, {model.inertia:.4g}, holds the water that moves along; as a "
+            "link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"
+        )
+    if rigid is not None and not 0.0 < rigid <= model.inertia:
+        raise SettingError(
+            f"--rigid-inertia: found {rigid:g}, expected more than 0 and no more than {model.inertia:.6g} "
+            f"{dof.unit_of('inertia', model.moment_unit)}, the total of rigid and added {word} in {origin.file}; check "
+            "unit and axis"
+        )
+
+
+def _refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:
+    """Raise SettingError for a linear drag that is none: model 2 may have one of the wrong sign."""
+    linear, _ = model.drag()
+    if linear < 0:
+        name, unit = model.dof.symbols.linear, model.dof.unit_of("linear", model.moment_unit)
+        raise SettingError(
+            f"{origin.file}, model {origin.number}: {name} = {linear:.4g} {unit} would drive the vehicle at small "
+            f"{model.dof.words.speed}s, and {target.name} would not come to rest; take a model without it with "
+            "--number 1 or 3"
+        )
+
+
+def _refuse_unused(target: Target, settings: Settings) -> None:
+    """Raise SettingError for a setting that the target does not use."""
+    for name in settings.given:
+        if name not in target.uses and name != "allow_partial":
+            users = [one for one in targets.names() if name in targets.get(one).uses]
+            option = f"--{name.replace('_', '-')}"
+            raise SettingError(f"{option} means nothing to {target.name}; it is for {listed(users)}, so leave it out")
+
+
+def in_enu(model: YawModel) -> YawModel:
+    """The model, given in NED, for yaw angle, rate and moment (or another motion's) in ENU; its own inverse.
+
+    ENU: yaw anticlockwise from east for clockwise from north (NED). With psi_enu = pi/2 - psi, r_enu = -r and
+    tau_enu = -tau, drag that is odd in the rate keeps its coefficients; a constant moment and every difference between
+    the two directions change their sign; what depends on the heading changes sine for cosine, since sin psi =
+    cos psi_enu and sin 2 psi = sin 2 psi_enu, cos 2 psi = -cos 2 psi_enu. Heave, positive down in NED and up in ENU,
+    mirrors alike; surge is ahead in both. Raises ModelError for an effect whose mirror image is not written down here.
+    """
+    if not mirrored(model.dof):
+        return model
+    return replace(model, terms=tuple(_mirrored(term) for term in model.terms))
+
+
+def _mirrored(term: Term) -> Term:
+    parity = effects.get(term.name).parity
+    if parity == EVEN:
+        return term
+    if parity == ODD:
+        return replace(term, values=tuple(-value for value in term.values))
+    if term.name not in MIXED:
+        raise ModelError(f"effect {term.name} has no form in ENU yet; export in NED with --frame NED")
+    return replace(term, values=MIXED[term.name](term.values))
+
+
+def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
+    """The same motion under moments in N m (forces in N): inertia and drag times the factor, other effects by their
+    units."""
+    terms = tuple(
+        replace(
+            term,
+            values=tuple(
+                parameter.scaled(value, newton_metres_per_nu)
+                for parameter, value in zip(effects.get(term.name).parameters, term.values)
+            ),
+        )
+        for term in model.terms
+    )
+    inertia, unit = model.inertia * newton_metres_per_nu, model.dof.units.forces[1]
+    return replace(model, inertia=inertia, terms=terms, moment_unit=unit)

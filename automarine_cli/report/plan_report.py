@@ -1,0 +1,224 @@
+"""What `plan` shows and writes: the run sheet, intervals before and after, explanations to separate, and plan.md, the
+campaign for the people who will run it."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from automarine_cli.pipeline.recipe import toml_text
+from automarine_cli.planning.campaign import Campaign, specification
+from automarine_cli.planning.plan import Plan, command_path
+from automarine_cli.planning.rivals import Split
+from automarine_cli.planning.vehicle import command_file, in_words
+from automarine_cli.report.figures.plan import plan_figure
+from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import PLAN
+
+SHEET = (
+    "number", "name", "kind", "begins_min", "start_heading_deg", "turn_there_deg", "voltage_V", "rest_s", "do",
+    "drive_s", "turns_deg", "wait_s", "battery_left_Ah", "battery_left_percent", "command_file", "why",
+)  # fmt: skip
+CERTAIN = 1000.0
+EARLIER = (
+    "The earlier runs count by the intervals in the model's file, which holds no correlations but that of inertia and "
+    "quadratic drag."
+)
+HOLDS_OUT = (
+    "`automarine diagnose` holds a quarter of the runs out to judge by, and that is counted; with other logs for "
+    "`--hold-out` all runs are fitted, and the intervals come out a seventh narrower."
+)
+FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
+
+
+@sections.register
+def _(plan: Plan) -> Sections:
+    campaign = plan.campaign
+    unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
+    specified, rehearsal = specification(campaign, plan.seed)
+    if specified:
+        rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
+    files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
+    files |= {"plan.md": _page(plan, rehearsal), "plan.csv": _sheet_rows(campaign).to_csv()}
+    files[PLAN.file] = plan.to_json()
+    for slot in campaign.slots:
+        files[command_path(slot)] = command_file(slot.candidate, rest, unit, plan.drive, plan.columns)
+    sentences = (_totals(campaign), f"Planned for: {plan.fit_command}", *campaign.notes)
+    printed: list[Table | str] = [*sentences, *_tables(campaign)]
+    return Sections(printed, files, {"plan": partial(plan_figure, campaign)}, FILES, plan.runs())
+
+
+def _totals(campaign: Campaign) -> str:
+    """How much there is, and what of the limits it takes, in a sentence."""
+    last, limits = campaign.slots[-1], campaign.limits
+    kinds = [run.kind for run in campaign.candidates]
+    counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+    counted = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for kind, count in counts.items())
+    return (
+        f"{len(kinds)} runs ({counted}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of {limits.pool.minutes:g} "
+        f"minutes in the pool, {campaign.motion:.0f} s of motion, "
+        f"{100.0 * last.left / limits.battery.charge_Ah:.0f} % of the battery left."
+    )
+
+
+def _tables(campaign: Campaign) -> list[Table]:
+    split = [_split_table(campaign)] if campaign.splits else []
+    return [_sheet_table(campaign), _interval_table(campaign), *split, _compared_table(campaign)]
+
+
+def _sheet_rows(campaign: Campaign) -> Table:
+    """The run sheet for programs and spreadsheets."""
+    unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
+    rows = []
+    for slot, why, back, turned in zip(campaign.slots, campaign.why, campaign.ways_back, campaign.turns):
+        run = slot.candidate
+        rows.append((
+            str(slot.number), slot.name, run.kind, f"{slot.begins / 60.0:.2f}", f"{run.start_heading:g}", f"{back:.0f}",
+            "" if run.voltage is None else f"{run.voltage:g}", f"{rest:g}", in_words(run, unit), f"{run.driven:g}",
+            f"{turned:.0f}", f"{slot.wait:g}", f"{slot.left:.4f}",
+            f"{100.0 * slot.left / campaign.limits.battery.charge_Ah:.1f}", command_path(slot), why,
+        ))  # fmt: skip
+    return Table("", SHEET, tuple(rows))
+
+
+def _sheet_table(campaign: Campaign) -> Table:
+    """The run sheet for people."""
+    unit, full = campaign.fitting.model.moment_unit, campaign.limits.battery.charge_Ah
+    rows = [
+        (
+            str(slot.number), _clock(slot.begins), f"{slot.candidate.start_heading:g}", f"{back:+.0f}",
+            in_words(slot.candidate, unit), f"{slot.wait:g}", f"{100.0 * slot.left / full:.0f}", why,
+        )
+        for slot, why, back in zip(campaign.slots, campaign.why, campaign.ways_back)
+    ]  # fmt: skip
+    header = (
+        "run", "begin at min:s", "start heading deg", "turn there by deg", "after the rest", "then wait s",
+        "battery left %", "what for",
+    )  # fmt: skip
+    rest = f"{campaign.limits.runs.rest_before_s:g} s"
+    return Table("Run sheet", header, tuple(rows), notes=(f"Every log begins with {rest} at rest, thrusters idle.",))
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02d}"
+
+
+def _interval_table(campaign: Campaign) -> Table:
+    """Parameters down; now, after the new runs alone, and together with the earlier ones across."""
+    columns = {"now": campaign.now, "new runs alone": campaign.alone}
+    if campaign.together:
+        columns["with the earlier runs"] = campaign.together
+    rows = [
+        (
+            _symbol(name, campaign) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else ""),
+            *(_precision(estimates.get(name)) for estimates in columns.values()),
+        )
+        for name, alone in campaign.alone.items()
+    ]
+    notes = ("Value, predicted 95 % interval, and half its width in percent.",)
+    return Table("Intervals before and after", ("parameter", *columns), tuple(rows), notes=notes)
+
+
+def _symbol(name: str, campaign: Campaign) -> str:
+    """A parameter as tables have it."""
+    dof = campaign.fitting.model.dof
+    symbols = dof.symbols
+    printed = {symbols.quadratic: symbols.quadratic_print,
+               dof.words.inertial_length: f"{symbols.inertia}/{symbols.quadratic_print}"}  # fmt: skip
+    return printed.get(name, name)
+
+
+def _precision(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return MISSING
+    low, high = estimate.ci95
+    half = 50.0 * (high - low) / abs(estimate.value) if estimate.value else float("nan")
+    return f"{interval(estimate)} ({number(half, 2)} %)"
+
+
+def _split_table(campaign: Campaign) -> Table:
+    """Pairs of explanations down; expected evidence of the plan and of the paper's grid across."""
+    rows = [
+        (split.true, split.other, _evidence(split), _evidence(grid))
+        for split, grid in zip(campaign.splits, campaign.grid_splits)
+    ]
+    note = (
+        "Expected difference in evidence (deviance, penalties included) where the first is true; from "
+        f"{campaign.limits.goal.evidence:g} on the two count as separated, below 10 as tied."
+    )
+    header = ("if it is", "and not", "this plan", "the paper's grid")
+    return Table("Explanations to separate", header, tuple(rows), notes=(note,))
+
+
+def _evidence(split: Split) -> str:
+    return f"over {CERTAIN:.0f}" if split.evidence > CERTAIN else f"{split.evidence:.1f}"
+
+
+def _compared_table(campaign: Campaign) -> Table:
+    """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
+    names = list(campaign.plan.percent)
+    rows = [
+        (
+            label, number(curve.minutes[-1], 3), number(curve.motion[-1], 3),
+            *(number(curve.percent[name][-1], 2) for name in names),
+        )
+        for label, curve in (
+            ("this plan", campaign.plan), ("the paper's grid", campaign.grid),
+            *((f"this plan and one {curve.name}", curve) for curve in campaign.more),
+        )
+    ]  # fmt: skip
+    header = ("campaign", "min in the pool", "s of motion", *(f"{_symbol(name, campaign)} %" for name in names))
+    earlier = " The earlier runs are counted in." if campaign.together else ""
+    return Table("Standard errors to expect", header, tuple(rows), (2,), notes=(f"In percent of the value.{earlier}",))
+
+
+def _page(plan: Plan, rehearsal: str) -> str:
+    """plan.md; `rehearsal` is a sentence on plan.toml."""
+    campaign = plan.campaign
+    sheet, *others = (table.to_markdown().rstrip() for table in (
+        replace(_sheet_table(campaign), title=""), *_tables(campaign)[1:]
+    ))  # fmt: skip
+    pool = campaign.limits.pool
+    headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
+    parts = [
+        f"# The next campaign, planned from {plan.model}",
+        _totals(campaign),
+        "## Run sheet",
+        f"Before each run bring the vehicle back and let the water settle: {pool.wait_s:g} s, after long turns "
+        f"{pool.wait_after_long_turn_s:g} s. Start headings in turn: {headings} degrees; a few degrees do not matter. "
+        "Turn there by as much as the sheet says, clockwise where it is positive: so the tether never holds more than "
+        "half a turn at the start of a run.",
+        sheet,
+        "Play `commands/NAME.csv` for each run, or command it by hand, and log time, heading and command of the whole "
+        "run, rest included. Repeat a failed run at once; keep the order, which is random on purpose.",
+        "## Expected precision",
+        f"Fit the runs with\n\n```\n{plan.fit_command}\n```\n\nThe intervals below are those that it should report.",
+        *others,
+        "![Precision against minutes in the pool](plan.png)",
+        "## Assumptions",
+        "\n".join(f"- {line}" for line in _assumptions(plan, rehearsal)),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
+    campaign, fitting = plan.campaign, plan.campaign.fitting
+    effects = [term.name for term in fitting.model.terms[len(fitting.base.terms) :]]
+    added = f" with {', '.join(effects)}" if effects else ""
+    rate = fitting.rate_noise
+    gyro = "" if rate is None else f"and yaw rate noise {np.rad2deg(rate):.3g} degrees/s "
+    return [
+        f"The model{added} is taken to be right: runs are chosen for what it says, and a campaign of few kinds shows "
+        "little of what it lacks. After a surprise, run `automarine diagnose` and plan again with `--diagnosis`.",
+        f"Heading noise {np.rad2deg(fitting.noise):.3g} degrees {gyro}at {fitting.rate:g} Hz, thrust scatter "
+        f"{100 * fitting.scatter:.3g} % from run to run; start heading, gain of the run and the instant of every "
+        "change are fitted for each run.",
+        plan.source,
+        *([EARLIER] if campaign.together else []),
+        *([HOLDS_OUT] if fitting.fit == "diagnosis" else []),
+        *([rehearsal] if rehearsal else []),
+        *campaign.notes,
+    ]

@@ -1,0 +1,192 @@
+"""What `tune` shows and writes: gains and what to expect of them, and a log flown with them beside that."""
+
+import math
+from functools import partial
+
+import numpy as np
+
+from automarine_cli.control.design import Designed
+from automarine_cli.control.flown import TuningCheck, in_print
+from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, margins_of, promises
+from automarine_cli.pipeline.recipe import toml_text
+from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
+from automarine_cli.report.figures.files import Draw
+from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
+from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import TUNING
+
+VERDICTS = {
+    "gains": "New gains.", "leave": "Leave the gains as they are.", "cannot-promise": "No promise can be made.",
+}  # fmt: skip
+FIRST_FLIGHT = (
+    "Load it, hold a heading in open water with a hand on the switch to manual, make one step, and let "
+    "`automarine tune tuning.json --check LOG` say whether the loop does what is promised."
+)
+
+
+@sections.register
+def _(tuning: Tuning) -> Sections:
+    designed = tuning.designed
+    verdict, *more = _sentences(designed)
+    tables = [] if designed.new is None and designed.old is None else [_gains_table(designed), _promised_table(tuning)]
+    plan = []
+    if tuning.settling is not None:
+        where = (
+            f"are planned in {tuning.out / SETTLES}" if tuning.out else f"are planned with -o DIR, into DIR/{SETTLES}"
+        )
+        line = tuning.plan_command(str(tuning.out or "DIR"))
+        more.insert(1, f"Such runs {where}. To plan them within other limits: {line}")
+    files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
+    figures: dict[str, Draw] = {}
+    for name, table in zip(("gains.csv", "tuning.csv"), tables):
+        files[name] = table.to_csv()
+    if tables:
+        figures["tuning"] = partial(tuning_figure, designed)
+    if designed.new is not None:
+        plan.append(designed.target.file)
+        files[designed.target.file] = tuning.target_text()
+    if tuning.settling is not None:
+        plan.append(f"{SETTLES}/")
+    warnings = []
+    if tuning.plan is not None and tuning.plan.made is not None:
+        planned, limits = sections(tuning.plan.made), tuning.plan.made.campaign.limits
+        moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
+        goal = {"half_width_percent": limits.goal.half_width_percent}
+        below = dict(planned.files) | {LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}
+        files |= {f"{SETTLES}/{name}": content for name, content in below.items()}
+        figures |= {f"{SETTLES}/{name}": draw for name, draw in planned.figures.items()}
+    elif tuning.plan is not None:
+        warnings.append(tuning.plan.warning)
+    listed = (*plan, TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png")
+    rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
+    return Sections((verdict, *more, *designed.notes, *tables), files, figures, listed, rows, warnings)
+
+
+def _sentences(designed: Designed) -> list[str]:
+    """The verdict, the run that would change it, and gains that the documented range holds back."""
+    sentences = [f"{VERDICTS[designed.verdict]} {designed.why}"]
+    if designed.run:
+        sentences.append(f"What would settle it: {designed.run}.")
+    if designed.new is not None and not designed.target.beyond:
+        new = designed.new.gains
+        at_end = [
+            gain.name for gain in designed.target.parameters
+            if gain.searched and math.isfinite(gain.high) and "MAX" not in gain.name and new[gain.name] >= gain.high
+        ]  # fmt: skip
+        if at_end:
+            sentences.append(
+                f"At the end of the documented range: {', '.join(at_end)}; with --beyond-range stiffer gains may be "
+                "found."
+            )
+    return sentences
+
+
+def _gains_table(designed: Designed) -> Table:
+    """Old and new values in the target's own names."""
+    rows = []
+    after = {} if designed.new is None else designed.new.gains
+    before = {} if designed.old is None else designed.old.gains
+    for gain in designed.target.parameters:
+        new, old = after.get(gain.name), before.get(gain.name)
+        if not gain.searched and (new is None or new == old):
+            continue
+        unit = gain.unit.replace("{x}", designed.nominal.dof.units.base)
+        limits = f"{gain.low:g} to {gain.high:g}" if math.isfinite(gain.high) else MISSING
+        rows.append((gain.name, number(old), number(new), unit, limits, gain.meaning))
+    return Table("Gains", ("parameter", "present", "new", "unit", "documented", "what it is"), tuple(rows))
+
+
+def _promised_table(tuning: Tuning) -> Table:
+    """What to expect of the present and of the new gains: medians and bands of 95 %."""
+    designed = tuning.designed
+    dof, task = designed.nominal.dof, designed.task
+    names, cells = [], dict[str, list[str]]()
+    for name, outcome in tuning.outcomes():
+        names.append(name)
+        for key, value in {**margins_of(outcome), **promises(outcome, designed)}.items():
+            cells.setdefault(key, []).append(_band(value))
+        cells.setdefault("settles", []).append(f"{np.mean(outcome.scores.settles):.0%}")
+        cells.setdefault("keeps", []).append(f"{outcome.share_with(task.margin):.0%}")
+    words = {
+        "overshoot_percent": "overshoot [%]", "settling_s": "settles after [s]", "disk_margin": "disk margin",
+        "gain_margin_dB": "gain margin [dB]", "phase_margin_deg": "phase margin [deg]",
+        "delay_margin_s": "delay margin [s]",
+        f"rms_after_{dof.units.key}": f"error from then on, rms [{dof.units.shown}]",
+        f"load_error_{dof.units.key}": f"largest error under {100 * task.load:g} % load [{dof.units.shown}]",
+        "settles": "share that settles", "keeps": f"share with a disk margin of {task.margin:g}",
+    }  # fmt: skip
+    count = sum(len(crowd.vehicles) for crowd in designed.crowds)
+    note = (
+        f"Median and the band of 95 % of {count} vehicles that the model allows; a step of {dof.logged(task.step):g} "
+        f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, flights of {task.seconds:.0f} s."
+    )
+    return Table("What to expect", ("", *names), tuple((words[key], *row) for key, row in cells.items()), notes=(note,))
+
+
+def _band(value: Estimate | None) -> str:
+    """`12 [11, 14]`, with "never" for what never happens."""
+    if value is None:
+        return "never"
+    middle, low, high = (number(x, 3) if math.isfinite(x) else "never" for x in (value.value, *value.ci95))
+    return f"{middle} [{low}, {high}]"
+
+
+def _page(tuning: Tuning, tables: list[Table]) -> str:
+    """tuning.md."""
+    designed = tuning.designed
+    nominal, noise = designed.nominal, designed.crowds[0].vehicles.noise[0]
+    parts = [f"# A controller for {designed.target.name}, from {tuning.source}", *_sentences(designed)]
+    if designed.new is not None:
+        parts.append(f"The file to load: `{designed.target.file}`. {FIRST_FLIGHT}")
+    if tuning.plan is not None and tuning.plan.made is not None:
+        page = f"{SETTLES}/plan.md"
+        parts.append(f"Runs that settle it, with their command files: [{page}]({page}).")
+    parts += [table.to_markdown().rstrip() for table in tables]
+    if tables:
+        parts.append("![Step, load and margins of present and new gains](tuning.png)")
+    rests_on = [
+        *designed.notes,
+        f"Explanations flown: {', '.join(crowd.name for crowd in designed.crowds)}.",
+        f"The whole output gives {nominal.full:.4g} {nominal.force_unit}.",
+        f"Only {nominal.dof.name} is designed; roll, pitch, and what the motions do to each other are not.",
+        f"Readings are off as those of the logs are, by {nominal.dof.shown(noise):.2g} {nominal.dof.words.units} "
+        "(standard deviation); waves and the pilot are not simulated.",
+    ]
+    if designed.target.firmware:
+        rests_on.append(f"Names, units and ranges are those of {designed.target.firmware}.")
+    parts += ["## What it rests on", "\n".join(f"- {line}" for line in rests_on)]
+    return "\n\n".join(parts) + "\n"
+
+
+@sections.register
+def _(check: TuningCheck) -> Sections:
+    dof, steps = check.dof, check.steps
+    words = {
+        "overshoot": "overshoot [%]", "settling": "settles after [s]",
+        "rms": f"error from then on, rms [{dof.units.shown}]",
+        "distance": f"distance from the reference, rms [{dof.units.shown}]",
+        "largest": f"the same at most [{dof.units.shown}]",
+    }  # fmt: skip
+    rows = []
+    for step in steps:
+        size = "no step" if step.size is None else f"{dof.logged(step.size):+.3g} {dof.units.log}"
+        for name, figure in step.figures.items():
+            values = (in_print(name, x, dof) for x in (figure.value, *figure.band))
+            flown, low, high = (number(x, 3) if math.isfinite(x) else "never" for x in values)
+            where = f"{step.run}, {step.begins:.1f} s, {size}"
+            rows.append((where, words[name], flown, f"{low} to {high}", "yes" if figure.held else "no"))
+    table = Table("Flown and promised", ("step", "", "flown", "promised", "held"), tuple(rows))
+    failed = sum(not step.held for step in steps)
+    verdict = f"Not as promised: {failed} of {len(steps)} steps leave the bands of 95 %."
+    if not failed:
+        verdict = f"As promised: all {f'{len(steps)} steps are' if len(steps) > 1 else 'is'} within the bands."
+    sentences = [verdict, *([check.changed] if check.changed else [])]
+    parts = ["# A log beside what was promised", *sentences, table.to_markdown().rstrip(),
+             "![Steps as flown, and the bands that were promised](tuning_check.png)"]  # fmt: skip
+    files: dict[str, Content] = {
+        "tuning_check.json": check.to_json(), "tuning_check.md": "\n\n".join(parts) + "\n"
+    }  # fmt: skip
+    figures = {"tuning_check": partial(flown_figure, steps, dof)}
+    return Sections((*sentences, table), files, figures, (*files, "tuning_check.png"), check.to_json()["steps"])
