@@ -10,7 +10,6 @@ from click.shell_completion import CompletionItem
 
 from automarine_cli.commands.terminal import Result as Printed
 from automarine_cli.commands.terminal import echo_result, terminal_progress, verbosity_level
-from automarine_cli.dofs import TRANSLATIONS
 
 if TYPE_CHECKING:
     from automarine_cli.workflows.command import Command
@@ -182,17 +181,6 @@ def _all(*decorators: Callable[..., Any]) -> Callable[[Function], Function]:
         return function
 
     return decorated
-
-
-def refuse_half_a_drive(given: Mapping[str, Any]) -> None:
-    """Raise UsageError for a map without an arm, or the other way about, unless the model's thrusters need none or the
-    column map may hold it."""
-    thrusters, arm = given["thrusters"], given["arm"]
-    with given["model"].open("rb") as file:
-        start = file.read(2000)
-    levered = arm is not None or not any(f"{name}-model/1".encode() in start for name in TRANSLATIONS)
-    if levered and (thrusters is None) != (arm is None) and (thrusters is None or given["columns"] is None):
-        raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
 
 
 def perform_one(command: "Command[Any, Result]", given: Mapping[str, Any], written: str = "") -> Result:

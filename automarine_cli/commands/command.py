@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+from click.core import augment_usage_errors
 
 from automarine_cli.commands.terminal import echo_result, terminal_progress
 from automarine_cli.errors import SettingError
@@ -30,12 +31,12 @@ Function = Callable[..., Any]
 class Setting:
     """What a manifest and Python need to know of an option or argument.
 
-    `reads` says what it names: logs, one file (or the result that would be it), files or folders, of which the manifest
-    lists the inputs under `role`. Only what is `recorded` stands among its options; `seldom` where it is not the
-    default.
+    `reads` says what it names: logs, one file (or the result that would be it), files, of which the manifest lists the
+    inputs under `role`, or folders, of which the command's `folder_inputs` does. Only what is `recorded` stands among
+    its options; `seldom` where it is not the default.
     """
 
-    reads: Literal["", "logs", "file", "files"]
+    reads: Literal["", "logs", "file", "files", "folders"]
     role: str
     recorded: bool
     seldom: bool
@@ -71,9 +72,9 @@ class Command(click.Command):
     """A command of the terminal that Python calls as a function: the first of its settings alone, others by name.
 
     Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
-    `each` is a map on the processes asked for. `report` is the module that shows the result; a command that `saves`
-    writes a folder of results with a manifest. `complete` may be set to fill in settings that follow from others and
-    refuse what contradicts, before logs are looked for; `finish` to what follows from the printed result.
+    `each` is a map on the processes asked for. `report` is the module that shows the result (none: `finish` does it). A
+    command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow from
+    others, and refuses what contradicts, before logs are looked for; `finish` ends the command on the terminal.
     """
 
     def __init__(
@@ -86,6 +87,7 @@ class Command(click.Command):
         self.takes = set(inspect.signature(function).parameters)
         self.own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
+        self.folder_inputs: Callable[[Any], list[Any]] = lambda folders: []
         self.complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda settings: settings
         self.__name__ = python or name.replace("-", "_")
         self.__doc__ = function.__doc__
@@ -107,6 +109,9 @@ class Command(click.Command):
     ) -> Any:
         """Carry it out from Python: places may be texts, a single log or a table stands for a list of logs, a result
         for the file that it would be."""
+        from automarine_cli.report.figures.files import refuse_unknown
+
+        refuse_unknown(figure_formats)
         if len(first) > 1:
             raise TypeError(f"{len(first)} arguments without a name; give {self.own[0].name} alone so, a list if many")
         settings = {str(self.own[0].name): one for one in first} | settings
@@ -166,9 +171,7 @@ class Command(click.Command):
             folder = None
             if out is not None and self.saves:
                 from automarine_cli.pipeline.outputs import result_folder
-                from automarine_cli.report.figures.files import refuse_unknown
 
-                refuse_unknown(figure_formats)
                 folder = stack.enter_context(result_folder(
                     out, command=str(self.name), options=self.recorded(settings, figure_formats),
                     inputs=self.inputs(settings), seed=self.seed(settings), overwrite=overwrite,
@@ -182,13 +185,14 @@ class Command(click.Command):
             }  # fmt: skip
             asked = {key: value for key, value in execution.items() if key in self.takes}
             result = self.function(**settings, **asked)
-            import_module(f"automarine_cli.report.{self.report}")
+            if self.report:
+                import_module(f"automarine_cli.report.{self.report}")
             if folder is not None:
                 from automarine_cli.report.sections import sections
 
-                if each is None and jobs > 1:
+                if each is None:
                     each = stack.enter_context(lasting_map(jobs, progress=progress))
-                sections(result).save(folder, figure_formats, each)
+                sections(result).save(folder, figure_formats if settings.get("figures", True) else (), each)
         return result
 
     def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
@@ -233,6 +237,8 @@ class Command(click.Command):
                 files += given_as(**{name: value})
             elif param.reads == "files":
                 files += [Input(path.name, path, param.role) for path in value]
+            elif param.reads == "folders":
+                files += self.folder_inputs(value)
             if name == "columns":
                 files += given_as(dbc=given_columns(value).database)
         files.sort(key=lambda file: file.role not in ("log", HOLD_OUT))
@@ -248,24 +254,28 @@ class Command(click.Command):
         given = {param.name: ctx.params[param.name] for param in self.own}
         execution = {key: ctx.params[key] for key in EXECUTION if key in ctx.params}
         as_json = execution.pop("as_json", False)
-        result = self.run(self.settings(given), **execution, progress=terminal_progress())
+        with augment_usage_errors(ctx):
+            result = self.run(self.settings(given), **execution, progress=terminal_progress())
         self.echo(result, as_json=as_json, out=execution.get("out"))
         self.finish(ctx, result)
         return result
 
     def echo(self, result: Any, *, as_json: bool, out: Path | None) -> None:
         """Print a result on the terminal."""
-        from automarine_cli.report.sections import sections
+        tables: Sequence[Any] = ()
+        files: Sequence[str] = ()
+        if self.report:
+            from automarine_cli.report.sections import sections
 
-        said = sections(result)
+            tables, files = (shown := sections(result)).printed, shown.listed
         echo_result(
-            result, as_json=as_json, out=out if self.saves else None, tables=said.printed, files=said.listed,
+            result, as_json=as_json, out=out if self.saves else None, tables=tables, files=files,
             keep_hint="-o DIR" if self.saves else None,
         )  # fmt: skip
 
 
 def command(
-    name: str, *, report: str, saves: bool = True, figures: bool = True, by_effects: bool = False, python: str = ""
+    name: str, *, report: str = "", saves: bool = True, figures: bool = True, by_effects: bool = False, python: str = ""
 ) -> Callable[[Function], Command]:
     """Make a command of a function, whose decorators below this one are its options; see `Command`.
 
@@ -296,12 +306,12 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
     """A setting as the function takes it. Raises SettingError for a value of the wrong kind."""
     name = str(param.name)
     if param.reads == "logs":
-        from automarine_cli.logs.frames import as_logs
+        from automarine_cli.logs.parquet import as_logs
 
         return as_logs(value, name)
     if param.reads == "file":
         return _document(value, name)
-    if param.reads == "files":
+    if param.reads in ("files", "folders"):
         many = [value] if isinstance(value, str | Path) else value
         return tuple(Path(place) for place in many)  # type: ignore[attr-defined]
     if isinstance(value, str) and (param.multiple or param.nargs == -1):

@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.planar_structure import CHANNELS, PLACES, rough_velocities
 from automarine_cli.models.planar import PlanarModel
+from automarine_cli.models.planar_store import StoredPlanar
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run
+from automarine_cli.results.kinds import VALIDATION
+from automarine_cli.results.records import runs_json
+from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
@@ -40,6 +44,7 @@ MEANING = {
     "sway_rmse_m_s": "free run: measured less simulated sway speed",
     "yaw_rate_rmse_deg_s": "free run: measured less simulated yaw rate",
 }
+START = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_rad_s")
 
 
 @dataclass(frozen=True)
@@ -180,3 +185,37 @@ def overall(free: Sequence[PlanarFree]) -> dict[str, float | None]:
         else:
             found[name] = float(values.max() if "max" in name else np.sqrt(np.mean(values**2)))
     return found
+
+
+@dataclass(frozen=True, repr=False)
+class PlanarValidation(Shown):
+    """A planar model, every run simulated by it, and the runs left out."""
+
+    stored: StoredPlanar
+    free: tuple[PlanarFree, ...]
+    set_aside: tuple[SetAside, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of validation.json: schema automarine/validation/1."""
+        runs, name = [free.run for free in self.free], PLANAR.name
+        return {
+            "schema": VALIDATION.schema,
+            "motion": name,
+            "models": {
+                name: {
+                    **overall(self.free),
+                    "diverged": [free.run.name for free in self.free if free.diverged],
+                    "runs": {free.run.name: {**free.scores, "start": dict(zip(START, free.start))}
+                             for free in self.free},
+                }
+            },
+            "best": name,
+            "scores": MEANING,
+            "logs": {
+                run.name: {
+                    "file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0]),
+                }
+                for run in runs
+            },
+            "runs": runs_json(len(runs), self.set_aside, runs),
+        }  # fmt: skip

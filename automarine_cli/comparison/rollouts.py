@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from automarine_cli import effects
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.channels import unbiased_velocity, velocity_noise
 from automarine_cli.runs.noise import position_noise, slope
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
-from automarine_cli.runs.velocity_sensor import unbiased_velocity, velocity_noise
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
 

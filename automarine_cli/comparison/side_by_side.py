@@ -1,13 +1,24 @@
-"""Two or more results side by side: how far their parameters are apart, with intervals, and whether that is chance."""
+"""Results of one command side by side: how far their parameters are apart, with intervals, and whether that is
+chance."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import special
 
-from automarine_cli.results.estimate import Estimate
+from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
+from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.results.estimate import Estimate, Given
+from automarine_cli.results.judged import DiagnosisFile, ValidationFile
+from automarine_cli.results.kinds import DIAGNOSIS, MODELS, THRUSTER_MAP, VALIDATION, ResultKind
+from automarine_cli.results.models import ModelFile, ThrusterFile
+from automarine_cli.results.records import ResultRecord
 
 DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"
 LEVEL = 0.05
@@ -133,3 +144,219 @@ def _relative(apart: Estimate, base: Estimate) -> tuple[float, float, float] | N
         return None
     scale = 100.0 / abs(base.value)
     return scale * apart.value, scale * apart.ci95[0], scale * apart.ci95[1]
+
+
+Contents = tuple[dict[str, Estimate], dict[str, str]]
+
+
+def shared_models(files: Sequence[ResultRecord]) -> tuple[str, ...]:
+    """Models that some result prefers and all have; else all that all have."""
+    fits = [one for one in files if isinstance(one, ModelFile)]
+    common = [n for n in ("1", "2", "3") if fits and all(n in one.models for one in fits)]
+    preferred = {one.preferred for one in fits}
+    return tuple(number for number in common if number in preferred) or tuple(common)
+
+
+def of_model(file: ModelFile, models: Sequence[str]) -> Contents:
+    """What the file of a fit says, of the models in `models`. Raises ModelError for a number without an interval."""
+    dof, own = file.dof, file.dof.symbols
+    names = {
+        "quadratic": own.quadratic_print,
+        "linear": own.linear,
+        "inertia": own.inertia,
+        "ratio": f"{own.inertia}/{own.quadratic_print}",
+        "constant": "constant force",
+        "difference": "half the difference of drag",
+    }
+    parameters = {}
+    for number_ in models:
+        beside = f", model {number_}" if len(models) > 1 else ""
+        for name, told in names.items():
+            given: Given | None = getattr(file.models[number_], name, None)
+            if given is not None:
+                parameters[f"{told}{beside}"] = given.known(
+                    f"models.{number_}.{dof.parameters.get(name, dof.ratio_key)}"
+                )
+    if file.gain_scatter is not None:
+        parameters["scatter of thrust"] = file.gain_scatter.known("gain_scatter")
+    facts = {"preferred model": file.preferred}
+    if file.noise is not None:
+        facts[f"{dof.words.position} noise [{dof.units.shown}]"] = _short(file.noise)
+    return parameters, facts
+
+
+def of_thrusters(file: ThrusterFile, models: Sequence[str]) -> Contents:
+    """What a thruster map says. Raises ModelError for a number without an interval."""
+    parameters, facts = dict[str, Estimate](), {"form": file.form}
+    if file.chosen is not None and file.chosen.rmse_percent_of_full_scale is not None:
+        facts["error of it [% of full scale]"] = _short(file.chosen.rmse_percent_of_full_scale)
+    sides = (("forward", file.forward, file.parameters.forward), ("backward", file.backward, file.parameters.backward))
+    for side, square, curve in sides:
+        if square.a is not None:
+            parameters[f"a {side}, square law"] = square.a.known(f"{side}.a")
+        for name, value in (curve.named if curve and file.form != "square" else {}).items():
+            if value.estimate or value.at_bound:  # else the form fixes it
+                _place(f"{name} {side}, form {file.form}", value, parameters, facts)
+    return parameters, facts
+
+
+def _place(name: str, value: Given, parameters: dict[str, Estimate], facts: dict[str, str]) -> None:
+    """A parameter with an interval is compared; one that a bound holds is a fact."""
+    if (estimate := value.estimate) is not None:
+        parameters[name] = estimate
+    else:
+        facts[name] = str(value.at_bound) if value.value is None else f"{_short(value.value)}, {value.at_bound}"
+
+
+def of_validation(file: ValidationFile, models: Sequence[str]) -> Contents:
+    """What a validation says of the model that the fit preferred: its errors, to be compared run by run."""
+    number_ = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
+    unit, each = file.dof.units.shown, file.models[number_].runs
+    samples = {run: f"{run} ({log.samples} samples)" for run, log in file.logs.items()}
+    found: dict[str, Mapping[str, float | None]] = {
+        "free run rmse": {run: one.rmse for run, one in each.items()},
+        "restarted rmse": {run: one.restarted for run, one in each.items()},
+    }
+    for ahead in file.prediction.get(number_, ()):
+        found[f"error {ahead.horizon_s:g} s ahead"] = ahead.runs
+    parameters = {}
+    for name, by_run in found.items():
+        told = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
+        if len(told) > 1:
+            parameters[name] = OverRuns.of(told, unit)
+    return dict(parameters), {"preferred model": number_}
+
+
+def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Contents:
+    """What a diagnosis says, of whatever motion. Raises ModelError for a number without an interval."""
+    own, parameters = file.dof.symbols, dict[str, Estimate]()
+    names = ", ".join(effect.name for effect in file.effects)
+    facts = {"verdict": file.verdict + (f": {names}" if names else "")}
+    for effect in file.effects:
+        for name, value in effect.parameters.items():
+            if value.stderr != 0:  # a choice of law has no interval
+                _place(f"{effect.name}: {name}", value, parameters, facts)
+    for name, moved in file.base.items():
+        told = own.quadratic_print if name == own.quadratic else name
+        parameters[f"{told} with what was missing"] = moved.after.known(f"base.{name}.after")
+    gap = file.gap.fitted_runs
+    for size, name in ((gap.before, "gap before"), (gap.after, "gap after"), (gap.noise_floor, "noise")):
+        facts[f"{name} [{file.unit}]"] = _short(size)
+    return parameters, facts
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}"
+
+
+COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Contents]] = {
+    **dict.fromkeys(MODELS.values(), of_model),
+    THRUSTER_MAP: of_thrusters,
+    VALIDATION: of_validation,
+    DIAGNOSIS: of_diagnosis,
+}
+"""Parameters and facts of each kind of result, of the models that are compared."""
+
+
+def locate(results: Sequence[Path]) -> dict[str, tuple[Path, ResultKind[Any]]]:
+    """Find the result file in each folder (or named itself), by the last parts of its place that tell it apart.
+
+    Raises SettingError for fewer than two, for one that is given twice, and for a folder without a result.
+    """
+    folders = [path.parent if path.is_file() else path for path in results]
+    if len(folders) < 2:
+        raise SettingError("one result was given; give two or more folders of results to compare")
+    parts = [folder.resolve().parts for folder in folders]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = [printable("/".join(place[-count:]).lstrip("/")) for place in parts]
+        if len(set(names)) == len(names):
+            return dict(zip(names, map(_result_file, folders)))
+    twice = next(folder for i, folder in enumerate(folders) if parts[i] in parts[:i])
+    raise SettingError(f"{twice} is given twice; give two or more different folders of results")
+
+
+def _result_file(folder: Path) -> tuple[Path, ResultKind[Any]]:
+    for kind in COMPARED:
+        if (path := folder / kind.file).is_file():
+            return path, kind
+    files = [kind.file for kind in COMPARED]
+    inside = sorted(path.parent for name in files for path in folder.glob(f"*/{name}"))
+    there = f"; {inside[0]} does: compare one step of each campaign" if inside else ""
+    raise SettingError(
+        f"{folder} holds no result of fit-thrusters, fit-yaw, validate or diagnose; expected one of the files "
+        f"{listed(files)}{there}"
+    )
+
+
+def inputs_of(results: Sequence[Path]) -> list[Input]:
+    """List the result files as inputs of a manifest, then the manifests beside them."""
+    places = {name: path for name, (path, _) in locate(results).items()}
+    manifests = {name: path.with_name(MANIFEST) for name, path in places.items()}
+    return [
+        *(Input(f"{name}/{path.name}", path, "result") for name, path in places.items()),
+        *(Input(f"{name}/{MANIFEST}", path, "manifest") for name, path in manifests.items() if is_manifest(path)),
+    ]
+
+
+def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str]]:
+    """Read results of one command: its name, the sides, and notes on what must be known of them.
+
+    Raises SettingError for results that cannot be compared, ModelError for a file that is not as automarine wrote it.
+    """
+    places = locate(results)
+    files = {name: kind.read(path, f"{name}/{path.name}") for name, (path, kind) in places.items()}
+    commands = {
+        name: f"{kind.writer} of thrusters" if getattr(files[name], "of_thrusters", False) else kind.writer
+        for name, (_, kind) in places.items()
+    }
+    units = {name: str(getattr(file, "force_unit", None) or "") for name, file in files.items()}
+    motions = {name: file.dof.name for name, file in files.items()}
+    force = next(iter(files.values())).dof.words.force
+    for what, values, only in (
+        ("results of", commands, "results of one command"),
+        ("results in", motions, "results of one motion"),
+        (f"{force}s in", units, "results in one unit: there is no factor between the two"),
+    ):
+        different = dict.fromkeys(values.values())
+        if len(different) > 1:
+            listing = "; ".join(f"{name}: {value}" for name, value in values.items())
+            raise SettingError(f"{what} {' and '.join(different)} cannot be compared ({listing}); compare {only}")
+    models = shared_models(list(files.values()))
+    sides = []
+    for name, (path, kind) in places.items():
+        try:
+            parameters, facts = COMPARED[kind](files[name], models)
+        except ModelError as problem:
+            raise ModelError(f"{name}/{path.name}: {problem}") from None
+        sides.append(Side(name, parameters, facts, files[name].runs.used))
+    notes = [*_contrasts(sides), *_shared_logs(sides, {name: path for name, (path, _) in places.items()})]
+    return next(iter(commands.values())), tuple(sides), notes
+
+
+def _contrasts(sides: Sequence[Side]) -> list[str]:
+    """What two results say differently of themselves, in words."""
+    notes = []
+    for fact in ("preferred model", "form", "verdict"):
+        values = {side.name: side.facts[fact] for side in sides if fact in side.facts}
+        if len(set(values.values())) > 1:
+            notes.append(f"Not the same {fact}: {'; '.join(f'{name}: {value}' for name, value in values.items())}.")
+    return notes
+
+
+def _shared_logs(sides: Sequence[Side], places: Mapping[str, Path]) -> list[str]:
+    """Logs that two results were both made from, told by their content; of what is compared run by run how many."""
+    if any(isinstance(parameter, OverRuns) for parameter in sides[0].parameters.values()):
+        return ["Means over runs; differences are run by run, over the runs that both have."]
+    logs = {
+        name: {entry.sha256 for entry in read_manifest(manifest).inputs if entry.role == "log" and entry.sha256}
+        for name, path in places.items()
+        if is_manifest(manifest := path.with_name(MANIFEST))
+    }
+    notes = []
+    for a, b in combinations(logs, 2):
+        if count := len(logs[a] & logs[b]):
+            notes.append(
+                f"{a} and {b} share {count} log{'s' * (count != 1)}: the intervals of their differences, "
+                "which assume independent results, tend to be too wide."
+            )
+    return notes

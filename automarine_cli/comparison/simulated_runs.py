@@ -15,10 +15,10 @@ import numpy as np
 from automarine_cli.comparison.rollouts import State, aligned, groups, rest_state, roll, start_states
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.channels import unbiased_velocity
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
-from automarine_cli.runs.velocity_sensor import unbiased_velocity
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ own parameters are held; the sizes of what is random (disturbance, unsteady thru
 fitted on these very runs, for no file knows the weather of their day.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,20 +14,25 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import (
+    SCORES,
     Overall,
     RunScore,
     lead,
     noise_floor,
     overall,
     pooled_floor,
+    rate_source,
     resamples,
     score,
+    score_key,
 )
 from automarine_cli.comparison.simulated_runs import FreeRun, Restarts, find_restarts, free_runs, restarted_errors
 from automarine_cli.dofs import Dof
-from automarine_cli.errors import FitError
+from automarine_cli.effects.thruster_imbalance import lacking_signal
+from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.prediction import Predicted, predict
+from automarine_cli.fits.channel_noise import channels_of, measured_noises
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem
 from automarine_cli.fits.driven_fit import Worth, worth_of
 from automarine_cli.fits.driven_models import STEPS
@@ -38,8 +43,21 @@ from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
-from automarine_cli.runs.run import Run
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.results.kinds import VALIDATION
+from automarine_cli.results.records import runs_json
+from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
+from automarine_cli.runs.checks import without_undriven
+from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.simulation.batch import make_batch
+
+MEANING = {
+    "rmse": "free run: measured less simulated {position} from the start of each run to its end",
+    "max_abs": "free run: the largest {position} error",
+    "fit_percent": "free run: 100 (1 - |error| / |measured - its mean|)",
+    "restarted_rmse": "{position} error with the state set anew from the smoothed measured {position} at each restart",
+    "rate_rmse": "free run: measured less simulated {rate}",
+}
 
 
 @dataclass(frozen=True)
@@ -220,3 +238,113 @@ def _predicted(
     problem = replace(problem, bounds=held)
     found = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
     return predict(model, course, model.theta, problem.noises(found.theta[None]))
+
+
+@dataclass(frozen=True, repr=False)
+class Validation(Shown):
+    """The models of a file, how they compare on runs, the runs left out, the sensors that count; predictions `ahead`
+    from filtered states where the runs are driven."""
+
+    stored: StoredModels
+    comparison: Comparison
+    set_aside: tuple[SetAside, ...]
+    channels: ChannelChoice = NOTHING_TO_CHOOSE
+    ahead: Ahead | None = None
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of validation.json: schema automarine/validation/1."""
+        compared, dof, ahead = self.comparison, self.stored.dof, self.ahead
+        use = {} if ahead is None else {"of_use": ahead.of_use, "says": ahead.sentence}
+        return {
+            "schema": VALIDATION.schema,
+            **({} if dof.wraps else {"motion": dof.name}),
+            "models": {number: self._model_json(scored) for number, scored in compared.models.items()},
+            f"noise_floor_{dof.units.key}": compared.floor,
+            "best": compared.best,
+            "best_because": compared.because,
+            "preferred_by_fit": self.stored.preferred,
+            "effects": list(self.stored.effects),
+            f"{dof.words.force}_unit": self.stored.moment_unit,
+            "switch_offset": self.stored.switch_offset,
+            **channels_of(self.channels, measured_noises(compared.runs, dof)),
+            **({} if ahead is None else {"prediction": ahead.to_json(), "use": use}),
+            "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
+            "logs": {
+                run.name: {
+                    "file": run.source,
+                    "samples": len(run),
+                    "duration_s": float(run.time[-1] - run.time[0]),
+                    f"noise_floor_{dof.units.key}": floor,
+                    "restarts": len(restarts.states),
+                    "restarted_at": restarts.rule,
+                    "restarted_horizon_s": restarts.horizon,
+                    "rate_from": rate_source(run),
+                }
+                for run, floor, restarts in zip(compared.runs, compared.floors, compared.restarts)
+            },
+            "runs": runs_json(len(compared.runs), self.set_aside, compared.runs),
+        }
+
+    def _model_json(self, scored: Scored) -> dict[str, object]:
+        dof, data = self.stored.dof, dict[str, object]()
+        for name in SCORES:
+            key, over_all = score_key(name, dof), scored.overall[name]
+            data[key] = over_all.value
+            if over_all.ci95 is not None:
+                data[f"{key}_ci95"] = list(over_all.ci95)
+        data["diverged"] = list(scored.diverged)
+        names = (run.name for run in self.comparison.runs)
+        data["runs"] = {name: _score_json(score, dof) for name, score in zip(names, scored.scores)}
+        return data
+
+
+def _score_json(score: RunScore, dof: Dof) -> dict[str, object]:
+    words, units = dof.words, dof.units
+    start = {
+        f"{words.position}_{units.key}": float(dof.shown(score.start.position)),
+        f"{words.speed}_{units.rate_key}": float(dof.shown(score.start.rate)),
+        "how": score.start.how,
+    }
+    return {**{score_key(name, dof): score.value(name) for name in SCORES}, "diverged": score.diverged, "start": start}
+
+
+def usable_runs(
+    runs: Sequence[Run], stored: StoredModels, drive: Callable[[Run], Run] | None
+) -> tuple[list[Run], list[SetAside]]:
+    """Select the runs that every model can be driven by and that their commands may have moved, commanded by `drive`;
+    return the others with their reasons. Raises ModelError for commands in another unit than the models'."""
+    signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
+    commanded: list[Run] = []
+    aside: list[SetAside] = []
+    for run in runs:
+        try:
+            driven = run if drive is None else drive(run)
+            _ = driven.command  # refused where there is none
+            _refuse_incomplete(driven, tuple(signals))
+            commanded.append(driven)
+        except AutomarineError as error:
+            why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
+            aside.append(SetAside(run.source, run.name, why))
+    usable, undriven = without_undriven(commanded)
+    for run in usable:
+        if run.moment_unit != stored.moment_unit:
+            raise ModelError(
+                f"{stored.source} was fitted to {stored.dof.words.force}s in {stored.moment_unit}, {run.source} "
+                f"gives them in {run.moment_unit}; there is no factor between the two. Validate with logs in "
+                f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
+            )
+    return usable, [*aside, *undriven]
+
+
+def _refuse_incomplete(run: Run, signals: Sequence[str]) -> None:
+    """Refuse a run without a value of each signal at each sample."""
+    for name in signals:
+        signal = run.signal(name)
+        if signal is None:
+            raise RunError(f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}")
+        missing = int(np.count_nonzero(~np.isfinite(signal)))
+        if missing:
+            raise RunError(
+                f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "
+                "validate a model without that effect"
+            )

@@ -25,11 +25,10 @@ from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, choose_channels
+from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, released
-from automarine_cli.runs.stuck import without_stuck
-from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 

@@ -1,4 +1,4 @@
-"""CAN captures, decoded with a DBC: ASC and BLF of Vector's tools, SLCAN of a serial converter (candump: `candump`).
+"""CAN captures, decoded with a DBC: ASC and BLF of Vector's tools, SLCAN of a serial converter, candump -L of Linux.
 
 The column map names the DBC, relative to itself, and the signals as MESSAGE.SIGNAL:
 
@@ -6,8 +6,16 @@ The column map names the DBC, relative to itself, and the signals as MESSAGE.SIG
     dbc = "vehicle.dbc"
     [columns]
     heading_deg = "Compass.Heading"
+
+SLCAN (.slcan) is the text that a CAN-to-serial converter sends, one frame a line: `t12380011223344556677ABCD` is a
+frame of identifier 0x123 with 8 bytes and, after them, the converter's clock in milliseconds, which begins anew every
+minute (switched on by its command Z1). A capture may have the time of its arrival in seconds in front of each line. A
+serial line of 138.24 kbit/s needs 1.9 ms for such a line, and lines wait for one another: the converter's own clock is
+used where there is one. Source: the LAWICEL protocol.
 """
 
+import io
+import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,11 +27,58 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import LABELS
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.slcan import read_slcan
-from automarine_cli.logs.streams import Recording, Stream, on_one_clock
-from automarine_cli.logs.vehicles import named, needed, unsound_is_refused
+from automarine_cli.logs.streams import Recording, Stream, named, needed, on_one_clock, unsound_is_refused
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.quantities import Floats
+
+SLCAN_LINE = re.compile(
+    rb"\s*(?:\(?(\d+\.\d+)\)?[\s,]+)?(?:t([0-9A-Fa-f]{3})|T([0-9A-Fa-f]{8}))([0-8])([0-9A-Fa-f]*)\s*"
+)
+FRAME = re.compile(rb"(?:^|[\s,])[tT][0-9A-Fa-f]{4}")
+STAMP = "ABCD"  # four digits
+MINUTE = 60.0  # s after which the converter's clock begins anew
+
+
+def read_slcan(content: bytes, source: str) -> tuple[Floats, list[tuple[int, bool]], list[bytes], int]:
+    """Times [s], (identifier, extended) and data of each frame; how many lines that look like frames are none.
+
+    Raises LogError where the frames have no time.
+    """
+    arrived: list[float] = []
+    clock: list[float] = []
+    names: list[tuple[int, bool]] = []
+    frames: list[bytes] = []
+    bad = 0
+    for line in re.split(rb"[\r\n\a]+", content):
+        match = SLCAN_LINE.fullmatch(line)
+        whole = 2 * int(match[4]) if match else 0
+        if match is None or len(match[5]) not in (whole, whole + len(STAMP)):
+            bad += FRAME.search(line) is not None
+            continue
+        data, stamp = match[5][:whole], match[5][whole:]
+        arrived.append(float(match[1]) if match[1] else np.nan)
+        clock.append(int(stamp, 16) / 1e3 if stamp else np.nan)
+        names.append((int(match[2] or match[3], 16), match[2] is None))
+        frames.append(bytes.fromhex(data.decode()))
+    return _time(np.array(arrived), np.array(clock), source), names, frames, bad
+
+
+def _time(arrived: Floats, clock: Floats, source: str) -> Floats:
+    """Seconds of each frame, rising over the minutes."""
+    if not len(clock):
+        return clock
+    if np.isnan(clock).any():
+        if np.isnan(arrived).any():
+            raise LogError(
+                f"{source}: the frames have no time; let the converter add it (command Z1), or write the time of "
+                "arrival in seconds in front of each line"
+            )
+        return arrived
+    if np.isnan(arrived).any():
+        return clock + MINUTE * np.concatenate([[0], np.cumsum(np.diff(clock) < 0)])
+    passed = (arrived - arrived[0]) - (clock - clock[0])
+    return arrived[0] + clock - clock[0] + MINUTE * np.round(passed / MINUTE)
+
 
 OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
 Bits = NDArray[np.uint8]
@@ -211,3 +266,26 @@ def values_of(bits: Bits, signal: Any) -> Floats:
 def words_of(bits: Bits, signal: Any) -> NDArray[np.str_]:
     """The words that a DBC gives to the values of a signal, shape (N,); a value without one stays a number."""
     return named(raw_of(bits, signal), signal.choices or {})
+
+
+CANDUMP_LINE = re.compile(
+    r"\(\d+\.\d+\) +\S+ +(?:[0-9A-F]{3}|[0-9A-F]{8})#(?:#[0-9A-F])?(?:R\d?|(?:[0-9A-F]{2})*)(?: [RT])?", re.I
+)
+
+
+def _read_candump(path: Path, name: str, columns: ColumnMap) -> RawLog:
+    """Read a candump capture. Raises LogError as `can.read`."""
+    return decoded(path, name, columns, _candump)
+
+
+CANDUMP = Format("candump", (".log",), _read_candump, begins=(b"(",))
+
+
+def _candump(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
+    import can
+
+    lines = [line.strip() for line in path.read_text("latin-1").splitlines() if line.strip()]
+    good = [line for line in lines if CANDUMP_LINE.fullmatch(line)]
+    bad = len(lines) - len(good)
+    captured, _ = frames_of(can.CanutilsLogReader(io.StringIO("\n".join(good))))
+    return captured, (f"{bad} line{'s' * (bad != 1)} skipped: not a CAN frame",) if bad else ()

@@ -25,7 +25,7 @@ from automarine_cli.logs.formats import MOST_COLUMNS, Format, RawLog, most_unpac
 from automarine_cli.pipeline.words import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
-SAMPLE_LINES = 12
+SAMPLE_LINES = 6
 LONGEST_HEADER = 10_000_000  # bytes
 MOST_COMMENTS = 1_000_000  # lines
 MOST_CELLS = 100_000  # looked at; a log of thousands of columns shows itself in fewer lines

@@ -14,12 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.ardupilot import asked_of_pulses
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.mixing import Asked, Parameters, is_commanded_by, parameters
-from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
-from automarine_cli.logs.vehicles import arming, mode_names, needed, unsound_is_refused
+from automarine_cli.logs.mixing import Asked, Parameters, asked_of_pulses, is_commanded_by, parameters
+from automarine_cli.logs.streams import (
+    Recording,
+    Stream,
+    arming,
+    mode_names,
+    needed,
+    on_one_clock,
+    taken,
+    unsound_is_refused,
+)
 from automarine_cli.quantities import Floats
 
 HEAD = b"\xa3\x95"

@@ -14,8 +14,7 @@ from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import LogFile, format_of, suffix_of, suffixes
 from automarine_cli.pipeline.words import printable, quoted
 
-Logs = Sequence[str | Path | LogFile]
-"""Files, directories and globs, or logs found already."""
+Logs = Sequence[str | Path | LogFile]  # Files, directories and globs, or logs found already
 
 
 def find_logs(arguments: Logs) -> list[LogFile]:

@@ -16,10 +16,9 @@ from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, TIMESTAMP,
 from automarine_cli.logs.cells import decoded, first_not_a_number, first_not_a_stamp, read_stamps
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.formats import Format, LogFile, RawLog, format_of, suffixes
-from automarine_cli.logs.labels import few_words, parts, run_names, states
 from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.streams import joined
-from automarine_cli.logs.table import LogTable
+from automarine_cli.logs.table import LogTable, few_words, parts, run_names, states
 from automarine_cli.pipeline.words import listed, printable, quoted
 from automarine_cli.quantities import Floats
 

@@ -1,7 +1,8 @@
 """What the columns of a log may be: by their names and by their values, and how sure that is.
 
 Nothing is ever read by a guess: `automarine init` writes it into a campaign file, with the range that was seen,
-and asks where name and range do not settle it.
+and asks where name and range do not settle it. Control signal and force of a bollard test are looked at together:
+where neutral is, and what says the direction.
 """
 
 import re
@@ -9,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pyarrow as pa
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.logs.canonical import (
@@ -24,8 +26,79 @@ from automarine_cli.logs.canonical import (
     names_of,
     unit_in,
 )
-from automarine_cli.logs.cells import KINDS
-from automarine_cli.logs.spans import PULSES, Span, is_pulses, is_share
+from automarine_cli.logs.cells import KINDS, read_stamps
+from automarine_cli.logs.formats import RawLog
+from automarine_cli.logs.mixing import WISHES
+from automarine_cli.quantities import Floats
+
+PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
+WHOLE = (1.0, 100.0)  # the largest value of a throttle
+
+
+@dataclass(frozen=True)
+class Span:
+    """What the values of one column do, over one log or many: ends, steps from one row to the next, and the median.
+
+    `made_from` names the outputs that it was worked back from, where no file holds it. Of a column of times `stamps`
+    says what they are (`stamps.KINDS`), and `open` that day and month may be exchanged.
+    """
+
+    low: float
+    high: float
+    median_step: float
+    largest_step: float
+    middle: float = float("nan")
+    stamps: str = ""
+    open: bool = False
+    made_from: str = ""
+
+    def __add__(self, other: "Span") -> "Span":
+        return Span(
+            min(self.low, other.low), max(self.high, other.high),
+            float(np.median([self.median_step, other.median_step])), max(self.largest_step, other.largest_step),
+            float(np.median([self.middle, other.middle])), self.stamps or other.stamps, self.open and other.open,
+            self.made_from or other.made_from,
+        )  # fmt: skip
+
+
+def is_pulses(name: str, one: Span) -> bool:
+    """Whether values may be what is sent to a thruster's driver: pulse lengths [us] that change, about neutral."""
+    low, neutral, high = PULSES
+    return unit_in(name) in ("", "us") and low <= one.low <= neutral <= one.high <= high and one.largest_step > 0
+
+
+def pulses(seen: Mapping[str, Span]) -> tuple[str, ...]:
+    """Columns that may be pulses to thrusters."""
+    return tuple(name for name, one in seen.items() if name not in CANONICAL and is_pulses(name, one))
+
+
+def spans(raw: RawLog) -> dict[str, Span]:
+    """What every column of numbers or of times of a file does, in the units of the file."""
+    found = {}
+    for name, array in zip(raw.names, raw.arrays):
+        number = pa.types.is_floating(array.type)
+        stamps = None if number else read_stamps(array)
+        if not name or not (number or stamps):
+            continue
+        values = np.asarray(array.to_numpy()) if stamps is None else stamps.seconds
+        good = values[np.isfinite(values)]
+        if len(good):
+            steps = np.abs(np.diff(good))
+            moved = steps[steps > 0]
+            found[name] = Span(
+                float(good.min()), float(good.max()), float(np.median(moved)) if len(moved) else 0.0,
+                float(steps.max(initial=0.0)), float(np.median(good)),
+                stamps.kind if stamps else "", stamps is not None and stamps.open,
+                raw.origin.made_from if name in WISHES else "",
+            )  # fmt: skip
+    return found
+
+
+def is_share(one: Span) -> bool:
+    """Whether values may be a throttle, -1 to 1 or 0 to 100 and the like."""
+    largest = max(abs(one.low), abs(one.high))
+    return any(abs(largest - whole) <= 0.002 * whole for whole in WHOLE)
+
 
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
 SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4
@@ -290,3 +363,103 @@ _JUDGES = {
     **dict.fromkeys((dof.position for dof in ROTATIONS), _angle),
     **dict.fromkeys((dof.command for dof in ROTATIONS), _moment),
 }
+
+
+LITTLE = 0.1  # share of the largest force below which a force says no direction
+APART = 0.97  # share of the readings that one neutral has to tell apart by the sign of their force
+NEAR = 60.0  # us about the usual neutral of pulses
+
+
+def directed(
+    n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]
+) -> tuple[Recognised, Recognised]:
+    """Both with the neutral that the signal needs, and with the column that tells the sign of one that has none.
+
+    `columns` are the numbers of the tests, (N,) each, by the names in the files.
+    """
+    good = np.isfinite(columns[n.source]) & np.isfinite(columns[force.source])
+    signal, pull = columns[n.source][good], columns[force.source][good]
+    if not np.any(pull):
+        return n, force
+    if signal.min() >= 0 and _both_ways(pull):
+        found = _neutral(signal, pull)
+        if found is None:
+            return _turned_by(n, force, columns, seen), force
+        n = _about(n, *found, (float(signal.min()) + float(signal.max())) / 2)
+    elif signal.min() >= 0 and is_pulses(n.source, seen[n.source]):
+        n = _about(n, PULSES[1], PULSES[1], PULSES[1])
+    elif n.ask == "subtract":  # percent, 0 to 100: is there thrust in the middle?
+        middle = (float(signal.min()) + float(signal.max())) / 2
+        near = np.abs(signal - middle) <= LITTLE * np.ptp(signal) / 2
+        rests = near.any() and np.abs(pull[near]).max() < LITTLE * np.abs(pull).max()
+        n = _about(n, middle, middle, middle) if rests else replace(n, open="", ask="", more={})
+    neutral = n.more.get("subtract", 0.0)
+    assert isinstance(neutral, int | float)
+    return n, _signed(force, n, signal - neutral, pull)
+
+
+def _both_ways(values: Floats) -> bool:
+    """Whether values go beyond noise to both sides of zero."""
+    largest = float(np.abs(values).max(initial=0.0))
+    return bool(values.min() < -LITTLE * largest and values.max() > LITTLE * largest)
+
+
+def _neutral(signal: Floats, pull: Floats) -> tuple[float, float] | None:
+    """Between which values of the signal the force changes its sign; None where none tells the two ways apart."""
+    strong = np.abs(pull) > LITTLE * np.abs(pull).max()
+    order = np.argsort(signal[strong], kind="stable")
+    value, ahead = signal[strong][order], pull[strong][order] > 0
+    right = np.cumsum(~ahead) + ahead.sum() - np.cumsum(ahead)  # astern up to here, ahead from here on
+    share = np.maximum(right, len(value) - right)[:-1] / len(value)
+    share = np.where(np.diff(value) > 0, share, 0.0)
+    best = int(np.argmax(share)) if len(share) else 0
+    return (float(value[best]), float(value[best + 1])) if len(share) and share[best] >= APART else None
+
+
+def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
+    """The signal less its neutral, which lies between two values: that of pulses, or the middle of the range."""
+    seen, usual = n.seen.partition(",")[0], PULSES[1]
+    told = f"about {low:.5g}" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
+    told = "pulses about 1500" if low == high == usual else told
+    if PULSES[0] <= low - NEAR <= usual <= high + NEAR:
+        return replace(n, unit="us", open="", ask="", more={"subtract": usual}, seen=f"{seen}, {told}")
+    if low <= middle <= high:
+        return replace(n, open="", ask="", more={"subtract": middle}, seen=f"{seen}, {told}")
+    why = f"the force changes sign between {low:.4g} and {high:.4g}: at which value does the thruster stop?"
+    return replace(n, open=why, more={"subtract": float(f"{(low + high) / 2:.3g}")}, ask="subtract")
+
+
+def _turned_by(n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]) -> Recognised:
+    """The unsigned signal with the sign of a command beside it that goes the way of the force, else of the force."""
+    pull, other = columns[force.source], _signed_by(force.source, 0)
+    strong = np.abs(pull) > LITTLE * np.nanmax(np.abs(pull))
+    for name, values in columns.items():
+        neutral = PULSES[1] if is_pulses(name, seen[name]) else 0
+        agree = np.mean(np.sign(values[strong] - neutral) == np.sign(pull[strong]))
+        if name not in (n.source, force.source) and agree >= APART:
+            other = _signed_by(name, neutral)
+            break
+    told = f"never below 0 while {force.source} goes from {np.nanmin(pull):.4g} to {np.nanmax(pull):.4g}: unsigned"
+    return replace(n, open="", ask="", seen=f"{n.seen}, {told}", more={"sign_from": other})
+
+
+def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> Recognised:
+    """The force with the sign of the command where it has none itself although the command goes both ways; where it
+    goes against the command, the sign is asked for."""
+    if n.ask or "sign_from" in n.more or not _both_ways(signal):
+        return force
+    back = signal < -LITTLE * np.abs(signal).max()
+    if pull.min() >= -LITTLE * pull.max() and pull[back].max(initial=0.0) > LITTLE * pull.max():
+        told = f"{force.seen}, one sign while {n.source} goes both ways: unsigned"
+        neutral = n.more.get("subtract", 0)
+        assert isinstance(neutral, int | float)
+        return replace(force, seen=told, more={"sign_from": _signed_by(n.source, neutral)})
+    if np.sum(signal * np.abs(signal) * pull) < 0:
+        why = f"negative while {n.source} drives ahead: -1 if ahead is logged as negative force"
+        return replace(force, open=why, more={"sign": -1}, ask="sign")
+    return force
+
+
+def _signed_by(name: str, neutral: float) -> object:
+    """The value of `sign_from`."""
+    return {"from": name, "subtract": neutral} if neutral else name

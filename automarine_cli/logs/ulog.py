@@ -34,8 +34,17 @@ from automarine_cli.logs.mixing import (
     refuse_lacking,
     worked_back,
 )
-from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
-from automarine_cli.logs.vehicles import arming, named, needed, unsound_is_refused, yaw_of
+from automarine_cli.logs.streams import (
+    Recording,
+    Stream,
+    arming,
+    named,
+    needed,
+    on_one_clock,
+    taken,
+    unsound_is_refused,
+    yaw_of,
+)
 from automarine_cli.quantities import Floats
 
 HEAD = b"ULog\x01\x12\x35"

@@ -1,24 +1,57 @@
-"""The tables of `check`: one line for each run, one for each thruster test."""
+"""The result of `check`: one line for each run, one for each thruster test."""
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 
-from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.kinds import CHECK
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
+from automarine_cli.runs.run import SetAside
 
 NAMED = 3  # runs that share a note
 
 
-def run_tables(runs: Sequence[RunSeen]) -> list[Table]:
-    """One table for each motion that was seen."""
-    return [
-        run_table([run for run in runs if run.dof is dof], dof)
-        for dof in DOFS.values()
-        if any(run.dof is dof for run in runs)
-    ]
+@dataclass(frozen=True, repr=False)
+class Check(Shown):
+    """What is in the logs, in the order of the files; `logs` counts these."""
+
+    runs: tuple[RunSeen, ...]
+    tests: tuple[ThrusterTestSeen, ...]
+    set_aside: tuple[SetAside, ...]
+    logs: int
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of check.json (schema automarine/check/1)."""
+        runs = {dof: [run.to_json() for run in self.runs if run.dof is dof] for dof in DOFS.values()}
+        return {
+            "schema": CHECK.schema,
+            "logs": self.logs,
+            "runs": runs_json(len(self.runs) + len(self.tests), self.set_aside),
+            **{f"{dof.name}_runs": of_dof for dof, of_dof in runs.items() if dof is YAW or of_dof},
+            "thruster_tests": [asdict(test) for test in self.tests],
+        }
 
 
-def run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
+@sections.register
+def _(result: Check) -> Sections:
+    motions = [dof for dof in DOFS.values() if any(run.dof is dof for run in result.runs)]
+    tables = [_run_table([run for run in result.runs if run.dof is dof], dof) for dof in motions]
+    if result.tests:
+        tables.append(_test_table(result.tests))
+    rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
+    rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
+    files: dict[str, Content] = {
+        "check.json": result.to_json(),
+        "check.md": "\n".join(table.to_markdown() for table in tables),
+    }
+    return Sections(tables, files, listed=tuple(files), rows=rows)
+
+
+def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
     """Sampling, what was dropped, commands, and what a fit would keep of the step; reasons in the notes."""
     header = (
         "run",
@@ -85,7 +118,7 @@ def _listed(names: Sequence[str]) -> str:
     return f"{shown} and {len(names) - NAMED} more" if len(names) > NAMED else shown
 
 
-def thruster_test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
+def _test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
     """Points, levels and ranges; in the notes what a person should know of the reading."""
     header = ("thruster test", "points", "missing", "levels", "n from", "n to", "N from", "N to", "voltages")
     rows = tuple(

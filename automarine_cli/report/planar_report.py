@@ -1,13 +1,14 @@
 """The tables and sentences of `fit-planar`."""
 
 from collections.abc import Iterator
+from functools import partial
 
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.planar_use import HEADING, UNITS, PlanarUse, shown
 from automarine_cli.models.planar_store import units
-from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.planar_runs import planar_runs_figure
+from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.estimate import Estimate
 
@@ -26,12 +27,6 @@ def tables(fit: PlanarFit) -> tuple[Table, ...]:
     """Parameters, predictions where they were judged, then the structures that were tried."""
     predictions = () if fit.use is None else (prediction_table(fit.use),)
     return (parameter_table(fit), *predictions, structure_table(fit))
-
-
-def drawings(fit: PlanarFit) -> dict[str, Draw]:
-    """What draws each figure, by the name of its file."""
-    use = fit.use
-    return {} if use is None else {"planar_runs": lambda: planar_runs_figure(fit.runs, use)}
 
 
 def prediction_table(use: PlanarUse) -> Table:
@@ -111,3 +106,21 @@ def sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(told)}."
     said = (*(() if fit.use is None else fit.use.sentences), *fit.disturbed)
     yield from (one for one in fit.warnings if one not in said)
+
+
+@sections.register
+def _(fit: PlanarFit) -> Sections:
+    first, rest, every = first_sentences(fit), list(sentences(fit)), tables(fit)
+    files: dict[str, Content] = {
+        "planar_model.json": fit.to_json(),
+        "planar.csv": every[0].to_csv(),
+        "planar.md": "\n".join([*(table.to_markdown() for table in every), "".join(f"{line}\n" for line in rest)]),
+        "planar.tex": "\n".join(table.to_latex() for table in every),
+    }
+    return Sections(
+        [*first, *every, *(line for line in rest if line not in first)],
+        files,
+        {} if fit.use is None else {"planar_runs": partial(planar_runs_figure, fit.runs, fit.use)},
+        ("planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"),
+        [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()],
+    )

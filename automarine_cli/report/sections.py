@@ -4,36 +4,36 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.attempts import Attempt
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.tables import Table
-from automarine_cli.results.estimate import Estimate
+
+if TYPE_CHECKING:
+    from automarine_cli.pipeline.outputs import ResultFolder
+    from automarine_cli.pipeline.parallel import Each
+    from automarine_cli.report.figures.files import Draw
+    from automarine_cli.results.estimate import Estimate
 
 WIDTH = 110  # columns of a result at Python's prompt
-Content = str | bytes | Mapping[str, object]
+Content = str | bytes | Mapping[str, object] | Callable[[], str | bytes]
 
 
 @dataclass(frozen=True)
 class Sections:
     """Sections of a result, in the order in which they are read.
 
-    `printed` are tables and sentences; `files` by name are texts, bytes, or data to be written as JSON; `figures` draw
-    what is saved as NAME.png, and can be pickled; `listed` are the files that the terminal names; `rows` are the
-    numbers, one mapping a parameter, run or score; `warnings` say what could not be made.
+    `printed` are tables and sentences; `files` by name are texts, bytes, what makes these, or data to be written as
+    JSON; `figures` draw what is saved as NAME.png, and can be pickled; `listed` are the files that the terminal names;
+    `rows` are the numbers, one mapping a parameter, run or score; `warnings` say what could not be made.
     """
 
     printed: Sequence[Table | str]
     files: Mapping[str, Content] = field(default_factory=dict)
-    figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+    figures: "Mapping[str, Draw]" = field(default_factory=dict)
     listed: Sequence[str] = ()
     rows: Sequence[Mapping[str, object]] = ()
     warnings: Sequence[str] = ()
@@ -53,7 +53,7 @@ class Sections:
         tables = [part.to_markdown() for part in self.printed if isinstance(part, Table)]
         return to_html("\n".join(tables), lambda place, said: "").html
 
-    def figure(self, name: str | None = None) -> Figure:
+    def figure(self, name: str | None = None) -> Any:
         """Draw a figure, by default the first. Raises SettingError with the names that there are."""
         if not self.figures:
             raise SettingError("this result has no figure; fit or validate its runs, and plot that")
@@ -61,16 +61,19 @@ class Sections:
             raise SettingError(f"there is no figure {name!r}; known are {', '.join(self.figures)}")
         return self.figures[name or next(iter(self.figures))]()
 
-    def save(self, folder: ResultFolder, formats: Sequence[str] = ("png",), each: Each | None = None) -> None:
+    def save(self, folder: "ResultFolder", formats: Sequence[str] = ("png",), each: "Each | None" = None) -> None:
         """Write the files, then the figures in each of the formats, drawn by `each`."""
+        from automarine_cli.report.figures.files import write_figures
+
         for name, content in self.files.items():
+            content = content() if callable(content) else content
             if isinstance(content, str | bytes):
                 folder.write(name, content)
             else:
                 folder.write_json(name, content)
         for warning in self.warnings:
             folder.taken(Attempt(None, warning))
-        write_figures(folder, self.figures, formats, each)
+        write_figures(folder, self.figures if formats else {}, formats, each)
 
 
 @singledispatch
@@ -82,7 +85,7 @@ def sections(result: Any) -> Sections:
 Shown.sections_of = staticmethod(sections)
 
 
-def numbers(estimate: Estimate) -> dict[str, object]:
+def numbers(estimate: "Estimate") -> dict[str, object]:
     """Give an estimate as the cells of a row."""
     low, high = estimate.ci95
     return {"value": estimate.value, "stderr": estimate.stderr, "low": low, "high": high, "unit": estimate.unit}

@@ -1,10 +1,16 @@
-"""Tables of `fit-thrusters`: coefficients, forms, voltages, flagged points; and the points as CSV."""
+"""Sections of `fit-thrusters`: coefficients, forms, voltages, flagged points; and the points as CSV."""
 
 import csv
 import io
+import re
+from collections.abc import Iterator
+from functools import partial
+from itertools import count
 
 import numpy as np
 
+from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter
@@ -13,6 +19,49 @@ from automarine_cli.thrusters.result import ThrusterFit, scaled
 from automarine_cli.thrusters.selection import FormScore
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
+
+
+@sections.register
+def _(fit: ThrusterFit) -> Sections:
+    printed: list[Table | str] = [*tables(fit), *sentences(fit)]
+    blocks = [part.to_markdown().rstrip("\n") if isinstance(part, Table) else f"- {part}" for part in printed]
+    maps = _maps(fit)
+    files: dict[str, Content] = {
+        "thrusters.json": fit.to_json(),
+        "thrusters.csv": points_csv(fit),
+        "thrusters.md": "\n\n".join(["# Thruster map", *blocks]) + "\n",
+        **{name: of_part.to_json() for name, of_part in maps.items()},
+    }
+    figures = {"thrusters": partial(thruster_figure, fit)}
+    listed = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png", *maps)
+    return Sections(printed, files, figures, listed, tuple(_rows(fit)))
+
+
+def _maps(fit: ThrusterFit) -> dict[str, ThrusterFit]:
+    """The map of each thruster by the name of its file; no two of one name."""
+    maps: dict[str, ThrusterFit] = {}
+    for part, of_part in fit.parts.items():
+        stem = "thrusters_" + (re.sub(r"[^A-Za-z0-9.+-]+", "_", part).strip("_.") or "unnamed")
+        name = next(name for i in count(1) if (name := f"{stem}{f'_{i}' * (i > 1)}.json") not in maps)
+        if not isinstance(of_part, str):
+            maps[name] = of_part
+    return maps
+
+
+def _rows(fit: ThrusterFit) -> Iterator[dict[str, object]]:
+    analysis = fit.analysis
+    if not _square(analysis):
+        for (name, side), parameter in analysis.estimates.items():
+            yield {"direction": side, "form": analysis.chosen.form.name, "parameter": name} | cells(parameter)
+    for side, law in analysis.square.items():
+        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(law)
+
+
+def cells(parameter: Parameter) -> dict[str, object]:
+    """Give a parameter as the cells of a row; without an interval where a bound holds it."""
+    if parameter.estimate is None:
+        return {"value": parameter.value, "unit": parameter.unit}
+    return numbers(parameter.estimate)
 
 
 def tables(result: ThrusterFit) -> tuple[Table, ...]:
@@ -218,16 +267,6 @@ def points_csv(result: ThrusterFit) -> str:
         values = (_cell(column[i]) for column in columns.values())
         writer.writerow((record.source, record.run, *values, str(points.flag[i])))
     return text.getvalue()
-
-
-def markdown(result: ThrusterFit) -> str:
-    """thrusters.md: tables, then what was done to the data."""
-    blocks = [
-        "# Thruster map",
-        *(table.to_markdown().rstrip("\n") for table in tables(result)),
-        *(f"- {sentence}" for sentence in sentences(result)),
-    ]
-    return "\n\n".join(blocks) + "\n"
 
 
 def _cell(value: float) -> str:

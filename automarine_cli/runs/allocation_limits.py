@@ -21,14 +21,10 @@ Mask = NDArray[np.bool_]
 
 SINGLE = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")
 """Names of columns that hold the command or speed of one thruster."""
-EXPONENTS = (2.0, 1.5, 1.0)
-"""Of thrust against speed, of normalised commands against thrust, and between."""
-LAW = 0.01
-"""Share of the commands' root mean square that a law leaves of them; more is no law."""
-SHORT = 0.01
-"""Share of the largest command from which on what was given is not what was asked."""
-FEWEST = 3
-"""Samples at one largest value that make it a limit, and samples that fall short."""
+EXPONENTS = (2.0, 1.5, 1.0)  # Of thrust against speed, of normalised commands against thrust, and between
+LAW = 0.01  # Share of the commands' root mean square that a law leaves of them; more is no law
+SHORT = 0.01  # Share of the largest command from which on what was given is not what was asked
+FEWEST = 3  # Samples at one largest value that make it a limit, and samples that fall short
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
-from automarine_cli.logs.needs import is_velocity_only
+from automarine_cli.logs.table import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.checks import beyond, clock_trouble, command_trouble, position_trouble, stuck
 from automarine_cli.runs.noise import NORMAL, fresh_readings, median, slope
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, position_trouble, stuck
 from automarine_cli.runs.unwrap import Indices, Mask, find_glitches, find_jumps, unwrap, wrapped
 
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
@@ -164,13 +164,12 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
     dof, words = run.dof, run.dof.words
-    jumps = np.setdiff1d(find_jumps(run.time, run.position, dof), gaps)
-    sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
+    jumps = find_jumps(run.time, run.position, dof)
     result = unwrap(run.time, run.position, gaps, dof)
-    run = replace(run, position=result.position)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     notes = run.notes
-    if jumps.size:
+    if (jumps := jumps[~np.isin(jumps, gaps)] if jumps.size else jumps).size:
+        sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
         notes += (
             f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
             f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
@@ -185,8 +184,8 @@ def _bridged(run: Run) -> tuple[Run, ...]:
         notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
     edges = [0, *(int(i) + 1 for i in sorted({*result.broken_after, *jumps})), len(run)]
     if len(edges) == 2:
-        return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}, notes=notes),)
-    parts = []
+        return (replace(run, position=result.position, counts={**run.counts, "gaps": int(gaps.size)}, notes=notes),)
+    run, parts = replace(run, position=result.position), []
     for number, (start, stop) in enumerate(pairwise(edges), 1):
         part = run.cut(start, stop)
         inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
@@ -209,10 +208,8 @@ def _counted(number: int, thing: str) -> str:
     return f"{number} {thing}{'s' * (number != 1)}"
 
 
-FEWEST = 5
-"""Samples of a standstill."""
-SURE = 4.0
-"""Standard errors within which the readings of a standstill show no trend."""
+FEWEST = 5  # Samples of a standstill
+SURE = 4.0  # Standard errors within which the readings of a standstill show no trend
 
 
 def summed_position(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> Floats:

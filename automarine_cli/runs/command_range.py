@@ -14,8 +14,7 @@ INSIDE, FAR_INSIDE, HALF = 0.1, 0.02, 0.5
 """The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
 SHARES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}
 """What commands are whose largest value comes near one of these."""
-LITTLE = 0.1
-"""Share of the largest force below which a force says no direction."""
+LITTLE = 0.1  # Share of the largest force below which a force says no direction
 PULSES = (800.0, 1500.0, 2200.0)  # us: shortest, neutral, longest
 
 

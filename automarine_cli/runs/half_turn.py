@@ -16,11 +16,10 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import SINGLE
+from automarine_cli.runs.checks import is_slow, longest_repeat, undriven
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import ASKED, Run, SetAside
-from automarine_cli.runs.sense import is_slow, longest_repeat
 from automarine_cli.runs.steps import Step, find_steps, start_position
-from automarine_cli.runs.undriven import undriven
 from automarine_cli.runs.unwrap import Mask
 
 COMMAND_ENDS = "the {force} changed"
@@ -211,7 +210,8 @@ def _half_turn(step: Step, trim: Trim) -> HalfTurn:
         steady=_is_steady(time, position, noise),
         why="",
     )
-    return replace(turn, why=_why_not(turn, crossed))
+    why = _why_not(turn, crossed)
+    return replace(turn, why=why) if why else turn
 
 
 def _kept_samples(position: Floats, crossing: int, noise: float) -> int:

@@ -17,10 +17,10 @@ from automarine_cli.logs.canonical import names_of
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
+from automarine_cli.runs.checks import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
 from automarine_cli.runs.clean import NotUsable, clean, too_short
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed
 from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
-from automarine_cli.runs.sense import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
 from automarine_cli.runs.unwrap import Indices
 
 Kept = TypeVar("Kept")

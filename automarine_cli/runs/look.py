@@ -1,20 +1,61 @@
-"""What can be said of one run or one thruster test without fitting anything: what `check` shows."""
+"""What can be said of one run or one thruster test without fitting anything: what `check` and `init` show."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.logs import LogTable
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
 from automarine_cli.runs.command_range import undirected
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none
+from automarine_cli.runs.load import runs_of_table, unreadable
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
-from automarine_cli.runs.steps import segments
+from automarine_cli.runs.steps import find_steps, segments
+
+Kind = Literal["step", "manoeuvre", "idle"]
+
+
+@dataclass(frozen=True)
+class RunKind:
+    """One run: a `step` has one constant command, whether or not it serves; `idle` none at all; else a manoeuvre.
+
+    `with_moment` and `against` count the stretches from rest that went with and against the sign of their
+    command; `low` and `high` are the smallest and the largest one [`unit`].
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    low: float
+    high: float
+    with_moment: int
+    against: int
+
+
+def kind_of(run: Run) -> RunKind:
+    """The kind of one run. Thruster commands without a moment count as they add up."""
+    driven = run.as_commanded()
+    levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
+    steps = [step for step in find_steps(driven) if step.from_rest]
+    ways = [(step.moment, driven.position[step.stop - 1] - driven.position[step.first]) for step in steps]
+    moved = [float(moment * way) for moment, way in ways if abs(way) > run.dof.limits.still]
+    return RunKind(
+        name=run.name,
+        kind=("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre",
+        unit=driven.moment_unit,
+        low=float(driven.command.min()),
+        high=float(driven.command.max()),
+        with_moment=sum(one > 0 for one in moved),
+        against=sum(one < 0 for one in moved),
+    )
+
 
 Indices = NDArray[np.int64]
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
@@ -132,6 +173,24 @@ class ThrusterTestSeen:
     voltages: list[float]
     columns: list[str]
     notes: list[str]
+
+
+LogContents: TypeAlias = tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]
+
+
+def look_at_log(file: LogFile, columns: ColumnMap) -> LogContents:
+    """Describe the runs and thruster tests of a file, and what is set aside; samples are dropped."""
+    try:
+        table = read_log(file, columns, dof=None)
+        if is_thruster_test(table):
+            require_thruster(table)
+            return [], *look_at_tests(table)
+        runs, set_aside = runs_of_table(file, table)
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [], [unreadable(file, error)]
+    return [look_at_run(run) for run in runs], [], set_aside
 
 
 def look_at_run(run: Run) -> RunSeen:

@@ -1,5 +1,7 @@
 """Noise of a position measured from the log alone, without any model of the vehicle."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,8 +9,7 @@ from automarine_cli.quantities import Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME = 1e-9  # rad or m; positions closer than this are one
-HELD = 0.2
-"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
+HELD = 0.2  # Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings
 FLAT = 3.0
 """Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
@@ -59,11 +60,11 @@ def slope(time: Floats, position: Floats) -> tuple[float, float]:
     """Least-squares slope [rad/s or m/s] and its standard error for a noise of 1 rad or m a sample; (0, inf) for one
     sample.
     """
-    centred = time - time.mean()
+    centred = time - np.add.reduce(time) / len(time)
     square = float(centred @ centred)
     if square == 0:
-        return 0.0, np.inf
-    return float(centred @ (position - position.mean())) / square, 1 / np.sqrt(square)
+        return 0.0, math.inf
+    return float(centred @ (position - np.add.reduce(position) / len(time))) / square, 1 / math.sqrt(square)
 
 
 def fresh_readings(read: Floats) -> NDArray[np.bool_]:

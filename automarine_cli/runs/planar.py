@@ -20,8 +20,7 @@ from automarine_cli.runs.load import OfOneLog, runs_of_table, unreadable
 from automarine_cli.runs.run import Run
 
 EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geodetic System 1984
-SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))
-"""Quantities that come out of one sensor each."""
+SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))  # Quantities that come out of one sensor each
 
 
 def read_planar(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW) -> OfOneLog:
@@ -128,14 +127,10 @@ def _repeated(extras: Mapping[str, Floats]) -> Iterator[tuple[tuple[str, ...], N
 
 Flags = NDArray[np.bool_]
 
-FEWEST = 8
-"""Changes of a value that tell anything of its sensor."""
-FINE = 5.0
-"""A median step of so many of the smallest steps or more: two readings in a row are then hardly ever equal."""
-COARSE = 2.0
-"""The same below which a value that stands may as well be one that creeps."""
-FEW = 0.1
-"""Share of repeats below which they are chance, and cost nothing."""
+FEWEST = 8  # Changes of a value that tell anything of its sensor
+FINE = 5.0  # A median step of so many of the smallest steps or more: two readings in a row are then hardly ever equal
+COARSE = 2.0  # The same below which a value that stands may as well be one that creeps
+FEW = 0.1  # Share of repeats below which they are chance, and cost nothing
 BESIDE = 0.1
 """Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
 

@@ -15,11 +15,9 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.command_range import CommandRange, warnings_of
 from automarine_cli.runs.noise import median, position_noise
 
-ASKED = "asked"
-"""Extra of a run that is driven by its thrusters: the moment or force that was logged beside them."""
+ASKED = "asked"  # Extra of a run that is driven by its thrusters: the moment or force that was logged beside them
 
-NOISE_FROM = 1000
-"""Samples, the first of a run, that show its noise to four percent."""
+NOISE_FROM = 1000  # Samples, the first of a run, that show its noise to four percent
 
 
 @dataclass(frozen=True)

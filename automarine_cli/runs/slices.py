@@ -13,7 +13,7 @@ from automarine_cli.logs import LogTable, require
 from automarine_cli.logs.canonical import ARMED, MODE
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.sense import FEWEST_SAMPLES
+from automarine_cli.runs.checks import FEWEST_SAMPLES
 from automarine_cli.runs.steps import SAME_MOMENT, SHORT_REST
 
 By = Literal["mode", "arm", "moment"]

@@ -113,12 +113,9 @@ def _end_spikes(time: Floats, position: Floats, threshold: float, dof: Dof) -> M
     return bad
 
 
-AROUND = 6
-"""Steps on either side with which a jump is compared."""
-TIMES_FASTER = 3.0
-"""How much faster than any of them it is."""
-JUMP_IN_SIGMA = 5.0
-"""Of steps that are noise."""
+AROUND = 6  # Steps on either side with which a jump is compared
+TIMES_FASTER = 3.0  # How much faster than any of them it is
+JUMP_IN_SIGMA = 5.0  # Of steps that are noise
 
 
 def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:

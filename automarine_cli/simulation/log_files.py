@@ -14,6 +14,7 @@ from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.campaign import SimulatedRun
 from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
+from automarine_cli.simulation.planar_specification import PlanarSpecification
 from automarine_cli.simulation.specification import Specification
 
 Column: TypeAlias = Floats | Sequence[str]
@@ -22,27 +23,29 @@ PLACES = dict.fromkeys(("n", *(name for dof in DOFS.values() for name, _ in dof.
 """Decimals of a column in CSV; None: as many as the number has. Every other column has `DECIMALS`."""
 
 
-def label(specification: Specification, seed: int) -> str:
+def label(specification: Specification | PlanarSpecification, seed: int) -> str:
     """The sentence that every file begins with."""
     return f"Simulated by automarine from {specification.source}, seed {seed}: no measurement."
 
 
-def run_logs(runs: Sequence[SimulatedRun], specification: Specification, seed: int) -> Iterator[tuple[str, bytes]]:
-    """Name and content of every log of the runs, in the order of the specification."""
+def runs_by_file(runs: Sequence[SimulatedRun]) -> dict[str, list[SimulatedRun]]:
+    """Sort the runs by the name of the log that they are in, in the order of the specification."""
     files: dict[str, list[SimulatedRun]] = {}
     for run in sorted(runs, key=lambda run: run.plan.turn):
         files.setdefault(run.plan.file, []).append(run)
-    dof = specification.vehicle.dof
+    return files
+
+
+def log_of(runs: Sequence[SimulatedRun], specification: Specification, seed: int) -> bytes:
+    """Return the content of the log of these runs."""
+    dof, group = specification.vehicle.dof, runs[0].plan.group
     moment = dof.column(dof.command, specification.vehicle.force_unit)
-    for file, members in files.items():
-        group = members[0].plan.group
-        parts = [_columns(run, moment, dof) for run in members]
-        columns: dict[str, Column] = {}
-        if group.together is not None:
-            members_of = zip(members, parts)
-            columns["run"] = [run.plan.name for run, part in members_of for _ in range(len(part["time_s"]))]
-        columns |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        yield file, log_bytes(columns, group.format, label(specification, seed))
+    parts = [_columns(run, moment, dof) for run in runs]
+    columns: dict[str, Column] = {}
+    if group.together is not None:
+        columns["run"] = [run.plan.name for run, part in zip(runs, parts) for _ in range(len(part["time_s"]))]
+    columns |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return log_bytes(columns, group.format, label(specification, seed))
 
 
 def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:

@@ -1,6 +1,5 @@
 """`make_planar`: a specification of motion in the plane becomes runs with known truth, and their logs."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
 
@@ -12,7 +11,6 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW, make_batch
 from automarine_cli.simulation.campaign import AROUND
-from automarine_cli.simulation.log_files import log_bytes
 from automarine_cli.simulation.logging_chain import DECIMALS
 from automarine_cli.simulation.planar_specification import PlanarRuns, PlanarSpecification
 from automarine_cli.simulation.rollout import Start, simulate
@@ -56,12 +54,6 @@ def make_planar(asked: PlanarSpecification, seed: int) -> tuple[PlanarMade, ...]
             begin += float(one.columns["time_s"][-1] - one.columns["time_s"][0]) + asked.logger.wait_between_s
             made.append(one)
     return tuple(made)
-
-
-def planar_logs(made: Sequence[PlanarMade], comment: str) -> Iterator[tuple[str, bytes]]:
-    """Name and content of every log."""
-    for one in made:
-        yield one.file, log_bytes(one.columns, one.group.format, comment)
 
 
 def _made(asked: PlanarSpecification, seed: int, group: PlanarRuns, name: str, begin: float) -> PlanarMade:

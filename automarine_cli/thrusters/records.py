@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import LogError
+from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.logs.canonical import BY
-from automarine_cli.logs.labels import splitting
-from automarine_cli.logs.table import Labels
+from automarine_cli.logs.table import Labels, splitting
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.pipeline.words import listed, quoted
 from automarine_cli.quantities import Floats
@@ -124,6 +123,17 @@ def load_thruster_logs(
     rules = {columns.of(file.path).columns.get("force_N") for file in files}
     rule = rules.pop() if len(rules) == 1 else None
     return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked), rule)
+
+
+def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
+    """Return how many equal thrusters pulled together: `count`, else the column map's default, else the usual number.
+
+    Raises SettingError for what is no such number.
+    """
+    value = columns.defaults.get("thrusters_per_test", usual) if count is None else count
+    if isinstance(value, str) or value != int(value) or value < 1:
+        raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
+    return int(value)
 
 
 def _require_parts(table: LogTable, columns: ColumnMap) -> None:

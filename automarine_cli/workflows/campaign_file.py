@@ -12,8 +12,7 @@ from automarine_cli.errors import LogError, SettingError
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, whole_logs
-from automarine_cli.logs.columns import columns_of, database
-from automarine_cli.logs.join import Join
+from automarine_cli.logs.columns import Join, columns_of, database
 from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable

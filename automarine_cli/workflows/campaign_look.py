@@ -12,17 +12,15 @@ from automarine_cli.errors import LogError
 from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.logs import ColumnMap, LogFile, read_log, require_thruster, whole_logs
 from automarine_cli.logs.canonical import BY, LABELS, RUN, driven, motion_of, names_of
-from automarine_cli.logs.labels import few_words
-from automarine_cli.logs.needs import means_thruster_test
 from automarine_cli.logs.reader import whole_log
-from automarine_cli.logs.recognise import Recognised
-from automarine_cli.logs.spans import Span, spans
+from automarine_cli.logs.recognise import Recognised, Span, spans
+from automarine_cli.logs.table import few_words, means_thruster_test
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report.tables import number
 from automarine_cli.runs.command_range import CommandRange, misfit_of
-from automarine_cli.runs.kinds import RunKind, kind_of
 from automarine_cli.runs.load import read_runs, unreadable
+from automarine_cli.runs.look import RunKind, kind_of
 from automarine_cli.runs.run import SetAside
 from automarine_cli.workflows.campaign_file import KINDS
 from automarine_cli.workflows.campaign_maps import Layout, Maps, joins_of, maps_of, quantities_of, recognised, together

@@ -11,15 +11,12 @@ import numpy as np
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.logs import ColumnMap, LogFile, column_rules
-from automarine_cli.logs.bollard_columns import directed
 from automarine_cli.logs.canonical import CANONICAL, LABELS
-from automarine_cli.logs.columns import ColumnRule, ColumnsOf
+from automarine_cli.logs.columns import OLDEST, ColumnRule, ColumnsOf, Join, matches
 from automarine_cli.logs.formats import stem_of
-from automarine_cli.logs.join import OLDEST, Join, matches
-from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.reader import whole_log
-from automarine_cli.logs.recognise import Recognised, is_called, recognise
-from automarine_cli.logs.spans import Span, is_share
+from automarine_cli.logs.recognise import Recognised, Span, directed, is_called, is_share, recognise
+from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.quantities import Floats
 from automarine_cli.workflows.campaign_places import places_of

@@ -7,8 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.commands import command as commands
+from automarine_cli.commands.check import check
 from automarine_cli.commands.fit_motion import FITS
+from automarine_cli.commands.fit_planar import fit_planar
+from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.tune import tune
+from automarine_cli.commands.validate import validate
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
@@ -18,14 +22,9 @@ from automarine_cli.report.campaign_steps import StepFolder
 from automarine_cli.report.outcomes import kind_of
 from automarine_cli.results.kinds import DIAGNOSIS, MODELS
 from automarine_cli.workflows.campaign_file import Campaign, Together
-from automarine_cli.workflows.check import check
 from automarine_cli.workflows.command import Runner, inputs_of, recorded, seed_of
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_planar import diagnose_planar
-from automarine_cli.workflows.fit_planar import fit_planar
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.validate import validate
-from automarine_cli.workflows.validate_planar import validate_planar
 
 FIGURES = ("png", "svg")  # for a person, and for the report
 RUNS = {"steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs"}
@@ -99,8 +98,7 @@ def _fit_thrusters(campaign: Campaign, out: Path) -> Plan | str:
     logs, asked = campaign.files("thrusters"), campaign.asked.thrusters
     if not logs:
         return "the campaign names no thruster tests"
-    form = None if asked.form == "auto" else asked.form
-    return _plan(fit_thrusters, logs, thrusters_per_test=asked.per_test, form=form, **_common(campaign))
+    return _plan(fit_thrusters, logs, thrusters_per_test=asked.per_test, form=asked.form, **_common(campaign))
 
 
 def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
@@ -137,9 +135,9 @@ def _together(campaign: Campaign, out: Path, work: Work) -> Plan | str:
     """Fit, validation or diagnosis of surge, sway and yaw together."""
     motion = PLANAR.name
     runs, held = (campaign.files(kind, motion=motion) for kind in ("runs", "validation"))
-    logs = held if work is validate_planar else runs
+    logs = held if work is validate else runs
     if not logs:
-        return f"the campaign names no {'validation runs' if work is validate_planar else 'runs'} of {motion} motion"
+        return f"the campaign names no {'validation runs' if work is validate else 'runs'} of {motion} motion"
     drive = _drive(campaign, out, motion)
     if drive is None:
         return "its forces need the thruster map, and fit-thrusters gave none"
@@ -212,9 +210,9 @@ def _of(motion: str) -> Iterator[Step]:
 def _of_plane() -> Iterator[Step]:
     """The steps of surge, sway and yaw together."""
     name = PLANAR.name
-    works = ((fit_planar, ""), (validate_planar, "_validation"), (diagnose_planar, "_diagnosis"))
+    works = ((fit_planar, ""), (validate, "_validation"), (diagnose_planar, "_diagnosis"))
     for work, folder in works:
-        step = work.name if work is fit_planar else f"{work.name}-{name}"
+        step = str(work.name) if work is fit_planar else f"{work.name}-{name}"
         yield Step(step, f"{name}{folder}", work, partial(_together, work=work), name)
 
 

@@ -6,9 +6,8 @@ from textwrap import wrap
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
-from automarine_cli.logs.labels import splitting
-from automarine_cli.logs.recognise import Recognised
-from automarine_cli.logs.spans import pulses
+from automarine_cli.logs.recognise import Recognised, pulses
+from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.recipe import toml_line
 from automarine_cli.pipeline.words import listed, printable

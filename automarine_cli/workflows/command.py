@@ -238,7 +238,7 @@ def _plain(value: object, one: "Field[Any]") -> Any:
     if kind == "file":
         return _file(value, one.name)
     if kind == "logs":
-        from automarine_cli.logs.frames import as_logs
+        from automarine_cli.logs.parquet import as_logs
 
         return as_logs(value, one.name)
     many = [value] if isinstance(value, str | Path) else value

@@ -32,10 +32,9 @@ from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import DIAGNOSIS, PLANAR_MODEL, THRUSTER_MAP
 from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import wanted_channels
+from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, command_warnings
-from automarine_cli.runs.stuck import without_stuck
-from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.thrusters.moments import with_moments
 from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar

@@ -29,8 +29,8 @@ from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.thrusters.planar_runs import load_planar
 from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
-from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, aligned, numbers
 from automarine_cli.workflows.view import Figures, Row, View
 

@@ -10,14 +10,14 @@ from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
 from automarine_cli.report.figures.files import Draw, write_figures
+from automarine_cli.report.thruster_tables import cells
 from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
 from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
+from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs, thrusters_pulling
 from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
-from automarine_cli.workflows.fit_thrusters import cells, thrusters_pulling
 from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs
 from automarine_cli.workflows.view import Figures, Row, View
 

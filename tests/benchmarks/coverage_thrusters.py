@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from interval_coverage import HEADER, Outcome, Trial, failures, misses, summarise, summary_rows
 
+from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
 
 STREAM = 3
 AHEAD, ASTERN = 2.6165e-4, 0.6640e-4  # N per count squared: equation 3 for two thrusters, halved

@@ -106,7 +106,7 @@ READERS = {
     + "import automarine_cli.commands.fit_motion\n"
     + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_half_turns\n"
     + "print(load_half_turns(sys.argv[1:2], dof=YAW).count)",
-    "check": _START + "from automarine_cli.workflows.check import check\nprint(check(sys.argv[1:2]).logs)",
+    "check": _START + "from automarine_cli.commands.check import check\nprint(check(sys.argv[1:2]).logs)",
 }
 
 

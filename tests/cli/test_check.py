@@ -12,9 +12,10 @@ from click.testing import Result
 from made_runs import mirrored, step_run, written
 from repository import DATA
 
+from automarine_cli.commands.check import check
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, ColumnRule
-from automarine_cli.workflows.check import check
+from automarine_cli.report.sections import sections
 
 
 @pytest.fixture
@@ -113,7 +114,7 @@ def test_what_cleaning_did_is_told(tmp_path: Path) -> None:
     path = written(replace(run), tmp_path / "run.csv", heading_deg=heading)
     result = check([path])
     assert result.runs[0].counts["glitches"] == 1
-    assert "run: 1 heading spike dropped" in result.tables()[0].to_text()
+    assert "run: 1 heading spike dropped" in sections(result).printed[0].to_text()
 
 
 @pytest.mark.real_data(DATA)

@@ -14,6 +14,7 @@ from made_sequences import model_file, sequence_run
 from scipy import stats
 
 import automarine_cli as am
+from automarine_cli.commands.compare import compare
 from automarine_cli.comparison.side_by_side import (
     ALIKE,
     DIFFERS,
@@ -26,8 +27,8 @@ from automarine_cli.comparison.side_by_side import (
 )
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.report.figures.compare import compare_figure
+from automarine_cli.report.sections import sections
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.workflows.compare import compare
 
 
 def normal(value: float, stderr: float, unit: str = "nu s²") -> Estimate:
@@ -125,7 +126,7 @@ def test_yaw_models_side_by_side(tmp_path: Path, run: Callable[..., Result]) -> 
         ("k_r|r|", "tuesday/yaw"): DIFFERS, ("I_r", "tuesday/yaw"): ALIKE,
         ("k_r|r|", "friday/yaw"): ALIKE, ("I_r", "friday/yaw"): ALIKE,
     }  # fmt: skip
-    assert found.sentences()[:2] == [
+    assert sections(found).printed[2:4] == [
         "Of 4 parameters compared 1 differs beyond chance.",
         "k_r|r| is 12.0 % larger in tuesday/yaw than in monday/yaw (95 % interval +9.8 to +14.2 %).",
     ]
@@ -188,7 +189,7 @@ def test_the_figure_holds_every_interval(tmp_path: Path) -> None:
             lambda at: [yaw_model(at / "a"), yaw_model(at / "b", unit="N m")], SettingError,
             "moments in nu and N m cannot be compared (a: nu; b: N m); compare results in one unit: there is no factor",
         ),
-        (lambda at: [yaw_model(at / "a" / "yaw").parent, at], SettingError, "holds a whole campaign; compare one step"),
+        (lambda at: [yaw_model(at / "a" / "yaw").parent, at], SettingError, "does: compare one step of each campaign"),
         (lambda at: [yaw_model(at / "a"), at], SettingError, "holds no result of fit-thrusters, fit-yaw, validate or"),
     ],
 )  # fmt: skip

@@ -15,6 +15,7 @@ from click.testing import Result
 from made_runs import written
 from made_sequences import model_file, sequence_run
 
+from automarine_cli.commands.validate import validate
 from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.dofs import YAW
@@ -23,7 +24,6 @@ from automarine_cli.report.figures.style import MODEL_COLOURS
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.validate import validate
 
 Run = Callable[..., Result]
 
@@ -155,7 +155,7 @@ def test_thruster_commands(run: Run, tmp_path: Path) -> None:
 def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("automarine_cli.workflows.validate.needed_signals", lambda model: ("depth_m",))
+    monkeypatch.setattr("automarine_cli.comparison.validation.needed_signals", lambda model: ("depth_m",))
     sequence = sequence_run((0.5,))
     logs = tmp_path / "logs"
     written(sequence, logs / "deep.csv", depth_m=1.0)

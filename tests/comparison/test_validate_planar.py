@@ -12,15 +12,15 @@ from made_planar import Craft, driven, solved
 from repository import SAMPLE_RUNS
 
 import automarine_cli as am
-from automarine_cli.comparison.planar import SCORES, free_runs, overall, start_of
+from automarine_cli.commands.validate import validate
+from automarine_cli.comparison.planar import SCORES, PlanarValidation, free_runs, overall, start_of
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.figures.planar import planar_figure
+from automarine_cli.report.validation_report import planar_table
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.validate import validate
-from automarine_cli.workflows.validate_planar import PlanarValidation, validate_planar
 
 CRAFT = Craft(np.diag([20.0, 32.0, 2.6]), linear=np.diag([8.0, 20.0, 3.0]))
 MODEL = PlanarModel(Inertia(20.0, 32.0, 2.6), *((Term("linear-drag", (size,)),) for size in (8.0, 20.0, 3.0)))  # type: ignore[misc]
@@ -87,7 +87,7 @@ def test_channels_that_are_not_logged_have_no_score() -> None:
 def test_a_model_that_runs_away_is_said_to() -> None:
     driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
     found = PlanarValidation(None, free_runs(driving, [logged(0)]), ())  # type: ignore[arg-type]
-    assert found.free[0].diverged and found.tables()[0].rows[0][2] == "diverged"
+    assert found.free[0].diverged and planar_table(found).rows[0][2] == "diverged"
     assert set(overall(found.free).values()) == {None} and found.to_json()["models"]["planar"]["diverged"]
     assert "diverges" in planar_figure(found.free[0]).get_suptitle()
 
@@ -132,14 +132,14 @@ def test_without_what_is_hidden_it_is_worse(tmp_path: Path, model: Path) -> None
     del known["parameters"]["yaw.N_v"]
     (tmp_path / "known.json").write_text(json.dumps(known))
     logs = [SAMPLE_RUNS / "planar_validation"]
-    truth, without = (overall(validate_planar(logs, model=one).free) for one in (model, tmp_path / "known.json"))
+    truth, without = (overall(validate(logs, model=one).free) for one in (model, tmp_path / "known.json"))
     assert without["heading_rmse_deg"] > 3 * truth["heading_rmse_deg"]  # type: ignore[operator]
 
 
 def test_from_python(model: Path) -> None:
     found = am.validate(SAMPLE_RUNS / "planar_validation", model=model)
-    assert repr(found).startswith("Validation of a planar model on 2 runs; 0 set aside")
-    assert list(found.to_frame()["run"]) == ["crabwise", "zigzag"] and found.plot("zigzag").axes
+    assert repr(found).startswith("Validation over 2 runs: surge, sway and yaw together")
+    assert list(found.to_frame()["run"]) == ["crabwise", "zigzag"] and found.plot("validation_zigzag").axes
 
 
 def test_refusals(tmp_path: Path, model: Path) -> None:

@@ -21,7 +21,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.validation_tables import overall_table
+from automarine_cli.report.validation_report import overall_table
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.propulsion import parts_of
 

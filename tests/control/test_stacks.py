@@ -215,9 +215,7 @@ def test_pid_json_holds_both_forms_with_units() -> None:
 
 
 def test_an_unknown_target_is_answered_with_the_names() -> None:
-    with pytest.raises(
-        SettingError, match="no target is called 'px4'; give one of ardurover, ardusub, pid, python"
-    ):
+    with pytest.raises(SettingError, match="no target is called 'px4'; give one of ardurover, ardusub, pid, python"):
         get("px4")
     with pytest.raises(SettingError, match="ardusub runs at its firmware's own rate; leave out --sample-time"):
         get("ardusub", 0.1)

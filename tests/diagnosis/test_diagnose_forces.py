@@ -9,6 +9,7 @@ from repository import SAMPLE_RUNS
 from specified import read_specification
 
 from automarine_cli import effects
+from automarine_cli.commands.validate import validate
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.scores import candidates
 from automarine_cli.diagnosis.study import study_of
@@ -18,7 +19,6 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.validate import validate
 
 
 def hidden(motion: str, names: Sequence[str]) -> list[Run]:

@@ -13,11 +13,11 @@ from few_candidates import few_candidates
 from automarine_cli import effects
 from automarine_cli.commands import automarine
 from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.workflows.diagnose import FILES
-from automarine_cli.workflows.simulate import simulate
 
 STRONG = 3.0
 """Times the usual start of an effect's size: it shows at once."""

@@ -8,6 +8,7 @@ import pytest
 from repository import DATA
 
 from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
@@ -22,7 +23,6 @@ from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.thrusters.moments import with_moments
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
 
 LAKE, BOLLARD = DATA / "yaw" / "kingfisher_lake", DATA / "thrusters" / "kingfisher_heron_bollard_raw.csv"
 pytestmark = pytest.mark.real_data(LAKE)

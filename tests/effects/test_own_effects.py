@@ -11,11 +11,11 @@ from repository import SAMPLE_RUNS
 
 from automarine_cli import effects
 from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.validate import validate
 from automarine_cli.effects import Effect, Parameter, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.quantities import Floats
-from automarine_cli.workflows.validate import validate
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = """from automarine_cli.effects import Effect, Parameter, Place

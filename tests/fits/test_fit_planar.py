@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from automarine_cli.commands import automarine
+from automarine_cli.commands.fit_planar import fit_planar
 from automarine_cli.diagnosis.planar_candidates import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
@@ -30,9 +31,8 @@ from automarine_cli.report import planar_report
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.workflows.fit_planar import fit_planar
-from automarine_cli.workflows.planar_runs import driven as driven_run
-from automarine_cli.workflows.planar_runs import load_planar
+from automarine_cli.thrusters.planar_runs import driven as driven_run
+from automarine_cli.thrusters.planar_runs import load_planar
 
 Floats = NDArray[np.float64]
 NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.01}
@@ -149,8 +149,7 @@ def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
 
 
 def test_it_shows_itself_at_a_prompt(fit: PlanarFit) -> None:
-    lines = repr(fit).splitlines()
-    assert lines[0].startswith("Planar model (surge drag quadratic, ") and "fitted to 3 runs; 0 set" in repr(fit)
+    assert "Structure: surge drag quadratic, " in repr(fit)
     frame = fit.to_frame()
     assert list(frame["parameter"]) == list(fit.estimates) and list(frame["unit"])[:3] == ["kg", "kg", "N m s²"]
 
@@ -230,10 +229,11 @@ def test_tied_models_simulate_as_what_they_stand_for() -> None:
         Tied(model, ("surge.X_uu",), {})
 
 
-def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
+def test_logs_to_a_folder_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("automarine_cli.fits.planar_likelihood.PlanarLikelihood", Scripted)
     for seed in range(2):
         log(made(seed), tmp_path)
-    fit = fit_planar([tmp_path], estimating=Scripted, out=tmp_path / "out")
+    fit = fit_planar([tmp_path], out=tmp_path / "out")
     assert load_planar_model(tmp_path / "out" / "planar_model.json").model == fit.model
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "planar_model.json", "planar.csv", "planar.md", "planar.tex", "manifest.json",

@@ -22,6 +22,7 @@ from reader_contract import RECORDERS
 from specified import read_specification
 from vehicle_logs import dive
 
+from automarine_cli.commands.check import check
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
@@ -31,7 +32,6 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.outputs import json_text
 from automarine_cli.simulation.plans import make_plans
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.check import check
 
 TOKENS = (
     b'"', b"'", b",", b";", b"\t", b"\n", b"\r", b"\r\n", b"\0", b"\xff", b"\xef\xbb\xbf", b"#", b"-", b"+", b".",

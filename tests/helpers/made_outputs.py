@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from vehicle_logs import Dive, dive
 
-from automarine_cli.logs.ardupilot import FRAMES
+from automarine_cli.logs.mixing import FRAMES
 
 Floats = NDArray[np.float64]
 WISHED = ("tau", "X", "Y", "Z")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from automarine_cli.workflows.simulate import simulate
+from automarine_cli.commands.simulate import simulate
 
 SPECIFICATION = """
 schema = "automarine/simulation/1"

@@ -10,8 +10,7 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, read_log, require_motion
 from automarine_cli.logs.canonical import likely_canonical, likely_column
 from automarine_cli.logs.columns import read_column_map
-from automarine_cli.logs.recognise import recognise
-from automarine_cli.logs.spans import Span
+from automarine_cli.logs.recognise import Span, recognise
 
 
 def a_log(path: Path, **columns: float) -> LogFile:

@@ -16,11 +16,11 @@ from fuzzing import KINDS, case, judge_log, outcome, torn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from automarine_cli.commands.check import check
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import LogFile, read_log
 from automarine_cli.pipeline.outputs import json_text
-from automarine_cli.workflows.check import check
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -16,8 +16,7 @@ import automarine_cli as am
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogTable, read_column_map, read_log
-from automarine_cli.logs.can import bits_of, raw_of, values_of
-from automarine_cli.logs.slcan import read_slcan
+from automarine_cli.logs.can import bits_of, raw_of, read_slcan, values_of
 from automarine_cli.workflows.campaign_file import read_campaign
 
 cantools = pytest.importorskip("cantools", reason="the extra automarine[can] is not installed")

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from tolerances import assert_close
 
+from automarine_cli.commands.check import check
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, read_column_map, read_log
-from automarine_cli.workflows.check import check
+from automarine_cli.report.sections import sections
 
 BENCH = "PWM_us,rpm,load\n1100,3000,-40\n1300,1500,-10\n1500,0,0\n1700,1600,12\n1900,3200,48\n"
 
@@ -61,7 +62,7 @@ def test_check_tells_a_signal_that_holds_its_neutral_or_lacks_its_sign(tmp_path:
         columns = ColumnMap(column_rules({"n": name, "force_N": "load"}, ""))
         found = check(tmp_path / "bench.csv", columns=columns)
         assert words in found.tests[0].notes[0]
-        assert words in found.tables()[0].notes[0]
+        assert words in sections(found).printed[0].notes[0]
     right = ColumnMap(column_rules({"n": {"from": "PWM_us", "subtract": 1500}, "force_N": "load"}, ""))
     assert check(tmp_path / "bench.csv", columns=right).tests[0].notes == []
 

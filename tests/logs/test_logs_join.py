@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from automarine_cli.commands.check import check
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, read_column_map, read_log, whole_logs
-from automarine_cli.logs.columns import ColumnsOf
-from automarine_cli.logs.join import Join, matches
-from automarine_cli.workflows.check import check
+from automarine_cli.logs.columns import ColumnsOf, Join, matches
 from automarine_cli.workflows.command import inputs_of
 
 JOIN = Join("nav_*.csv", "cmd_*.csv")

@@ -16,8 +16,7 @@ import automarine_cli as am
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require_motion
-from automarine_cli.logs.ardupilot import FRAMES, asked_of_pulses
-from automarine_cli.logs.mixing import Told
+from automarine_cli.logs.mixing import FRAMES, Told, asked_of_pulses
 from automarine_cli.report import yaw_report
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")

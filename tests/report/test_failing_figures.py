@@ -47,7 +47,7 @@ CASES = {
     "fit-heave": Case("fit-heave forces/heave", f"{REPORT}.figures.yaw.inertia_figure", "inertia"),
     "validate": Case(
         "validate pool/validation --model yaw/yaw_model.json",
-        f"{WORK}.validate.validation_figure",
+        f"{REPORT}.validation_report.validation_figure",
         "validation_there_and_back",
     ),
     "diagnose": Case(
@@ -57,7 +57,7 @@ CASES = {
         "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.thruster_diagnosis.why_figure",
         "why",
     ),
-    "compare": Case("compare yaw driven", f"{WORK}.compare.compare_figure", "comparison"),
+    "compare": Case("compare yaw driven", f"{REPORT}.compare_report.compare_figure", "comparison"),
     "plan": Case("plan yaw/yaw_model.json", f"{WORK}.plan.plan_figure", "plan"),
 }  # fmt: skip
 

@@ -9,10 +9,13 @@ from identified import identify
 from repository import SAMPLE_RUNS
 from specified import make_runs
 
+from automarine_cli.commands.check import check
 from automarine_cli.commands.fit_motion import FITS
+from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
+from automarine_cli.report.sections import sections
 from automarine_cli.runs.half_turn import Trim, half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
@@ -23,8 +26,6 @@ from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.moments import moment_maker
 from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
-from automarine_cli.workflows.check import check
-from automarine_cli.workflows.simulate import simulate
 
 MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))
 HEAVE_SPEC = {
@@ -148,7 +149,7 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
 
 def test_check_tells_each_motion_in_a_table_of_its_own() -> None:
     found = check([SAMPLE_RUNS / "surge", SAMPLE_RUNS / "heave", SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv"])
-    assert [table.title for table in found.tables()] == ["Yaw runs", "Surge runs", "Heave runs"]
+    assert [table.title for table in sections(found).printed] == ["Yaw runs", "Surge runs", "Heave runs"]
     content = found.to_json()
     assert [len(content[f"{name}_runs"]) for name in ("yaw", "surge", "heave")] == [1, 20, 20]  # type: ignore[arg-type]
     assert "motion" not in content["yaw_runs"][0] and "covered_m" in content["surge_runs"][0]  # type: ignore[index]

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, SURGE, Dof
 from automarine_cli.logs import LogTable
+from automarine_cli.runs.checks import position_trouble
 from automarine_cli.runs.clean import clean
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import position_trouble
 from automarine_cli.runs.unwrap import find_glitches, find_jumps
 
 Floats = NDArray[np.float64]

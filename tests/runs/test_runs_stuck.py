@@ -7,8 +7,8 @@ import pytest
 from identified import identify
 from made_runs import mirrored, step_run
 
+from automarine_cli.runs.checks import without_stuck
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.stuck import without_stuck
 
 
 def still(moment: float, name: str, seed: int = 0) -> Run:

@@ -15,9 +15,9 @@ from tank import pool_campaign
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import RunError
+from automarine_cli.runs.checks import undriven, without_undriven
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.undriven import undriven, without_undriven
 
 REAL = DATA / "yaw" / "not_connected"
 SAMPLES = {

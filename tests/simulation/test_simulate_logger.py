@@ -9,6 +9,7 @@ import pytest
 from specified import make_runs
 from tank import pool_specification
 
+from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.logs import find_logs, read_log
 from automarine_cli.runs.half_turn import half_turns
@@ -16,7 +17,6 @@ from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.campaign import make_campaign
 from automarine_cli.simulation.log_files import gzip_bytes
 from automarine_cli.simulation.specification import Specification
-from automarine_cli.workflows.simulate import simulate
 
 
 def test_noise_is_white_and_as_large_as_asked() -> None:

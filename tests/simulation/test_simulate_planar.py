@@ -14,6 +14,7 @@ from click.testing import Result
 from made_planar import Craft, solved
 from repository import SAMPLE_RUNS
 
+from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.models.planar import PlanarModel
@@ -23,7 +24,6 @@ from automarine_cli.runs.planar import read_planar
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.planar_campaign import PlanarMade, make_planar
 from automarine_cli.simulation.planar_specification import PlanarSpecification, planar_specification_from
-from automarine_cli.workflows.simulate import simulate
 
 PLAIN: dict[str, Any] = {
     "schema": "automarine/simulation/1",
@@ -139,7 +139,7 @@ def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
     assert truth["hidden"] == {"yaw.N_v": -7.0} and truth["seed"] == 3 and len(truth["made"]) == 10
     assert truth["made"][0]["commands"][0].keys() == {"force_X_N", "force_Y_N", "tau_Nm", "from_s"}
     shown = simulate(specified())
-    assert repr(shown) == "1 simulated run of motion in the plane, 101 samples, seed 0"
+    assert "runs       1      101" in repr(shown) and "seed 0: no measurement." in repr(shown)
     assert list(shown.to_frame()["file"]) == ["runs/run.csv"]
 
 

@@ -12,6 +12,7 @@ from specified import make_runs
 from tank import INERTIA, K_RR, pool_campaign, pool_specification
 
 from automarine_cli import effects
+from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.simulation import campaign as room
@@ -20,7 +21,6 @@ from automarine_cli.simulation.logging_chain import DECIMALS, sample_times
 from automarine_cli.simulation.plans import make_plans
 from automarine_cli.simulation.run_groups import Resistance, time_to_turn
 from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
-from automarine_cli.workflows.simulate import simulate
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from repository import DATA
 
+from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.logs import read_column_map
 from automarine_cli.thrusters.result import ThrusterFit
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
 
 TESTS = DATA / "thrusters"
 pytestmark = pytest.mark.real_data(TESTS)

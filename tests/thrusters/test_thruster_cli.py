@@ -11,16 +11,16 @@ import pytest
 from click.testing import Result
 from matplotlib.figure import Figure
 
-from automarine_cli.cli import fit_thrusters as fit_thrusters_command
-from automarine_cli.cli.options import OneOf
-from automarine_cli.report import thruster_tables
+from automarine_cli.commands.compare import compare
+from automarine_cli.commands.fit_thrusters import fit_thrusters
+from automarine_cli.commands.options import OneOf
+from automarine_cli.report import outcomes, thruster_tables
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.thrusters.forms import FORMS
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.compare import compare
-from automarine_cli.workflows.fit_thrusters import FILES, fit_thrusters
 
+FILES = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png")
 Run = Callable[..., Result]
 AHEAD, ASTERN = 5.233e-4, 1.328e-4  # the source paper's equation 3, two thrusters together
 LEVELS = np.arange(-150.0, 151.0, 10.0)
@@ -247,7 +247,7 @@ def test_help_ends_with_an_example(run: Run) -> None:
 
 
 def test_the_command_offers_every_form() -> None:
-    form = next(one for one in fit_thrusters_command.fit_thrusters.params if one.name == "form")
+    form = next(one for one in fit_thrusters.params if one.name == "form")
     assert isinstance(form.type, OneOf) and set(form.type.names()) == {"auto", *FORMS}
 
 
@@ -266,14 +266,14 @@ def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path, tmp_path:
     analysis = fit.analysis
     own, law = (number(analysis.percent(one.rmse), 3) for one in (analysis.chosen, analysis.law))
     assert analysis.chosen.form.name == "dead-band-power" and float(own) < 1.0 < 5.0 < float(law)
-    lines = [line for line in repr(fit).splitlines() if "pulled" not in line and "--thrusters" not in line]
-    assert analysis.chosen.form.equation in lines[0] and "a |n| n" not in lines[0]
-    assert f"rmse {own} % of full scale" in lines[-2]
-    assert lines[-1].startswith("  The square law:") and f"rmse {law} %" in lines[-1]
+    lines = repr(fit).splitlines()
+    assert lines[0] == f"Chosen form dead-band-power: {analysis.chosen.form.equation}" and "a |n| n" not in lines[0]
+    first, second = (i for i, line in enumerate(lines) if line.startswith("R² "))
+    assert f"= {own} % of" in lines[first] and f"= {law} % of" in lines[second]
     assert "One thruster is taken to have pulled in each test" in repr(fit)
     text = (out / "thrusters.md").read_text(encoding="utf-8")
     assert text.index("Chosen form dead-band-power") < text.index("Square law F") and f"= {own} % of" in text
-    assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in fit_thrusters.kept.outcome(out)
+    assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in outcomes.outcome("fit-thrusters", out)
     frame = fit.to_frame()
     chosen = frame[frame["form"] == "dead-band-power"].set_index(["parameter", "direction"])
     assert set(frame["form"]) == {"dead-band-power", "square"} and len(chosen) == 6
@@ -283,7 +283,7 @@ def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path, tmp_path:
 def test_maps_with_a_parameter_at_its_bound_are_shown_and_compared(throttle: Path, tmp_path: Path) -> None:
     form = "dead-band-power-saturation"
     fits = [fit_thrusters([throttle], out=tmp_path / name, form=form) for name in ("a", "b")]
-    assert any("no saturation within the measured range" in line for line in repr(fits[0]).splitlines())
+    assert "no saturation within the measured range" in repr(fits[0])
     frame = fits[0].to_frame().set_index(["form", "parameter", "direction"])
     assert np.isnan(frame.loc[(form, "n_sat", "forward"), "value"])
     found = compare([tmp_path / "a", tmp_path / "b"])

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
+from automarine_cli.commands.verify import verify
 from automarine_cli.errors import SettingError
 from automarine_cli.workflows import campaigns as room
 from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaigns import names_of, run_campaigns
-from automarine_cli.workflows.verify import verify
 
 EARLY = "fit-yaw"
 

@@ -17,9 +17,9 @@ from made_campaigns import campaign
 from repository import ROOT
 
 from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.workflows.campaign_questions import answered
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.init import Started, init
 from automarine_cli.workflows.run import run_campaign
 

@@ -10,9 +10,9 @@ import pytest
 from click.testing import Result
 from small_campaign import CAMPAIGN, make_small_campaign
 
+from automarine_cli.commands.verify import verify
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.workflows.run import CampaignRun, News, run_campaign
-from automarine_cli.workflows.verify import verify
 
 EARLY = "fit-yaw"  # as far as most of these tests go: a second of work
 

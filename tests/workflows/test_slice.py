@@ -55,7 +55,7 @@ def test_a_command_right_after_another_is_told_apart(tmp_path: Path) -> None:
     assert [cut.moving for cut in made.cuts] == [False, True, True, False]
     assert [file.partition("/")[0] for file in made.files] == ["runs", "moving", "moving", "runs"]
     assert sorted(path.name for path in (tmp_path / "out/moving").iterdir()) == ["day_2_-0.8.csv", "day_3_+0.4.csv"]
-    assert am.slice_log(tmp_path / "day.csv", by="moment").tables()[0].notes[0].startswith("2 of 4 begin while")
+    assert "2 of 4 begin while another command moves" in repr(am.slice_log(tmp_path / "day.csv", by="moment"))
 
 
 def test_two_thrusters_change_together_or_alone(tmp_path: Path) -> None:
@@ -168,6 +168,6 @@ def test_slices_are_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     table(tmp_path, day([part for level in levels for part in ((0, 30), level)], mode=["M"] * 720))
     monkeypatch.chdir(tmp_path)
     made = am.slice_log("day.csv", by="moment", out="out")
-    assert len(made.cuts) == len(made.to_frame()) == 6 and "6 runs" in repr(made)
+    assert len(made.cuts) == len(made.to_frame()) == 6 and "+0.3" in repr(made)
     looked = am.check("out/runs")
     assert len(looked.runs) == 6 and not looked.set_aside

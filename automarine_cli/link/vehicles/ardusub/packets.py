@@ -12,8 +12,8 @@ from typing import Any
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.vehicles.base import Halted
+from automarine_cli.logs.streams import needed
 from automarine_cli.logs.tlog import MAV_MODE_ARMED, NO_VOLTAGE
-from automarine_cli.logs.vehicles import needed
 from automarine_cli.pipeline.words import printable
 
 OURS = (255, 190)

@@ -9,8 +9,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import OURS, Heard, Link
 from automarine_cli.link.vehicles.ardusub.sticks import CENTRE, Authority, Stick
-from automarine_cli.logs.ardupilot import part_of
-from automarine_cli.logs.mixing import Part, Unclear
+from automarine_cli.logs.mixing import Part, Unclear, part_of
 
 ARDUPILOT, SUBMARINE = 3, 12  # MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_SUBMARINE
 SET_MESSAGE_INTERVAL = 511

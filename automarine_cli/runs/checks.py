@@ -1,4 +1,12 @@
-"""Does a cleaned run make sense at all? Sentences for runs that cannot be what their columns say."""
+"""Is a run what its columns say, and did its commands move it? A check returns a sentence, or None where all is well.
+
+Runs that stood still under a command that moves the vehicle in other runs (a thruster that did not start, a tether that
+held) say nothing of drag or inertia. Runs that something moved which their log does not hold were steered from another
+console, or pushed: without a command drag only slows a vehicle down, a current carries it slowly, and a constant force
+takes it one way, so what gathers speed again and again with nothing commanded was moved by something else.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +14,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import median
+from automarine_cli.runs.run import Run, SetAside
 
 FEWEST_SAMPLES = 8
 LEAST_STUCK = 20  # samples of one exact position
@@ -155,3 +164,116 @@ def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, flo
         return 1, float(position[0])
     best = int(np.argmax(stops - starts))
     return int(stops[best] - starts[best]) + 1, float(position[starts[best]])
+
+
+ALIKE = 1.25  # pushes of one size: steps that end at one angle are logged a sample more or less
+STILL_PIECE_S = 1.0  # positions are averaged over pieces of about this length, so that noise is no motion
+
+
+def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
+    """The runs that may be modelled, and those that stood still though another run was moved by no more.
+
+    Stuck is a run of one constant moment that never moved, where a run that did was pushed no harder to that side and
+    no further: so a command within a dead band, which moves nothing in any run, is none.
+    """
+    moved = [run for run in runs if _moved(run)]
+    kept, aside = [], []
+    for run in runs:
+        free = run.dof.has_constant or _moved(run)  # under a constant force the smaller command may be what moves
+        other = None if free else _moved_by_no_more(run, moved)
+        if other is None:
+            kept.append(run)
+        else:
+            aside.append(SetAside(run.source, run.name, _why_stuck(run, other)))
+    return kept, tuple(aside)
+
+
+def _moved(run: Run) -> bool:
+    """Whether the mean positions of its pieces differ by more than noise would make them."""
+    count = max(1, min(len(run) // 3, int((run.time[-1] - run.time[0]) / STILL_PIECE_S)))
+    means = [float(piece.mean()) for piece in np.array_split(run.position, count)]
+    return max(means) - min(means) >= max(run.dof.limits.still, 5 * run.noise)
+
+
+def _push(run: Run) -> float:
+    """Largest moment times the squared time that one acts: how far it would turn a vehicle without drag, but for its
+    inertia."""
+    acting = float(np.sum(np.diff(run.time)[run.command[:-1] != 0]))
+    return float(np.abs(run.command).max()) * acting**2
+
+
+def _moved_by_no_more(run: Run, moved: Sequence[Run]) -> Run | None:
+    """A run that moved under moments to the side of this run's only, none larger, that push it no further."""
+    acting = np.unique(run.command[run.command != 0])
+    if len(acting) != 1:
+        return None
+    size, side = abs(acting[0]), float(np.sign(acting[0]))
+    for other in moved:
+        same = other.moment_unit == run.moment_unit and np.abs(other.command).max() <= size * (1 + 1e-9)
+        if same and np.all(side * other.command >= 0) and 0 < _push(other) <= ALIKE * _push(run):
+            return other
+    return None
+
+
+def _why_stuck(run: Run, other: Run) -> str:
+    size = np.abs(run.command).max() * np.sign(run.command.sum())
+    return (
+        f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} did under "
+        "no more; check thrusters and tether, and make the run again"
+    )
+
+
+SPEED_PIECE_S = 3.0  # over which speeds are taken: shorter than a manoeuvre, as long as waves rock
+ECHO_S = 4.0  # after a command, in which delays, thrusters and water may still act on it
+UNDRIVEN_TIMES = 3  # times that speed is gathered with nothing commanded
+UNDRIVEN_SHARE = 0.8  # of all speed gathered
+LEAST_WAYS = 1.5  # times the least way of a step
+SPEED_SIGMAS = 8.0  # standard deviations of the position
+
+
+def without_undriven(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
+    """The runs that their commands may have moved, and those that something else did."""
+    reasons = [undriven(run) for run in runs]
+    aside = tuple(SetAside(run.source, run.name, why) for run, why in zip(runs, reasons) if why)
+    return [run for run, why in zip(runs, reasons) if why is None], aside
+
+
+def undriven(run: Run) -> str | None:
+    """Why the commands of a run cannot be what moved it, or None. Raises RunError where it has none.
+
+    Mean speeds of pieces are compared with those of the pieces before: speed counts as gathered with nothing commanded
+    where no command acts in either or shortly before. The run went far, and nearly all its speed, gathered several
+    times, and both ways where a constant force acts, is of that kind.
+    """
+    dof, extent = run.dof, float(np.ptp(run.position))
+    pieces = max(1, int((run.time[-1] - run.time[0]) / SPEED_PIECE_S))
+    edges = np.linspace(run.time[0], run.time[-1], pieces + 1)
+    speed = np.diff(np.interp(edges, run.time, run.position)) / np.diff(edges)
+    before, after = speed[:-1], speed[1:]
+    gained = np.maximum(np.abs(after) - np.maximum(before * np.sign(after), 0.0), 0.0)
+    gained[gained < max(dof.limits.start, SPEED_SIGMAS * run.noise) / SPEED_PIECE_S] = 0.0
+    acting = run.time[run.command != 0]
+    idle = np.searchsorted(acting, edges[:-2] - ECHO_S) == np.searchsorted(acting, edges[2:], side="right")
+    alone = idle & (gained > 0)
+    there, back = _times(alone & (after > 0)), _times(alone & (after < 0))
+    one_way = dof.has_constant and min(there, back) == 0
+    if (
+        extent < LEAST_WAYS * dof.limits.least
+        or there + back < UNDRIVEN_TIMES
+        or one_way
+        or gained[alone].sum() < UNDRIVEN_SHARE * gained.sum()
+    ):
+        return None
+    words, unit = dof.words, dof.units.shown
+    return (
+        f"the {words.force} commanded is 0 in {100 * np.mean(run.command == 0):.3g} % of the log, while the vehicle "
+        f"{words.moved} over {dof.shown(extent):.0f} {unit} at up to {dof.shown(np.abs(speed).max()):.2g} {unit}/s and "
+        f"gathered speed {there + back} times with nothing commanded: something that this log does not hold moved it, "
+        f"such as another console or a hand. Expected the {words.force} that moved it: log the commands that reach the "
+        "thrusters, or map their columns with --columns"
+    )
+
+
+def _times(true: NDArray[np.bool_]) -> int:
+    """How many stretches are true."""
+    return int(np.sum(true[1:] & ~true[:-1]) + true[:1].sum())

@@ -1,14 +1,71 @@
 """What `compare` says: parameters side by side, differences with intervals, and each in a sentence."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 
 from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, Side
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.report.figures.compare import compare_figure
+from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
+
+SCHEMA = "automarine/comparison/1"
 
 NOTE = (
     "Each result less the first. “differs”: significant after Holm's correction for the number of comparisons; "
     "“may differ”: the 95 % interval excludes zero, as one in twenty does by chance."
 )
+
+
+@dataclass(frozen=True, repr=False)
+class ResultComparison(Shown):
+    """Results of one command side by side, each against the first; `notes` say what must be known of them."""
+
+    kind: str
+    sides: tuple[Side, ...]
+    differences: tuple[Difference, ...]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of comparison.json: schema automarine/comparison/1."""
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "results": [
+                {
+                    "name": side.name,
+                    "parameters": {name: estimate.to_json() for name, estimate in side.parameters.items()},
+                    "facts": dict(side.facts),
+                    "runs": side.runs,
+                }
+                for side in self.sides
+            ],
+            "differences": [apart.to_json() | {"says": sentence(apart)} for apart in self.differences],
+            "summary": summary(self.differences),
+            "notes": list(self.notes),
+        }
+
+
+@sections.register
+def _(result: ResultComparison) -> Sections:
+    words = [summary(result.differences), *map(sentence, result.differences), *result.notes]
+    tables = parameter_table(result.sides), difference_table(result.differences)
+    files: dict[str, Content] = {
+        "comparison.json": result.to_json(),
+        "parameters.csv": tables[0].to_csv(),
+        "differences.csv": tables[1].to_csv(),
+        "comparison.md": "\n".join(
+            table.to_markdown() for table in (Table("", ("in words",), tuple((line,) for line in words)), *tables)
+        ),
+    }
+    rows = [
+        {"parameter": apart.parameter, "of": apart.of, "less": apart.base, **numbers(apart.difference),
+         "p_value": apart.p_value, "verdict": apart.verdict}
+        for apart in result.differences
+    ]  # fmt: skip
+    figures = {"comparison": partial(compare_figure, result.sides)}
+    return Sections([*tables, *words], files, figures, (*files, "comparison.png"), rows)
 
 
 def parameter_table(sides: Sequence[Side]) -> Table:

@@ -1,11 +1,24 @@
-"""The tables of `validate`: every model over all runs, and every run under every model."""
+"""What `validate` shows: every model over all runs, every run under every model, a figure of each run."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 
+from automarine_cli.comparison.planar import SCORES as PLANAR_SCORES
+from automarine_cli.comparison.planar import PlanarValidation
+from automarine_cli.comparison.planar import overall as planar_overall
 from automarine_cli.comparison.scores import SCORES, Overall, score_key
-from automarine_cli.comparison.validation import Ahead, Comparison
+from automarine_cli.comparison.validation import Ahead, Comparison, Validation
 from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.fits.channel_noise import channel_sentences, measured_noises
+from automarine_cli.pipeline.outputs import file_stems
+from automarine_cli.report.figures.planar import planar_figure
+from automarine_cli.report.figures.validation import validation_figure
+from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import MISSING, Cell, Table, number
+from automarine_cli.runs.run import command_warnings
+
+LISTED = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
 
 HEADINGS = {
     "rmse": "rmse {shown_unit}",
@@ -14,7 +27,86 @@ HEADINGS = {
     "restarted_rmse": "restarted rmse {shown_unit}",
     "rate_rmse": "{speed} rmse {shown_unit}/s",
 }
+PLANAR_HEADINGS = {
+    "heading_rmse_deg": "heading deg", "heading_max_abs_deg": "max deg", "position_rmse_m": "position m",
+    "position_max_abs_m": "max m", "surge_rmse_m_s": "surge m/s", "sway_rmse_m_s": "sway m/s",
+    "yaw_rate_rmse_deg_s": "yaw rate deg/s",
+}  # fmt: skip
 DIVERGED = "diverged"
+
+
+@sections.register
+def _(result: Validation) -> Sections:
+    """Of driven runs predictions first, before all how commands do not fit their map."""
+    compared, dof, ahead = result.comparison, result.stored.dof, result.ahead
+    headline = [] if ahead is None else [ahead.sentence]
+    tables = [*([] if ahead is None else [ahead_table(ahead)]), overall_table(compared), run_table(compared)]
+    sensors = channel_sentences(result.channels, measured_noises(compared.runs, dof), dof)
+    page = [*headline, *[""] * bool(headline), *(table.to_markdown() for table in tables), *sensors]
+    free = [{model: scored.free[i] for model, scored in compared.models.items()} for i in range(len(compared.runs))]
+    names = (f"validation_{stem}" for stem in file_stems([run.name for run in compared.runs]))
+    return Sections(
+        [*(f"Warning: {warning}" for warning in command_warnings(compared.runs)), *headline, *tables, *sensors],
+        {
+            "validation.json": result.to_json(),
+            "validation.csv": score_table(compared).to_csv(),
+            "validation.md": "\n".join([*page, *[""] * bool(sensors)]),
+            "validation.tex": "\n".join(table.to_latex() for table in tables),
+        },
+        {name: partial(validation_figure, *pair) for name, pair in zip(names, zip(free, compared.floors))},
+        LISTED,
+        [
+            {"run": run.name, "model": model, **{score_key(name, dof): score.value(name) for name in SCORES}}
+            for model, scored in compared.models.items()
+            for run, score in zip(compared.runs, scored.scores)
+        ],
+    )
+
+
+@sections.register
+def _(result: PlanarValidation) -> Sections:
+    table = planar_table(result)
+    names = (f"validation_{stem}" for stem in file_stems([free.run.name for free in result.free]))
+    return Sections(
+        [table],
+        {
+            "validation.json": result.to_json(),
+            "validation.csv": table.to_csv(),
+            "validation.md": table.to_markdown(),
+            "validation.tex": table.to_latex(),
+        },
+        {name: partial(planar_figure, free) for name, free in zip(names, result.free)},
+        LISTED,
+        [{"run": free.run.name, "model": PLANAR.name, **free.scores} for free in result.free],
+    )
+
+
+def planar_table(result: PlanarValidation) -> Table:
+    """Lay out one row a run, and one over all."""
+
+    def cells(scores: Mapping[str, float | None]) -> list[str]:
+        return [MISSING if (value := scores[name]) is None else number(value, 3) for name in PLANAR_SCORES]
+
+    rows = [
+        (
+            free.run.name,
+            number(float(free.run.time[-1] - free.run.time[0]), 3),
+            *((DIVERGED, *[MISSING] * 6) if free.diverged else cells(free.scores)),
+        )
+        for free in result.free
+    ]
+    rows.append(("all runs", MISSING, *cells(planar_overall(result.free))))
+    count = len(result.free)
+    return Table(
+        f"Validation over {count} run{'s' * (count != 1)}: surge, sway and yaw together",
+        ("run", "s", *(PLANAR_HEADINGS[name] for name in PLANAR_SCORES)),
+        tuple(rows),
+        notes=(
+            "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
+            "of measured less simulated.",
+            "A position adds up every error of speed and heading: judge a long run by its velocities.",
+        ),
+    )
 
 
 def overall_table(comparison: Comparison) -> Table:

@@ -1,0 +1,52 @@
+"""`check`: what is in the logs, what of it serves, and what is wrong with the rest."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import command
+
+if TYPE_CHECKING:
+    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.report.check_tables import Check
+
+
+@command("check", report="check_tables", figures=False)
+@options.logs
+@options.columns
+@options.ending(options.strict, options.jobs)
+def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: "Progress") -> "Check":
+    """Inspect logs and list their problems.
+
+    For each run: sampling, gaps, what cleaning dropped, heading noise, moments, turns, which half-turn a fit
+    would keep and what cut it, or why there is none. Yaw logs and thruster tests may be mixed.
+
+    \b
+    Example:
+      automarine check sample_runs/steps
+    """
+    from dataclasses import replace
+    from functools import partial
+
+    from automarine_cli.logs import given_columns
+    from automarine_cli.pipeline.parallel import ordered_map
+    from automarine_cli.report.check_tables import Check
+    from automarine_cli.runs.load import none_left, refused_by_strict
+    from automarine_cli.runs.look import look_at_log, with_limits
+    from automarine_cli.runs.run import NAMED_APART, names_apart
+
+    look = partial(look_at_log, columns=given_columns(columns))
+    contents = ordered_map(look, logs, jobs, progress=progress, stage="looking at logs")
+    runs = [run for of_log, _, _ in contents for run in of_log]
+    tests = tuple(test for _, of_log, _ in contents for test in of_log)
+    set_aside = tuple(run for _, _, of_log in contents for run in of_log)
+    if strict and set_aside:
+        raise refused_by_strict(set_aside[0])
+    if not runs and not tests:
+        raise none_left(len(logs), set_aside)
+    names = names_apart([(run.run, run.file) for run in runs])
+    named = tuple(
+        run if run.run == name else replace(run, run=name, notes=[*run.notes, NAMED_APART])
+        for run, name in zip(with_limits(runs), names)
+    )
+    return Check(named, tests, set_aside, len(logs))

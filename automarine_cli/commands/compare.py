@@ -1,0 +1,51 @@
+"""`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command
+from automarine_cli.errors import SettingError
+
+if TYPE_CHECKING:
+    from automarine_cli.report.compare_report import ResultComparison
+
+
+@command("compare", report="compare_report")
+@argument(
+    "results", nargs=-1, required=True, metavar="DIR DIR...", type=click.Path(exists=True, path_type=Path),
+    reads="folders",
+)  # fmt: skip
+@options.ending()
+def compare(results: tuple[Path, ...]) -> "ResultComparison":
+    """Put results of fit-thrusters, fit-yaw, validate or diagnose side by side, each against the first: another
+    vehicle, another day, another battery, another model of the same runs. Each difference has a confidence interval,
+    and a word on its significance.
+
+    \b
+    Example:
+      automarine compare out/fit-yaw out/hidden
+    """
+    from automarine_cli.comparison.side_by_side import differences, read_sides
+    from automarine_cli.pipeline.words import listed
+    from automarine_cli.report.compare_report import ResultComparison
+
+    kind, sides, notes = read_sides(results)
+    apart = differences(sides)
+    if not apart:
+        raise SettingError(
+            f"{listed(side.name for side in sides)}: the first has no parameter in common with another one; "
+            "compare results that have the same model or form, or validations with two runs in common or more"
+        )
+    return ResultComparison(kind, sides, apart, tuple(notes))
+
+
+def _inputs(results: tuple[Path, ...]) -> list[object]:
+    from automarine_cli.comparison.side_by_side import inputs_of
+
+    return list(inputs_of(results))
+
+
+compare.folder_inputs = _inputs

@@ -1,0 +1,44 @@
+"""`effects`: the library of effects, as a list or as the whole card of one."""
+
+from typing import TYPE_CHECKING
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.dofs import DOFS, YAW
+from automarine_cli.errors import SettingError
+
+if TYPE_CHECKING:
+    from automarine_cli.report.effect_cards import EffectCards
+
+
+@command("effects", report="effect_cards", saves=False)
+@argument("name", required=False, metavar="[NAME]")
+@option(
+    "--motion", metavar="NAME",
+    help="Only what may act in this motion (surge, say), in its words, letters and units.  [default: all, of yaw]",
+)  # fmt: skip
+@options.together(options.as_json, options.verbosity)
+def effects(name: str | None, motion: str | None) -> "EffectCards":
+    """The effects that a model of a motion may have, and that diagnose can name.
+
+    Without NAME: name, place, equation and parameters of each. With NAME the whole card: what the parameters
+    mean, what the verdict says, which run reveals the effect, what it is mistaken for and the run that tells
+    the two apart, and the source.
+
+    \b
+    Example:
+      automarine effects dead-band
+    """
+    from automarine_cli import effects as library
+    from automarine_cli.pipeline.words import listed
+    from automarine_cli.report.effect_cards import EffectCards
+
+    if motion is not None and motion not in DOFS:
+        raise SettingError(f"motion {motion!r} is not known; known are {', '.join(DOFS)}")
+    dof = YAW if motion is None else DOFS[motion]
+    cards = tuple(library.get(effect) for effect in (library.names() if name is None else (name,)))
+    acting = tuple(effect for effect in cards if motion is None or effect.acts_in(dof))
+    if not acting:
+        motions = cards[0].motions
+        raise SettingError(f"{name} does not act in {motion}; it acts in {listed(motions)}: give --motion {motions[0]}")
+    return EffectCards(acting, name is not None, dof, motion is None)

@@ -1,0 +1,49 @@
+"""`fit-planar`: logs of motion in the plane -> surge, sway and yaw together, with what couples them."""
+
+from typing import TYPE_CHECKING, Any
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import command
+
+if TYPE_CHECKING:
+    from automarine_cli.fits.planar_fit import PlanarFit
+
+
+@command("fit-planar", report="planar_report")
+@options.logs
+@options.columns
+@options.thrusters
+@options.arm
+@options.known
+@options.ending(options.strict, options.jobs)
+def fit_planar(
+    logs: Any, columns: Any, thrusters: Any, arm: float | None, known: Any, strict: bool, jobs: int, progress: Any
+) -> "PlanarFit":
+    """Identify surge, sway and yaw together, and what couples them.
+
+    The logs hold the heading and the speed ahead or the position on the water. Drags, couplings and a current
+    are chosen by evidence; what the logs cannot determine is set by stated assumptions.
+
+    \b
+    Example:
+      automarine fit-planar sample_runs/planar -o out/planar
+    """
+    from automarine_cli.fits.known import Known
+    from automarine_cli.fits.planar_fit import PlanarFit, search
+    from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+    from automarine_cli.fits.planar_structure import OWN, Structure, observed
+    from automarine_cli.logs import given_columns
+    from automarine_cli.runs.run import command_warnings
+    from automarine_cli.thrusters.planar_runs import load_planar
+
+    beforehand = Known.of(known)
+    campaign = load_planar(logs, given_columns(columns), thrusters, arm, strict=strict, jobs=jobs, progress=progress)
+    channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
+    names = Structure.simplest(channels).names
+    beforehand = beforehand.named(names, signed=sorted({*names.values()} - {*OWN}))
+    estimator = PlanarLikelihood(campaign.runs, channels, beforehand.parameters)
+    tried = search(campaign.runs, channels, estimator)
+    limits = tuple(limit.warning for limit in campaign.limits)
+    return PlanarFit(
+        tried, estimator.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), beforehand
+    )

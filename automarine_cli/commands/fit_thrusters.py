@@ -1,0 +1,71 @@
+"""`fit-thrusters`: bollard tests -> thruster map (the source paper's section 3.1, equations 2 and 3)."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import command, option
+
+if TYPE_CHECKING:
+    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.thrusters.result import ThrusterFit
+
+AUTO = "auto"
+
+
+def _forms() -> tuple[str, ...]:
+    from automarine_cli.thrusters.forms import FORMS
+
+    return (AUTO, *FORMS)
+
+
+class _Form(options.OneOf):
+    """A thrust curve; None for auto."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return None if value == AUTO else super().convert(value, param, ctx)
+
+
+@command("fit-thrusters", report="thruster_tables")
+@options.logs
+@options.columns
+@option(
+    "--thrusters-per-test", type=click.IntRange(min=1), metavar="N",
+    help="Equal thrusters that pulled together.  [default: the --columns file's, else 1]",
+)  # fmt: skip
+@option(
+    "--form", type=_Form(_forms), default=AUTO, show_default=True, metavar="FORM",
+    help="Thrust curve of the map, such as square or dead-band-power-saturation; or auto, which chooses by "
+    "cross-validation.",
+)  # fmt: skip
+@options.ending(options.strict, options.jobs)
+def fit_thrusters(
+    logs: Sequence[Any], columns: Any, thrusters_per_test: int | None, form: str | None, strict: bool, jobs: int,
+    progress: "Progress",
+) -> "ThrusterFit":  # fmt: skip
+    """Bollard tests (columns n, force_N) into the map of one thruster, forward and backward apart.
+
+    The square law F = a |n| n is fitted always; seven other curves stand beside it, and cross-validation
+    chooses. Raw load-cell series are reduced to plateaus, a voltage column gives a map for each voltage.
+
+    \b
+    Example:
+      automarine fit-thrusters sample_runs/thrusters --thrusters-per-test 2
+    """
+    from dataclasses import replace
+
+    from automarine_cli.logs import given_columns
+    from automarine_cli.runs.load import told_beside
+    from automarine_cli.thrusters.fit_records import fit_records
+    from automarine_cli.thrusters.records import load_thruster_logs, thrusters_pulling
+    from automarine_cli.thrusters.result import ONE_PULLED
+
+    column_map = given_columns(columns)
+    loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
+    together = thrusters_pulling(thrusters_per_test, column_map)
+    with told_beside(loaded.set_aside):
+        fit = fit_records(loaded, together, loaded.n_unit, form, jobs, progress)
+    assumed = thrusters_per_test is None and "thrusters_per_test" not in column_map.defaults
+    return replace(fit, notes=(ONE_PULLED, *fit.notes)) if assumed else fit

@@ -1,0 +1,85 @@
+"""`guide`: the list of the pages of the guide, or one of them."""
+
+import sys
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command
+from automarine_cli.commands.terminal import coloured, echo_result, verbosity_level, width_of
+
+if TYPE_CHECKING:
+    from automarine_cli.guide import Contents, Page
+
+PIPE_WIDTH = 100  # columns of a page that no terminal shows
+MAX_WIDTH = 110  # columns, beyond which lines are tiring to read
+
+
+def topics(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Offer the shell the topics that begin so."""
+    from automarine_cli import guide as pages
+
+    return [CompletionItem(name) for name in (*pages.commands(), *pages.pages()) if name.startswith(begun)]
+
+
+@command("guide", saves=False)
+@argument("topic", required=False, metavar="[TOPIC]", shell_complete=topics)
+@options.together(options.as_json, options.verbosity)
+def guide(topic: str | None) -> "Contents | Page":
+    """The guide: a page for each command, and pages about logs, results, the method and how well it works.
+
+    Without TOPIC the pages are listed, each with what it is about. A terminal shows a page in its pager (the variable
+    PAGER names another one); in a pipe it is plain text.
+
+    \b
+    Example:
+      automarine guide logs
+    """
+    from automarine_cli import guide as pages
+    from automarine_cli.commands import load, short_help
+
+    if topic is None:
+        return pages.Contents(
+            tuple(pages.Topic(name, short_help(name)) for name in pages.commands()),
+            tuple(pages.Topic(name, pages.title(name)) for name in pages.pages()),
+        )
+    page = pages.page(topic)
+    return pages.with_options(page, _options(load(topic))) if topic in pages.commands() else page
+
+
+def _width() -> int:
+    return min(width_of(sys.stdout) or PIPE_WIDTH, MAX_WIDTH)
+
+
+def _options(command: click.Command) -> str:
+    """The list of a command's options, as its --help has it."""
+    formatter = click.HelpFormatter(width=_width())
+    command.format_options(click.Context(command, help_option_names=["-h", "--help"]), formatter)
+    return textwrap.dedent(formatter.getvalue().partition("\n")[2])
+
+
+def _show(ctx: click.Context, result: Any) -> None:
+    """Show the list of pages, or a page, in a pager on a terminal."""
+    from automarine_cli.guide import Page
+    from automarine_cli.guide.text import to_text
+    from automarine_cli.report.tables import Table
+
+    if ctx.params["as_json"] or verbosity_level() < 0:
+        return
+    if not isinstance(result, Page):
+        lists = (("Commands", result.commands), ("More pages", result.pages))
+        header = ("topic", "what it is about")
+        tables = [Table(title, header, tuple((page.name, page.about) for page in pages)) for title, pages in lists]
+        echo_result(result, as_json=False, tables=(*tables, "automarine guide TOPIC shows a page."), keep_hint=None)
+        return
+    text = to_text(result.markdown, _width(), lambda line: coloured(line, sys.stdout, "cyan", bold=True))
+    if width_of(sys.stdout) is None:
+        click.echo(text, nl=False)
+    else:
+        click.echo_via_pager(text)
+
+
+guide.finish = _show

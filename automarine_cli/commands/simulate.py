@@ -1,0 +1,68 @@
+"""`simulate`: a specification -> the logs of a pool campaign, and the truth beside them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+
+if TYPE_CHECKING:
+    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.report.simulation_tables import PlanarSimulation, Simulation
+    from automarine_cli.simulation.planar_specification import PlanarSpecification
+    from automarine_cli.simulation.specification import Specification
+
+
+@command("simulate", report="simulation_tables", figures=False)
+@argument("specification", type=options.FILE, metavar="SPEC.toml", reads="file", recorded=False)
+@option(
+    "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR",
+    help="Write the logs and the truth into this folder.",
+)  # fmt: skip
+@options.overwrite
+@option("--seed", type=click.IntRange(min=0), metavar="N", help="Instead of the specification's seed.")
+@options.together(options.jobs, options.as_json, options.verbosity)
+def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> "Simulation | PlanarSimulation":
+    """A pool campaign with known truth, made from a specification.
+
+    The specification says what vehicle is tested, what acts on it that a model may not know of, what the logger
+    loses, and which runs are made: steps, coast-downs, reversals, sequences, ramps, rests, bollard tests. The
+    same specification and seed give identical files. truth.json, beside the logs, holds the true values.
+
+    \b
+    Example:
+      automarine simulate sample_runs/campaign.toml -o out/campaign
+    """
+    from automarine_cli.report.simulation_tables import PlanarSimulation, Simulation
+    from automarine_cli.simulation.campaign import make_campaign
+    from automarine_cli.simulation.planar_campaign import make_planar
+    from automarine_cli.simulation.planar_specification import PlanarSpecification
+
+    spec = _read(specification)
+    if isinstance(spec, PlanarSpecification):
+        return PlanarSimulation(spec, seed, make_planar(spec, seed))
+    return Simulation(spec, seed, make_campaign(spec, seed, jobs=jobs, progress=progress))
+
+
+def _with_seed(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings with the seed that is used, which the manifest records."""
+    seed = settings["seed"]
+    return settings | {"seed": _read(settings["specification"]).seed if seed is None else seed}
+
+
+simulate.complete = _with_seed
+
+
+def _read(specification: Any) -> "Specification | PlanarSpecification":
+    """The specification in a file, of one motion or of motion in the plane. Raises SettingError."""
+    if not isinstance(specification, Path):
+        return specification
+    from automarine_cli.pipeline.recipe import read_mapping
+    from automarine_cli.pipeline.words import printable
+    from automarine_cli.simulation.planar_specification import is_planar, planar_specification_from
+    from automarine_cli.simulation.specification import specification_from
+
+    mapping, name = read_mapping(specification), printable(specification.name)
+    return planar_specification_from(mapping, name) if is_planar(mapping) else specification_from(mapping, name)

@@ -1,0 +1,128 @@
+"""`slice`: one long log is cut into runs, each a log of its own that names its source and interval."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import command, option
+
+if TYPE_CHECKING:
+    from automarine_cli.logs import ColumnMap, LogFile, LogTable
+    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.report.slice_tables import SlicedLog, Slices
+    from automarine_cli.runs.run import SetAside
+
+By = Literal["mode", "arm", "moment"]
+
+
+@command("slice", report="slice_tables", figures=False, python="slice_log")
+@options.logs
+@option(
+    "--by", type=click.Choice(["mode", "arm", "moment"]), required=True,
+    help="Cut where a flight mode, an arming state, or a constant command begins and ends.",
+)  # fmt: skip
+@options.columns
+@option("--keep", multiple=True, metavar="MODE", help="Keep only this flight mode; may be repeated.")
+@option(
+    "--lead", type=click.FloatRange(min=0), default=2.0, show_default=True, metavar="S",
+    help="Seconds of rest to keep before a constant command.",
+)  # fmt: skip
+@option(
+    "--shortest", type=click.FloatRange(min=0), default=1.0, show_default=True, metavar="S",
+    help="Minimum duration of a run in seconds.",
+)  # fmt: skip
+@option(
+    "--format", "form", type=click.Choice(["csv", "csv.gz", "parquet"]), default="csv", show_default=True,
+    help="File format of the runs.",
+)  # fmt: skip
+@options.ending(options.strict, options.jobs)
+def slice_log(
+    logs: Sequence[Any], by: By, columns: Any, keep: tuple[str, ...], lead: float, shortest: float, form: str,
+    strict: bool, jobs: int, progress: "Progress",
+) -> "Slices":  # fmt: skip
+    """Cut one long log into runs: a log of each, which names the file and the interval that it comes from.
+
+    A vehicle logs a whole day in one file. Cut it by the flight mode, by arming, or where a constant command begins
+    and ends; then check, fit and validate with DIR/runs. Commands that follow another without a rest between are in
+    DIR/moving, for validate, diagnose and fit-yaw --fit-to whole-runs. Mode and arming are known in ArduPilot and
+    PX4 logs, else from the columns mode and armed.
+
+    \b
+    Example:
+      automarine slice sample_runs/validation/there_and_back.csv --by moment -o out/slices
+    """
+    from functools import partial
+
+    from automarine_cli.errors import RunError
+    from automarine_cli.logs import given_columns
+    from automarine_cli.pipeline.parallel import ordered_map
+    from automarine_cli.report.slice_tables import SlicedLog, Slices
+    from automarine_cli.runs.load import none_left, refused_by_strict
+    from automarine_cli.runs.run import SetAside
+
+    if keep and by != "mode":
+        raise click.UsageError("--keep MODE goes with --by mode.")
+    cut = partial(
+        _cut, columns=given_columns(columns), by=by, keep=keep, lead=lead, shortest=shortest, form=form
+    )  # fmt: skip
+    results = ordered_map(cut, logs, jobs, progress=progress, stage="cutting logs")
+    set_aside = tuple(result for result in results if isinstance(result, SetAside))
+    if strict and set_aside:
+        raise refused_by_strict(set_aside[0])
+    sources = tuple(result for result in results if isinstance(result, SlicedLog))
+    if not sources:
+        raise none_left(len(logs), set_aside)
+    if not any(source.cuts for source in sources):
+        why = list(dict.fromkeys(gap.why for source in sources for gap in source.between))
+        raise RunError(
+            f"{sources[0].file}: no run in it, cut by {by}: {'; '.join(why[:5]) or 'no rows'}. "
+            "Cut by something else, or take runs that are shorter"
+        )
+    return Slices(by, form, sources, set_aside)
+
+
+def _cut(
+    file: "LogFile", columns: "ColumnMap", by: By, keep: tuple[str, ...], lead: float, shortest: float, form: str
+) -> "SlicedLog | SetAside":
+    """The runs of one log as files, or why it was set aside."""
+    from automarine_cli.errors import LogError
+    from automarine_cli.logs import read_log
+    from automarine_cli.logs.formats import stem_of
+    from automarine_cli.pipeline.words import printable
+    from automarine_cli.report.slice_tables import Between, Cut, SlicedLog
+    from automarine_cli.runs.load import unreadable
+    from automarine_cli.runs.slices import find_slices
+
+    try:
+        table = read_log(file, columns, dof=None)
+        slices, passed = find_slices(table, by, keep, lead, shortest)
+    except LogError as error:
+        if file.named:
+            raise
+        return unreadable(file, error)
+    time, digits = table.columns["time"], len(str(len(slices)))
+    cuts, contents = [], []
+    for i, part in enumerate(slices, 1):
+        run = None if table.run_code is None else table.run_names[table.run_code[part.first]]
+        stem = stem_of(file.name.rpartition("/")[2])
+        name = "_".join(word for word in (stem, run, f"{i:0{digits}d}", part.state) if word)
+        rows = int(table.rows[part.first]), int(table.rows[part.stop - 1])
+        ends = float(time[part.first]), float(time[part.stop - 1])
+        cut = Cut(printable(name), part.state, file.name, run, rows, part.stop - part.first, part.moving, *ends)
+        cuts.append(cut)
+        contents.append(_content(table, part.first, part.stop, form, cut.comment(by)))
+    between = tuple(Between(file.name, float(time[gap.first]), float(time[gap.stop - 1]), gap.why) for gap in passed)
+    return SlicedLog(file.name, tuple(cuts), tuple(contents), between, table.notes)
+
+
+def _content(table: "LogTable", first: int, stop: int, form: str, comment: str) -> bytes:
+    from automarine_cli.logs.table import columns_of, csv_text
+    from automarine_cli.simulation.log_files import gzip_bytes, parquet_bytes
+
+    columns = columns_of(table, first, stop)
+    if form == "parquet":
+        return parquet_bytes(columns, comment)
+    text = csv_text(columns, comment).encode()
+    return text if form == "csv" else gzip_bytes(text)

@@ -1,0 +1,87 @@
+"""`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import command, option
+from automarine_cli.errors import SettingError
+
+if TYPE_CHECKING:
+    from automarine_cli.comparison.planar import PlanarValidation
+    from automarine_cli.comparison.validation import Validation
+
+
+@command("validate", report="validation_report", by_effects=True)
+@options.logs
+@options.model
+@options.columns
+@options.thrusters
+@options.arm
+@options.channels
+@option("--figures/--no-figures", default=True, show_default=True, help="Draw a figure of every run into DIR.")
+@options.ending(options.strict, options.seed, options.jobs)
+def validate(
+    logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, figures: bool, strict: bool,
+    seed: int, jobs: int, progress: Any,
+) -> "Validation | PlanarValidation":  # fmt: skip
+    """Simulate each log with each model of a yaw_model.json, and compare the headings.
+
+    The models see the commands only. Scores, for each run and over all: heading error of the free run, of a run
+    restarted at each change of moment, yaw-rate error, fit percent, and the noise level beside them. With -o a
+    figure a run: headings, errors, moment.
+
+    \b
+    Example:
+      automarine fit-yaw sample_runs/steps -o out/yaw
+      automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
+    """
+    from automarine_cli.comparison import planar
+    from automarine_cli.comparison.validation import Validation, ahead_of, compare, usable_runs
+    from automarine_cli.logs import given_columns
+    from automarine_cli.models.planar_store import load_planar_model
+    from automarine_cli.models.store import load_yaw_models
+    from automarine_cli.pipeline.plain_data import schema_in
+    from automarine_cli.results.kinds import PLANAR_MODEL
+    from automarine_cli.runs.channels import AUTO, choose_channels, wanted_channels
+    from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
+    from automarine_cli.runs.run import command_warnings
+    from automarine_cli.thrusters.moments import moment_maker
+    from automarine_cli.thrusters.planar_runs import load_planar
+
+    names = given_columns(columns)
+    execution = {"strict": strict, "jobs": jobs, "progress": progress}
+    if schema_in(model) == PLANAR_MODEL.schema:
+        _refuse_half_a_drive(thrusters, arm, columns)
+        if channels != AUTO:
+            raise SettingError(
+                f"{model.name} is a planar model: every channel of its logs is compared; leave --channels out"
+            )
+        whole = load_planar_model(model)
+        campaign = load_planar(logs, names, thrusters, arm, **execution)
+        command_warnings(campaign.runs)  # refused where they cannot be of this map
+        return planar.PlanarValidation(whole, planar.free_runs(whole.model, campaign.runs), campaign.set_aside)
+    stored = load_yaw_models(model)
+    if stored.dof.levered or arm is not None:
+        _refuse_half_a_drive(thrusters, arm, columns)
+    wanted_channels(channels, stored.dof)
+    drive = moment_maker(thrusters, arm, names, stored.dof)
+    campaign = load_runs(logs, names, dof=stored.dof, **execution)
+    runs, aside = usable_runs(campaign.runs, stored, drive)
+    if strict and aside:
+        raise refused_by_strict(aside[0])
+    left_out = (*campaign.set_aside, *aside)
+    if not runs:
+        raise none_left(len(campaign.inputs), left_out)
+    command_warnings(runs)  # refused where they cannot be of this map
+    believed = choose_channels(runs, stored.dof, channels, late_position=True)
+    runs = [believed.believed(run) for run in runs]
+    compared = compare(stored, runs, seed, progress)
+    return Validation(stored, compared, left_out, believed, ahead_of(stored, runs, believed.names))
+
+
+def _refuse_half_a_drive(thrusters: Any, arm: float | None, columns: Any) -> None:
+    """Raise UsageError for an arm without a map, or a map without an arm, which the column map may hold."""
+    if (thrusters is None) != (arm is None) and (thrusters is None or columns is None):
+        raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")

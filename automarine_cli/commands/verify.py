@@ -1,0 +1,106 @@
+"""`verify`: are the files of a folder of results, and the inputs, still what its manifest recorded?"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.inputs import find_inputs
+from automarine_cli.pipeline.manifest import MANIFEST, Manifest, manifests_in, read_manifest, sha256_if_readable
+
+if TYPE_CHECKING:
+    from automarine_cli.report.verification import FolderVerified, Verification
+
+NOT_RESULTS = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file managers leave in any folder
+
+
+@command("verify", report="verification", saves=False)
+@argument(
+    "folders", nargs=-1, required=True, metavar="DIR...", reads="files",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+)  # fmt: skip
+@options.together(options.inputs, options.as_json, options.verbosity)
+def verify(folders: Sequence[Path], inputs: Sequence[Path]) -> "Verification":
+    """Recompute the hashes that each manifest.json in DIR recorded, and say what changed.
+
+    It names results that changed, are missing or were added, and inputs that changed since they were read.
+    Inputs are looked for by name in the folders given with --inputs, where all of them must be; without --inputs
+    here and beside DIR, and those not found are only counted. Exit status 0 if nothing changed, else 1.
+
+    \b
+    Example:
+      automarine verify out/fit-yaw
+    """
+    from automarine_cli.report.verification import Verification
+
+    return Verification(tuple(result for folder in folders for result in _inside(folder, inputs)))
+
+
+def _finish(ctx: click.Context, result: Any) -> None:
+    for folder in result.folders:
+        for line in folder.changes():
+            click.echo(line, err=True)
+    if not result.whole:
+        ctx.exit(1)
+
+
+verify.finish = _finish
+
+
+def _inside(folder: Path, inputs: Sequence[Path]) -> list["FolderVerified"]:
+    """Verify every result in the folder and below it."""
+    try:
+        manifests = list(manifests_in(folder))
+    except OSError as problem:
+        raise SettingError(
+            f"{folder}: cannot be read ({problem.strerror}); make it readable, or give another folder"
+        ) from None
+    if (folder / MANIFEST).is_file() and folder / MANIFEST not in manifests:
+        read_manifest(folder / MANIFEST)  # says what is wrong with it
+    if not manifests:
+        raise SettingError(f"{folder}: no {MANIFEST} of automarine here or in a folder below; give a folder of results")
+    places = [path.parent for path in manifests]
+    return [_verified(place, read_manifest(place / MANIFEST), places, inputs) for place in places]
+
+
+def _verified(
+    folder: Path, manifest: Manifest, places: Sequence[Path], inputs: Sequence[Path]
+) -> "FolderVerified":  # fmt: skip
+    from automarine_cli.report.verification import Change, FolderVerified
+
+    recorded = {entry.file: entry.sha256 for entry in manifest.outputs}
+    changes = []
+    for name, sha256 in recorded.items():
+        if not (folder / name).is_file():
+            changes.append(Change(name, "missing", "missing"))
+        elif sha256_if_readable(folder / name) != sha256:
+            changes.append(Change(name, "changed", "changed since it was written"))
+    others = [place for place in places if place != folder and folder in place.parents]
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        ours = name in recorded or name == MANIFEST or path.name in NOT_RESULTS
+        if not ours and not path.is_dir() and not any(place in path.parents for place in others):
+            changes.append(Change(name, "extra", "extra: not among the files that were written"))
+    sought = find_inputs(manifest.inputs, inputs or _likely(folder))
+    where = f"under {', '.join(str(place) for place in inputs)}" if inputs else "here or beside the results"
+    bad = []
+    for recorded_input in sought:
+        name = recorded_input.entry.file
+        if recorded_input.changed is not None:
+            bad.append(Change(name, "changed", f"changed; {recorded_input.changed} has other content"))
+        elif recorded_input.path is None:
+            bad.append(Change(name, "missing" if inputs else "not-found", f"not found {where}"))
+    return FolderVerified(
+        str(folder), manifest.command, len(recorded), tuple(changes),
+        len(sought), len(sought) - len(bad), tuple(bad),
+    )  # fmt: skip
+
+
+def _likely(folder: Path) -> list[Path]:
+    """Where inputs may be when nobody says: the working directory, and the folder that holds the results."""
+    current, beside = Path(), folder.resolve().parent
+    return [current] if Path.cwd() == beside or Path.cwd() in beside.parents else [current, beside]

@@ -1,0 +1,72 @@
+"""The result of `verify`: what became of the files of a result, and of its inputs."""
+
+from dataclasses import asdict, dataclass
+
+from automarine_cli.pipeline.words import printable
+from automarine_cli.report.sections import Sections, sections
+
+SCHEMA = "automarine/verification/1"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One file that is not as recorded: `what` is changed, missing or extra; inputs may be not-found too."""
+
+    file: str
+    what: str
+    why: str
+
+
+@dataclass(frozen=True)
+class FolderVerified:
+    """What became of one folder of results since it was written."""
+
+    folder: str
+    command: str
+    files: int
+    outputs: tuple[Change, ...]
+    inputs_recorded: int
+    inputs_whole: int
+    inputs: tuple[Change, ...]
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing changed; inputs that nobody pointed at and that were not found do not count."""
+        return not self.outputs and all(change.what == "not-found" for change in self.inputs)
+
+    @property
+    def sentence(self) -> str:
+        """What is whole, in one line."""
+        good = self.files - sum(change.what != "extra" for change in self.outputs)
+        return (
+            f"{self.folder} ({self.command}): {good} of {self.files} files as written, "
+            f"{self.inputs_whole} of {self.inputs_recorded} inputs found as recorded"
+        )
+
+    def changes(self) -> list[str]:
+        """A line for each file that is not as recorded."""
+        lines = [f"{self.folder}/{change.file}: {change.why}" for change in self.outputs]
+        lines += [f"{self.folder}: input {change.file}: {change.why}" for change in self.inputs]
+        return [printable(line) for line in lines]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Every folder that was verified."""
+
+    folders: tuple[FolderVerified, ...]
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing changed anywhere."""
+        return all(folder.whole for folder in self.folders)
+
+    def to_json(self) -> dict[str, object]:
+        """Return the result: schema automarine/verification/1."""
+        folders = [{**asdict(folder), "whole": folder.whole} for folder in self.folders]
+        return {"schema": SCHEMA, "whole": self.whole, "folders": folders}
+
+
+@sections.register
+def _(result: Verification) -> Sections:
+    return Sections([folder.sentence for folder in result.folders])
