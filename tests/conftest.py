@@ -19,9 +19,9 @@ from once import made_once
 from small_campaign import make_small_campaign
 
 from automarine_cli.commands import automarine
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.workflows.run import run_campaign
 
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
 settings.register_profile(

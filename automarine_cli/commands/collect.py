@@ -76,9 +76,9 @@ def collect(
 
 def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, progress: Progress) -> Any:
     """What `run` makes of the logs. Raises SettingError for a campaign file that leaves some of them out."""
-    from automarine_cli.workflows.campaign_file import read_campaign
-    from automarine_cli.workflows.init import NAME, init
-    from automarine_cli.workflows.run import run_campaign
+    from automarine_cli.commands.campaign import read_campaign
+    from automarine_cli.commands.init import NAME, init
+    from automarine_cli.commands.run import run_campaign
 
     file = folder / NAME
     if not file.exists():
@@ -98,7 +98,7 @@ def _finish(ctx: click.Context, result: "Collected") -> None:
         analysis = ", the analysis is in its folder analysis" if ctx.params["then"] else ""
         click.echo(f"The logs are in {ctx.params['out']}{analysis}.")
     if result.analysis is not None:
-        end_with(ctx, [f"{news.step}: {news.why}" for news in result.analysis.refused])
+        end_with(ctx, list(result.analysis.refused))
     if result.ended_early:
         click.echo(f"Error: {result.ended_early}", err=True)
         ctx.exit(1)

@@ -86,6 +86,8 @@ class Command(click.Command):
         self.saves, self.figures, self.by_effects = saves, figures, by_effects
         self.takes = set(inspect.signature(function).parameters)
         self.own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
+        self.names = {str(param.name) for param in self.own}
+        self.files = {str(param.name) for param in self.own if param.reads == "file"}
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
         self.folder_inputs: Callable[[Any], list[Any]] = lambda folders: []
         self.complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda settings: settings
@@ -128,10 +130,9 @@ class Command(click.Command):
 
         Raises TypeError for one that there is not, SettingError for a wrong value, LogError for no logs.
         """
-        names = [str(param.name) for param in self.own]
-        unknown = [name for name in given if name not in names]
+        unknown = [name for name in given if name not in self.names]
         if unknown:
-            raise TypeError(f"{self.__name__} has no setting {unknown[0]!r}; it has {', '.join(sorted(names))}")
+            raise TypeError(f"{self.__name__} has no setting {unknown[0]!r}; it has {', '.join(sorted(self.names))}")
         ctx = click.Context(self)
         values: dict[str, Any] = {}
         for param in self.own:
@@ -152,6 +153,10 @@ class Command(click.Command):
                 if values[name] or name == "logs":
                     values[name] = whole_logs(find_logs(values[name]), columns)
         return values
+
+    def convert(self, name: str, value: object) -> Any:
+        """Convert one setting. Raises SettingError, which begins with its name for a value of the wrong kind."""
+        return _converted(click.Context(self), next(param for param in self.own if param.name == name), value)
 
     def run(
         self,
@@ -269,8 +274,8 @@ class Command(click.Command):
 
             tables, files = (shown := sections(result)).printed, shown.listed
         echo_result(
-            result, as_json=as_json, out=out if self.saves else None, tables=tables, files=files,
-            keep_hint="-o DIR" if self.saves else None,
+            result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), tables=tables,
+            files=files, keep_hint="-o DIR" if self.saves else None,
         )  # fmt: skip
 
 
@@ -321,8 +326,9 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
         return value
     try:
         return param.type_cast_value(ctx, value)
-    except click.BadParameter as problem:
-        raise SettingError(f"{name} is {value!r}; {problem.message}") from None
+    except (click.BadParameter, TypeError) as problem:
+        why = problem.message if isinstance(problem, click.BadParameter) else f"expected a {param.type.name}"
+        raise SettingError(f"{name} is {value!r}; {why}") from None
 
 
 def _document(value: object, name: str) -> Any:

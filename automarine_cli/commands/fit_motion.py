@@ -100,14 +100,12 @@ def _fit(
     from automarine_cli.fits.tails import asked_tail
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
-    from automarine_cli.runs.channels import wanted_channels
     from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
     from automarine_cli.thrusters.moments import moment_maker
 
     if tail is not None and fit_to == WHOLE_RUNS:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     tail_start, trim = asked_tail(tail, dof), _trim(within, depths)
-    wanted_channels(channels, dof)
     names = wanted_effects(with_effects, dof)
     if names and fit_to not in ("auto", WHOLE_RUNS):
         raise SettingError(f"--with fits whole runs; leave out --fit-to {fit_to}")
@@ -159,10 +157,26 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         "--fit-to", type=click.Choice(("auto", steps, WHOLE_RUNS)), default="auto", show_default=True,
         help=f"Part of the runs to fit; auto takes {steps} where{where}.",
     )  # fmt: skip
+
+    def check_tail(tail: float) -> None:
+        from automarine_cli.fits.tails import asked_tail
+
+        asked_tail(tail, dof)
+
     tail = option(
-        "--tail", type=options.Finite(), metavar=unit,
+        "--tail", type=options.Checked(check_tail, options.Finite()), metavar=unit,
         help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
         "is smallest.",
+    )  # fmt: skip
+
+    def check_channels(text: str) -> None:
+        from automarine_cli.runs.channels import wanted_channels
+
+        wanted_channels(text, dof)
+
+    channels = option(
+        "--channels", type=options.Checked(check_channels), default="auto", show_default=True, metavar="WHICH",
+        seldom=True, help=options.CHANNELS_HELP,
     )  # fmt: skip
 
     def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":
@@ -170,7 +184,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
 
     fit.__doc__ = HELP[dof.name]
     declared = options.together(
-        *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, options.channels,
+        *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
         options.with_effects, options.known, options.ending(options.strict, options.jobs),
     )  # fmt: skip
     return command(f"fit-{dof.name}", report="yaw_report")(declared(fit))

@@ -29,6 +29,19 @@ class Finite(click.ParamType):
         return number
 
 
+class Checked(click.ParamType):
+    """A value that a function of another room checks, imported when one is given."""
+
+    def __init__(self, check: Callable[[Any], object], type: click.ParamType = click.STRING) -> None:
+        self.check, self.type, self.name = check, type, type.name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the value as its type has it. Raises what the check raises."""
+        converted = self.type.convert(value, param, ctx)
+        self.check(converted)
+        return converted
+
+
 class Names(click.ParamType):
     """Names separated by commas."""
 
@@ -96,16 +109,24 @@ arm = option(
     "--arm", type=Finite(positive=True), metavar="METRES",
     help="Lever arm of the two thrusters, with --thrusters.",
 )  # fmt: skip
+CHANNELS_HELP = "Sensors that count: auto (those that agree with the position), position, all, or names with commas."
 channels = option(
-    "--channels", default="auto", show_default=True, metavar="WHICH", seldom=True,
-    help="Sensors that count: auto (those that agree with the position), position, all, or names with commas.",
+    "--channels", default="auto", show_default=True, metavar="WHICH", seldom=True, help=CHANNELS_HELP
 )  # fmt: skip
+
+
+def _check_known(text: str) -> None:
+    from automarine_cli.fits.known import Known
+
+    Known.of(text)
+
+
 with_effects = option(
     "--with", "with_effects", default="", type=Names(), metavar="EFFECTS", seldom=True,
     help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven ones.",
 )  # fmt: skip
 known = option(
-    "--known", multiple=True, metavar="NAME=VALUE[±STDERR]", seldom=True,
+    "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
     help="What is known of a parameter beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
     "with commas, or repeated.",
 )  # fmt: skip

@@ -7,14 +7,11 @@ import textwrap
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Protocol, TextIO
+from typing import IO, Any, Protocol, TextIO
 
 import click
 
 from automarine_cli.pipeline.progress import Progress, silent
-
-if TYPE_CHECKING:
-    from automarine_cli.workflows.run import News
 
 SHOWN = 8  # runs set aside that are listed one by one without -v
 PATIENCE_S = 1.0  # work shorter than this shows no bar
@@ -153,10 +150,10 @@ def verbosity_level() -> int:
 
 
 class Bar:
-    """A progress bar on standard error that comes only when work takes its time, and leaves no trace."""
+    """A progress bar on standard error that comes only when work takes its time, and leaves no trace; a stage that
+    begins in its middle goes on with something long, and comes at once."""
 
     def __init__(self) -> None:
-        self.whole = ""  # how far everything is, in front of how far the stage is
         self._stage = ""
         self._since = 0.0
         self._drawn = 0.0
@@ -168,66 +165,22 @@ class Bar:
             return
         now = time.monotonic()
         if stage != self._stage:
-            self.clear_stage()
-            self._stage, self._since = stage, now
+            self.clear()
+            self._stage, self._since = stage, now - PATIENCE_S if done > 0 else now
         if done >= total:
-            self.clear_stage()
+            self.clear()
         elif now - self._since >= PATIENCE_S and now - self._drawn >= 0.1:
-            said = f"{self.whole}{stage}"
-            width = min(30, max(5, (width_of(sys.stderr) or 80) - len(said) - 20))
-            click.echo(f"\r\x1b[K{said} {strip(done, total, width)} {done}/{total}", err=True, nl=False)
+            width = min(30, max(5, (width_of(sys.stderr) or 80) - len(stage) - 20))
+            filled = width * done // total
+            bar = f"[{'#' * filled}{'.' * (width - filled)}]"
+            click.echo(f"\r\x1b[K{stage} {bar} {done}/{total}", err=True, nl=False)
             self._drawn = now
-
-    def show(self, whole: str) -> None:
-        """Say at once how far everything is; it stays until something else is drawn or all is cleared."""
-        self.clear()
-        self.whole = whole
-        click.echo(f"\r\x1b[K{whole}", err=True, nl=False)
-        self._drawn = time.monotonic()
-
-    def clear_stage(self) -> None:
-        """Take the stage away; how far everything is comes back."""
-        self.clear()
-        if self.whole:
-            self.show(self.whole)
 
     def clear(self) -> None:
         """Take the bar away."""
         if self._drawn:
             click.echo("\r\x1b[K", err=True, nl=False)
             self._drawn = 0.0
-
-
-def strip(done: int, total: int, width: int) -> str:
-    """`[####......]`, `width` characters between the brackets."""
-    filled = width * done // max(total, 1)
-    return f"[{'#' * filled}{'.' * (width - filled)}]"
-
-
-class CampaignTeller:
-    """Tells on standard error how a campaign goes: a bar for the whole and the step on a terminal, in a pipe a line for
-    each step with its time."""
-
-    def __init__(self) -> None:
-        self.progress = terminal_progress()
-        self._since = time.monotonic()
-
-    def tell(self, news: "News") -> None:
-        """A step starts or is over."""
-        bar = self.progress if isinstance(self.progress, Bar) else None
-        if bar is not None:
-            bar.clear()
-            bar.whole = ""
-        over = news.did in ("made", "refused")
-        if verbosity_level() > 0 or (bar is not None and over):
-            why = f" ({news.why})" if news.why else ""
-            click.echo(f"{news.number}/{news.total} {news.step}: {news.did}{why}", err=True)
-        elif verbosity_level() == 0 and news.did != "starts":
-            took = f", {time.monotonic() - self._since:.0f} s" if over else ""
-            click.echo(f"{news.number}/{news.total} {news.step}: {news.did}{took}", err=True)
-        self._since = time.monotonic()
-        if bar is not None and news.did == "starts":
-            bar.show(f"{strip(news.number - 1, news.total, 12)} {news.number}/{news.total} {news.step} ")
 
 
 def terminal_progress(quiet: bool | None = None) -> Progress:

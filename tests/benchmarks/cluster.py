@@ -13,11 +13,11 @@ from typing import Any
 
 import many_logs
 
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.pipeline.cluster import cluster_executor
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.workflows.campaigns import run_campaigns
 
 Result = tuple[list[Table], dict[str, Any]]
 
@@ -46,7 +46,7 @@ def _fleet(folder: Path) -> list[Path]:
 
 def _campaign_seconds(files: list[Path], out: Path, **how: Any) -> float:
     begun = time.perf_counter()
-    run_campaigns(files, out=out, until="check", **how)
+    run_campaign(files, out=out, until="check", **how)
     return (time.perf_counter() - begun) / len(files)
 
 

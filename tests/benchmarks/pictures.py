@@ -15,13 +15,13 @@ from pool_day import ARM, write_pool_day
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
+from automarine_cli.commands.init import init
 from automarine_cli.commands.validate import validate
 from automarine_cli.report.figures.style import house_style
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.figures.yaw import drag_figure, half_turns_figure, inertia_figure
 from automarine_cli.workflows.diagnose import diagnose
-from automarine_cli.workflows.init import init
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SAMPLES = ROOT / "sample_runs"

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from made_driven import Sea, steered
 
-from automarine_cli.commands.fit_motion import VIEW
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.report.sections import sections
 from automarine_cli.report.yaw_report import sentences, tables
 
 LATE = "input-delay t_d"
@@ -25,8 +25,7 @@ def driven() -> YawFit:
 
 
 def test_the_figure_of_driven_runs_is_drawn() -> None:
-    assert VIEW.figures is not None
-    (draw,) = VIEW.figures(driven()).values()
+    (draw,) = sections(driven()).figures.values()
     assert draw().axes
 
 
@@ -34,9 +33,7 @@ def test_effects_beside_drag_are_rows_with_intervals() -> None:
     table, _ = tables(driven())
     (row,) = (row for row in table.rows if str(row[0]).startswith(LATE))
     assert all("[" in str(cell) for cell in row[1:]) and "[s]" in str(row[0])
-    (line,) = (line for line in VIEW.lines(driven()) if LATE in line)
-    assert "[" in line
-    found = {one["model"]: one["value"] for one in VIEW.rows(driven()) if one["parameter"] == LATE}
+    found = {one["model"]: one["value"] for one in sections(driven()).rows if one["parameter"] == LATE}
     (effect,) = driven().to_json()["models"]["3"]["effects"]  # type: ignore[index]
     assert found["3"] == effect["parameters"]["t_d"]["value"] == pytest.approx(0.3, abs=0.2)
 

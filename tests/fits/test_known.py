@@ -14,6 +14,7 @@ from made_planar import campaign as planar_campaign
 from repository import SAMPLE_RUNS
 
 from automarine_cli.commands import automarine
+from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
@@ -28,7 +29,6 @@ from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.workflows.campaign_file import read_campaign
 
 
 def inertia_known(value: float, stderr: float | None = None) -> Known:
@@ -176,7 +176,10 @@ def test_a_campaign_file_takes_it(tmp_path: Path) -> None:
     file = tmp_path / "campaign.toml"
     head = 'schema = "automarine/campaign/1"\n[logs]\nsteps = ["x"]\n[yaw]\n'
     file.write_text(f"{head}known = {{ I_r = [915, 50], k_r = 3 }}\n")
-    assert Known.of(read_campaign(file).asked.yaw.known).parameters == {"I_r": Prior(915.0, 50.0), "k_r": Prior(3.0)}
+    assert Known.of(read_campaign(file).sections["yaw"]["known"]).parameters == {
+        "I_r": Prior(915.0, 50.0),
+        "k_r": Prior(3.0),
+    }
     file.write_text(f"{head}known = {{ I_r = [915, -50] }}\n")
-    with pytest.raises(SettingError, match="yaw: known: the standard error of I_r is -50; expected a number above 0"):
+    with pytest.raises(SettingError, match=r"yaw\.known: the standard error of I_r is -50; expected a number above 0"):
         read_campaign(file)

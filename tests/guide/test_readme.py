@@ -11,7 +11,7 @@ import pytest
 from repository import ROOT
 
 from automarine_cli import __version__
-from automarine_cli.cli import CommandFolder, automarine
+from automarine_cli.commands import CommandGroup, automarine
 from automarine_cli.logs.canonical import CANONICAL
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -119,7 +119,7 @@ def test_options_named_in_the_text_exist(page: str) -> None:
 
 def commands() -> dict[str, click.Command]:
     """Every command of the group."""
-    assert isinstance(automarine, CommandFolder)
+    assert isinstance(automarine, CommandGroup)
     ctx = automarine.make_context("automarine", ["--help"], resilient_parsing=True)
     return {name: automarine.get_command(ctx, name) for name in automarine.list_commands(ctx)}  # type: ignore[misc]
 

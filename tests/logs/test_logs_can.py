@@ -13,11 +13,11 @@ from vehicle_can import COLUMNS, DBC, capture, frames, slcan
 from vehicle_logs import dive
 
 import automarine_cli as am
+from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogTable, read_column_map, read_log
 from automarine_cli.logs.can import bits_of, raw_of, read_slcan, values_of
-from automarine_cli.workflows.campaign_file import read_campaign
 
 cantools = pytest.importorskip("cantools", reason="the extra automarine[can] is not installed")
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from automarine_cli.commands.check import check
+from automarine_cli.commands.init import init
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, read_log, require_motion
 from automarine_cli.logs.canonical import CANONICAL, foreign, likely_column, motion_of
-from automarine_cli.workflows.init import init
 
 WITH_COMMANDS = [(dof, command) for dof in DOFS.values() for command, _ in dof.columns[dof.command]]
 
@@ -94,7 +94,7 @@ def test_a_campaign_file_has_a_section_of_each_translation(tmp_path: Path) -> No
     for name, dof in DOFS.items():
         (tmp_path / name).mkdir()
         log(tmp_path / name, dof.columns[dof.position][0][0], dof.columns[dof.command][0][0])
-    text = init(tmp_path, write=False).text
+    text = init(tmp_path).text
     for dof in DOFS.values():
         if not dof.wraps:
             assert f"\n[{dof.name}] " in text and f'steps = ["{dof.name}"]' in text

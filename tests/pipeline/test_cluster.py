@@ -16,9 +16,9 @@ from repository import ROOT
 from small_campaign import make_small_campaign
 
 from automarine_cli.commands import automarine
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.workflows.campaigns import run_campaigns
 
 distributed = pytest.importorskip("distributed", reason="the extra automarine[cluster] is not installed")
 pytestmark = [
@@ -148,10 +148,10 @@ def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(cluster
             cluster.workers[0].send_signal(signal.SIGKILL)
 
     how = {"until": "fit-yaw"}
-    run_campaigns(days, out=tmp_path / "there", cluster=cluster.address, progress=struck, **how)
+    run_campaign(days, out=tmp_path / "there", cluster=cluster.address, progress=struck, **how)
     assert cluster.workers[0].wait(10) == -signal.SIGKILL
     cluster.workers[0] = cluster.worker()
-    run_campaigns(days, out=tmp_path / "here", **how)
+    run_campaign(days, out=tmp_path / "here", **how)
     here, there = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()}
                    for f in (tmp_path / "here", tmp_path / "there"))  # fmt: skip
     assert done == 6 and here == there

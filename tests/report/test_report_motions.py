@@ -9,7 +9,6 @@ from identified import identify
 from matplotlib.figure import Figure
 from repository import SAMPLE_RUNS
 
-from automarine_cli.commands.fit_motion import VIEW
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
@@ -70,7 +69,7 @@ def test_a_fit_speaks_of_its_motion(fits: dict[str, YawFit], name: str) -> None:
     for table in tables:
         refuse_strange(dof, [table.to_csv(), table.to_markdown()])
         assert any(sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia_math))
-    refuse_strange(dof, [*yaw_report.sentences(fit), *VIEW.lines(fit), *alternatives(dof).values()])
+    refuse_strange(dof, [*yaw_report.sentences(fit), repr(fit), *alternatives(dof).values()])
     keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit).column_names]
     refuse_strange(dof, keys)
     assert f"start {dof.words.position} m" in keys and "covered cm" in keys and dof.words.force in keys

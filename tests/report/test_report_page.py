@@ -15,16 +15,14 @@ from click.testing import Result
 from small_campaign import make_small_campaign
 
 import automarine_cli as am
+from automarine_cli.commands.report import report
 from automarine_cli.errors import OutputError
-from automarine_cli.report.campaign_steps import read_steps
-from automarine_cli.report.campaign_summary import summary
+from automarine_cli.report.campaign_page import make_report, read_steps, summary
+from automarine_cli.report.campaign_run import of_final, of_model
 from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.html.page import figure
-from automarine_cli.report.outcomes import of_final, of_model
 from automarine_cli.results.judged import DiagnosisFile
 from automarine_cli.results.models import ModelFile
-from automarine_cli.workflows.campaign_steps import FOLDERS
-from automarine_cli.workflows.report import report, report_files
 
 HOSTILE = (
     "<script>alert(1)</script>", "\"quoted' `tick` & &lt; $x_1$", "<img src=x onerror=alert(1)>",
@@ -54,7 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def files(folder: Path) -> dict[str, str]:
-    return report_files(folder, title="Pool day <2> & more")
+    return make_report(folder, title="Pool day <2> & more").files
 
 
 class Elements(HTMLParser):
@@ -91,7 +89,7 @@ def test_the_same_bytes_from_anywhere(
 ) -> None:
     shutil.copytree(folder, tmp_path / "elsewhere")
     monkeypatch.chdir(tmp_path)
-    assert report_files(Path("elsewhere"), title="Pool day <2> & more") == files
+    assert make_report(Path("elsewhere"), title="Pool day <2> & more").files == files
     assert not [name for name, text in files.items() if str(folder.parent) in text or "elsewhere" in text]
 
 
@@ -155,7 +153,7 @@ def test_a_figure_of_another_program_stays_a_picture(tmp_path: Path) -> None:
 def test_png_serves_where_no_svg_was_drawn(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "thrusters", tmp_path / "thrusters")
     (tmp_path / "thrusters" / "thrusters.svg").unlink()
-    text = report_files(tmp_path)["report.html"]
+    text = make_report(tmp_path).files["report.html"]
     (image,) = Elements(text).all("img")
     assert (image["src"] or "").startswith("data:image/png;base64,") and "Thrust of one thruster" in (
         image["alt"] or ""
@@ -165,19 +163,19 @@ def test_png_serves_where_no_svg_was_drawn(folder: Path, tmp_path: Path) -> None
 
 def test_refusals_say_what_to_do(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"none of the folders check, thrusters, .* is here; give a folder that"):
-        report_files(tmp_path)
+        make_report(tmp_path)
     shutil.copytree(folder / "yaw", tmp_path / "yaw")
     model = tmp_path / "yaw" / "yaw_model.json"
     model.write_text('{"schema": "automarine/yaw-model/1"}')
     with pytest.raises(
         OutputError, match=r'yaw/yaw_model.json: key "models" is missing; give a file as `automarine fit-yaw`'
     ):
-        report_files(tmp_path)
+        make_report(tmp_path)
     model.write_text('{"schema": "other"}')
     with pytest.raises(
         OutputError, match=r'yaw/yaw_model.json: schema: found "other", expected "automarine/yaw-model/1"'
     ):
-        report_files(tmp_path)
+        make_report(tmp_path)
 
 
 def test_command_writes_beside_the_steps(folder: Path, tmp_path: Path, run: Callable[..., Result]) -> None:
@@ -211,7 +209,7 @@ def test_the_third_sentence_is_the_verdict(tmp_path: Path, verdict: str, says: s
     }  # fmt: skip
     (tmp_path / "diagnosis").mkdir()
     (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(content))
-    (paragraph,) = summary(read_steps(tmp_path, FOLDERS))
+    (paragraph,) = summary(read_steps(tmp_path))
     assert says in to_html(paragraph, lambda place, said: "").html
 
 
@@ -248,13 +246,13 @@ def _named(folder: Path) -> None:
 
 def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
     _named(tmp_path)
-    text = report_files(tmp_path)["report.md"]
+    text = make_report(tmp_path).files["report.md"]
     first, *_ = text.splitlines()[2:]
     assert re.findall(r"\*\*(\S+ = \S+)", first) == ["k_r|r| = 1.247", "I_r = 1.017"]
     assert "(without, the fit to 9 runs gives 1.165 and 1.059)" in first
     assert "Without water-swirl, driven by" in first and "**42" not in first
     assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
-    model, found = (read_steps(tmp_path, FOLDERS).found[name].file for name in ("yaw", "diagnosis"))
+    model, found = (read_steps(tmp_path).found[name].file for name in ("yaw", "diagnosis"))
     assert isinstance(model, ModelFile) and isinstance(found, DiagnosisFile)
     assert of_final(model, found) == ("model 3 with water-swirl: k_r|r| 1.247, I_r 1.017 (without: 1.165, 1.059)")
 
@@ -262,17 +260,17 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
 def test_what_must_not_be_used_stands_first(tmp_path: Path) -> None:
     says = "This model is not usable: it predicts less than nothing; `automarine diagnose` looks for what it lacks."
     _written(tmp_path, "yaw/yaw_model.json", _model(prediction={"of_use": False, "says": says}, warnings=[says]))
-    text = report_files(tmp_path)
+    text = make_report(tmp_path).files
     assert text["report.md"].splitlines()[2].startswith("**This model is not usable: ")
     assert "`" not in Elements(text["report.html"]).text and "<code>automarine diagnose</code>" in text["report.html"]
-    model = read_steps(tmp_path, FOLDERS).found["yaw"].file
+    model = read_steps(tmp_path).found["yaw"].file
     assert isinstance(model, ModelFile) and of_model(model).startswith("not usable: model 3: k_r|r| 1.165")
 
 
 def test_a_number_that_the_runs_leave_open_is_not_bold(tmp_path: Path) -> None:
     entry = {"k_r": _estimate(289.0, 339.0), "I_r": _estimate(7.0, 1.0)}
     _written(tmp_path, "yaw/yaw_model.json", _model(models={"1": entry}, preferred="1"))
-    (first,) = summary(read_steps(tmp_path, FOLDERS))
+    (first,) = summary(read_steps(tmp_path))
     assert "with k_r = 289 " in first and "**I_r = 7.00 " in first and "these runs do not determine k_r." in first
 
 
@@ -282,7 +280,7 @@ def test_what_to_run_next_asks_nothing_for_a_model_that_was_not_chosen(tmp_path:
         "Model 3: the runs are short; add longer ones.",
     ]
     _written(tmp_path, "yaw/yaw_model.json", _model(warnings=warnings))
-    after = report_files(tmp_path)["report.md"].partition("## What to run next")[2]
+    after = make_report(tmp_path).files["report.md"].partition("## What to run next")[2]
     assert "Model 3: the runs are short" in after and "not converged" not in after
 
 
@@ -329,6 +327,6 @@ def test_a_browser_shows_it_without_a_word_to_anybody(tab: tuple[Tab, Path], wid
 
 def test_very_long_tables_stay_in_their_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("automarine_cli.report.campaign_page.MOST_ROWS", 3)
-    text = report_files(folder)["report.md"]
+    text = make_report(folder).files["report.md"]
     assert "Every run: see `check/check.md`." in text and "see `manifest.json`" in text
     assert "<details>" not in text

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 from repository import SAMPLE_RUNS
 
+from automarine_cli.commands.campaign import read_campaign
+from automarine_cli.commands.init import init
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import SettingError
-from automarine_cli.workflows.campaign_file import read_campaign
-from automarine_cli.workflows.init import init
-from automarine_cli.workflows.report import report_files
-from automarine_cli.workflows.run import run_campaign
+from automarine_cli.report.campaign_page import make_report
+from automarine_cli.results.steps import STEPS
 
 HEAVE = f"""
 schema = "automarine/campaign/1"
@@ -28,15 +29,15 @@ def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
     file, out = tmp_path / "campaign.toml", tmp_path / "out"
     file.write_text(HEAVE)
     made = run_campaign(file, out=out, until="validate-heave")
-    did = {one.step: one.did for one in made.news}
+    did = {one.step: one.did for one in made.steps}
     assert list(did) == ["check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "fit-heave", "validate-heave"]
-    assert (did["fit-heave"], did["validate-heave"], did["fit-yaw"]) == ("made", "made", "skipped")
+    assert (did["fit-heave"], did["validate-heave"], did["fit-yaw"]) == ("done", "done", "skipped")
     assert made.says["fit-heave"].startswith("model 3: Z_w|w| 45") and "cm free run" in made.says["validate-heave"]
     options = json.loads((out / "heave" / "manifest.json").read_text())["options"]
     assert options["tail"] == 1.1 and options["depths"] == [0, 3.6]
     again = run_campaign(file, out=out, until="validate-heave")
-    assert {one.step: one.did for one in again.news}["validate-heave"] == "kept"
-    report = report_files(out)["report.md"]
+    assert {one.step: one.did for one in again.steps}["validate-heave"] == "kept"
+    report = make_report(out).files["report.md"]
     for said in (
         "# Heave identification",
         "## Heave model",
@@ -54,10 +55,10 @@ def test_init_writes_the_sections_that_run_takes(tmp_path: Path) -> None:
     started = init(tmp_path)
     assert started.questions == ()
     campaign = read_campaign(tmp_path / "campaign.toml")
-    assert set(campaign.forces) == {"surge", "heave"} and campaign.asked.logs.steps == ()
+    assert campaign.sections["logs"]["steps"] == []
     counts = {
-        (motion, kind): len(campaign.files(kind, motion=motion))
-        for motion in campaign.forces
+        (motion, kind): len(campaign.logs(motion, kind))
+        for motion in ("surge", "heave")
         for kind in ("steps", "manoeuvres", "validation")
     }
     assert counts == {
@@ -68,23 +69,28 @@ def test_init_writes_the_sections_that_run_takes(tmp_path: Path) -> None:
 
 
 def test_a_campaign_of_yaw_alone_has_no_other_steps() -> None:
-    assert read_campaign(SAMPLE_RUNS / "pool_day.toml").forces == {}
-    assert set(read_campaign(SAMPLE_RUNS / "forces.toml").forces) == {"surge", "heave"}
+    pool, forces = (read_campaign(SAMPLE_RUNS / f"{name}.toml") for name in ("pool_day", "forces"))
+    assert {step.section for step in STEPS if pool.has(step)} == {"", "thrusters", "yaw"}
+    assert {step.section for step in STEPS if forces.has(step)} == {"", "thrusters", "yaw", "surge", "heave"}
 
 
 def test_the_tail_of_yaw_is_in_degrees(tmp_path: Path) -> None:
     file = tmp_path / "campaign.toml"
     text = f'schema = "automarine/campaign/1"\n[logs]\nsteps = ["{SAMPLE_RUNS / "steps"}"]\n[yaw]\ntail = '
     file.write_text(f"{text}90.0\n")
-    assert read_campaign(file).asked.yaw.tail == 90.0
+    assert read_campaign(file).sections["yaw"]["tail"] == 90.0
     file.write_text(f"{text}170.0\n")
-    with pytest.raises(SettingError, match="tail is 170; expected 15 to 165 degrees"):
+    with pytest.raises(SettingError, match=r"^campaign\.toml: yaw\.tail is 170; expected 15 to 165 degrees"):
         read_campaign(file)
 
 
 @pytest.mark.parametrize(("line", "why"), [
-    ("within = 3.0", "within"), ("depths = [1.0]", "depths"), ('force = "guessed"', "force"),
-    ('steps = ["no"]', "heave.steps"), ("tail = -1.0", "tail is -1; expected metres above 0"),
+    ("within = 3.0", 'heave: unknown key "within"'), ("depths = [1.0]", r"heave\.depths is \[1\.0\]; "),
+    ('force = "guessed"', r'heave\.force: found "guessed", expected "logged" or "thrusters"'),
+    ("tail = [1.0]", r"heave\.tail is \[1\.0\]; expected a float"), ('tail = "far"', r"heave\.tail is 'far'; "),
+    ('fit_to = "half-turns"', r"heave\.fit_to is 'half-turns'; 'half-turns' is not one of"),
+    ("taill = 1.0", 'heave: unknown key "taill"; did you mean "tail"'), ("steps = 'heave'", r"heave\.steps: found"),
+    ('steps = ["no"]', "heave.steps"), ("tail = -1.0", r"heave\.tail is -1; expected metres above 0"),
 ])  # fmt: skip
 def test_what_makes_no_sense_is_refused_with_its_key(tmp_path: Path, line: str, why: str) -> None:
     file = tmp_path / "campaign.toml"

@@ -8,11 +8,10 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
+from automarine_cli.commands.run import names_of, run_campaign
 from automarine_cli.commands.verify import verify
 from automarine_cli.errors import SettingError
-from automarine_cli.workflows import campaigns as room
-from automarine_cli.workflows.campaign_file import read_campaign
-from automarine_cli.workflows.campaigns import names_of, run_campaigns
+from automarine_cli.pipeline import parallel
 
 EARLY = "fit-yaw"
 
@@ -38,7 +37,7 @@ def days(season: Path) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def done(season: Path) -> Path:
-    run_campaigns([*days(season), season / "season" / "lost.toml"], out=season / "out", until=EARLY)
+    run_campaign([*days(season), season / "season" / "lost.toml"], out=season / "out", until=EARLY)
     return season / "out"
 
 
@@ -62,62 +61,39 @@ def test_the_overview_tells_all_and_the_refused_one_stops_nothing(season: Path, 
 
 
 @pytest.mark.slow
-def test_processes_and_parcels_give_the_same_bytes(
+def test_processes_give_the_same_bytes(season: Path, done: Path, tmp_path: Path) -> None:
+    run_campaign([*days(season), season / "season" / "lost.toml"], out=tmp_path / "jobs", until=EARLY, jobs=2)
+    assert tree(tmp_path / "jobs") == tree(done)
+
+
+def test_a_cluster_gets_whole_paths_of_the_common_disk(
     season: Path, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    all_three = [*days(season), season / "season" / "lost.toml"]
-    run_campaigns(all_three, out=tmp_path / "jobs", until=EARLY, jobs=2)
-    assert tree(tmp_path / "jobs") == tree(done)
-    # as on a cluster, but in this process: what a worker gets is the parcel alone
-    stream = room.ordered_stream
+    """Workers have another working directory; one campaign alone goes there too."""
+    mapped = parallel.ordered_map
 
-    def here(work, tasks, jobs, *, cluster, **how):  # type: ignore[no-untyped-def]
-        assert cluster == "tcp://there:1"
-        return stream(work, tasks, 1, **how)
+    def elsewhere(function, tasks, jobs, *, cluster, **how):  # type: ignore[no-untyped-def]
+        assert cluster == "tcp://there:1" and all(task.campaign.is_absolute() for task in tasks)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(tmp_path)
+            return mapped(function, tasks, 1)
 
-    monkeypatch.setattr(room, "ordered_stream", here)
-    run_campaigns(all_three, out=tmp_path / "parcels", until=EARLY, cluster="tcp://there:1")
-    assert tree(tmp_path / "parcels") == tree(done)
-    ran: list[Path] = []
-    run = room.run_campaign
-    monkeypatch.setattr(room, "run_campaign", lambda path, **how: ran.append(path) or run(path, **how))
-    again = run_campaigns(all_three, out=tmp_path / "parcels", until=EARLY, cluster="tcp://there:1")
-    assert len(ran) == 2 and not any(season in path.parents for path in ran)
-    assert tree(tmp_path / "parcels") == tree(done) and len(again.refused) == 1
-
-
-def test_a_parcel_holds_all_that_a_campaign_needs(tmp_path: Path) -> None:
-    """Logs of every motion, the thruster map at hand and the DBC, under the names by which the campaign finds them."""
-    for name in ("steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv", "map.json", "bus/vehicle.dbc"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(name, encoding="utf-8")
-    (tmp_path / "campaign.toml").write_text(
-        'schema = "automarine/campaign/1"\n[logs]\nsteps = ["steps"]\n[thrusters]\nmap = "map.json"\n'
-        '[can]\ndbc = "bus/vehicle.dbc"\n[surge]\nsteps = ["ahead"]\n'
-        '[heave]\nmanoeuvres = ["down"]\nvalidation = ["drift"]\n',
-        encoding="utf-8",
-    )
-    task = room._packed(room._Task("day", tmp_path / "campaign.toml", tmp_path / "out" / "day", {}))
-    assert task.refused == "" and task.parcel is not None
-    there = tmp_path / "there"
-    task.parcel.unpack(there)
-    campaign = read_campaign(there / room.place_of(tmp_path / "campaign.toml"))
-    assert [log.path.read_text() for log in campaign.every_log()] == [
-        "steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv"
-    ]  # fmt: skip
-    assert {role: path.read_text() for role, path in campaign.beside.items()} == {
-        "thrusters": "map.json", "dbc": "bus/vehicle.dbc"
-    }  # fmt: skip
+    monkeypatch.setattr(parallel, "ordered_map", elsewhere)
+    shutil.copytree(season / "season", tmp_path / "season")
+    monkeypatch.chdir(tmp_path / "season")
+    run_campaign("monday/campaign.toml", out="out", until="check", cluster="tcp://there:1")
+    here = tmp_path / "season" / "out" / "campaign" / "check"
+    assert tree(here) == tree(done / "monday" / "check")
 
 
 def test_what_is_done_is_kept_and_a_changed_log_is_not(season: Path, tmp_path: Path) -> None:
     shutil.copytree(season / "season", tmp_path / "season")
     place = [tmp_path / "season" / day / "campaign.toml" for day in ("monday", "tuesday")]
-    run_campaigns(place, out=tmp_path / "out", until="check")
+    run_campaign(place, out=tmp_path / "out", until="check")
     before = tree(tmp_path / "out")
     log = next((tmp_path / "season" / "tuesday" / "steps").glob("*.csv"))
     log.unlink()
-    run_campaigns(place, out=tmp_path / "out", until="check")
+    run_campaign(place, out=tmp_path / "out", until="check")
     after = tree(tmp_path / "out")
     changed = {name.split("/")[0] for name in before if before[name] != after[name]}
     assert "tuesday" in changed and "monday" not in changed

@@ -12,13 +12,14 @@ from made_campaigns import campaign
 from numpy.typing import NDArray
 from small_campaign import make_small_campaign
 
+from automarine_cli.commands.campaign import read_campaign
+from automarine_cli.commands.init import init
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import LogError, OutputError, SettingError
+from automarine_cli.logs.layouts import places_of
 from automarine_cli.logs.recognise import Span, recognise, words_of
+from automarine_cli.report.campaign_file import NewCampaign
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.campaign_file import read_campaign
-from automarine_cli.workflows.campaign_places import places_of
-from automarine_cli.workflows.init import Started, init
-from automarine_cli.workflows.run import run_campaign
 
 Column = Callable[[Run], NDArray[np.float64]]
 MOMENTS = (0.4, -0.4, 0.8, -0.8)
@@ -39,7 +40,7 @@ def write_logs(folder: Path, columns: Mapping[str, Column], moments: tuple[float
     return folder
 
 
-def asked(folder: Path, **how: Any) -> tuple[Started, dict[str, Any]]:
+def asked(folder: Path, **how: Any) -> tuple[NewCampaign, dict[str, Any]]:
     """What `init` makes of a folder, and the data in its campaign file."""
     found = init(folder, **how)
     return found, tomllib.loads(found.text)
@@ -80,7 +81,7 @@ def test_a_whole_campaign_with_one_question(tmp_path: Path, run: Callable[..., R
         run_campaign(file, until="check")
     file.write_text(text.replace('per_test = "?"', "per_test = 2"), encoding="utf-8")
     found = run_campaign(file, out=tmp_path / "out", until="fit-thrusters")
-    assert [one.did for one in found.news] == ["made", "made"]
+    assert [one.did for one in found.steps] == ["done", "done"]
 
 
 def test_other_names_and_units_are_recognised(tmp_path: Path) -> None:

@@ -18,10 +18,10 @@ from repository import ROOT
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
+from automarine_cli.commands.init import init
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.workflows.campaign_questions import answered
-from automarine_cli.workflows.init import Started, init
-from automarine_cli.workflows.run import run_campaign
+from automarine_cli.report.campaign_file import NewCampaign, answered
 
 PWM = np.arange(1100.0, 1901.0, 25.0)
 AHEAD, ASTERN, ARM = 3.0e-4, 2.3e-4, 0.2  # N per us squared; m
@@ -52,7 +52,7 @@ def steps(
         table(folder / f"{run.name}.csv", columns(run, command(each), command(-each)))
 
 
-def asked(folder: Path, **how: Any) -> tuple[Started, dict[str, Any]]:
+def asked(folder: Path, **how: Any) -> tuple[NewCampaign, dict[str, Any]]:
     """What `init` makes of a folder, and the data in its campaign file."""
     found = init(folder, overwrite=True, **how)
     return found, tomllib.loads(found.text)
@@ -135,7 +135,7 @@ def test_what_commands_a_thruster_is_read_from_its_neutral(
     if questions == ("columns.force_N",):
         return  # there is no force
     done = run_campaign(file, out=tmp_path / "out", until="fit-thrusters")
-    assert [one.did for one in done.news] == ["made", "made"]
+    assert [one.did for one in done.steps] == ["done", "done"]
     assert "R² 1.000" in done.says["fit-thrusters"] or "R² 0.99" in done.says["fit-thrusters"]
 
 
@@ -171,7 +171,7 @@ def test_a_mixed_folder_has_a_map_for_each_kind_of_file_and_runs(tmp_path: Path)
     assert found.questions == ("vehicle.arm_m", "thrusters.per_test")
     file = answer(tmp_path, {"arm_m": str(ARM), "per_test": "1"})
     done = run_campaign(file, out=tmp_path / "out", until="fit-yaw")
-    assert [one.did for one in done.news] == ["made", "made", "made"]
+    assert [one.did for one in done.steps] == ["done", "done", "done"]
     fitted = tomllib.loads(f"x = {(tmp_path / 'out' / 'thrusters' / 'thrusters.json').read_text().count('n_range')}")
     assert fitted["x"] == 1
     inertia = float(done.says["fit-yaw"].rpartition("I_r ")[2])
@@ -197,7 +197,7 @@ def test_normalised_commands_do_not_fit_a_map_of_pulses(tmp_path: Path) -> None:
     assert data["columns"]["n_port"] == "port_cmd" and data["columns"]["n_stbd"] == "stbd_cmd"
     assert data["yaw"]["moment"] == "logged"
     assert "the logs hold a moment, and the commands port_cmd, stbd_cmd beside it" in found.text
-    assert "they look normalised (-1 to 1)" in found.look.misfit
+    assert "they look normalised (-1 to 1)" in found.survey.misfit
     names = tmp_path / "columns.toml"
     names.write_text('[columns]\nn = { from = "PWM_us", subtract = 1500 }\nn_port = "port_cmd"\nn_stbd = "stbd_cmd"\n')
     made = fit_thrusters(tmp_path / "bollard", columns=names)
@@ -237,7 +237,7 @@ def test_files_that_are_one_log_are_joined(
     found, data = asked(tmp_path)
     assert data["logs"]["join"] == [{**join, "take": "previous", "max_age_s": 5.0}]
     assert found_in is None or data["logs"]["steps"] == [found_in]
-    assert len(found.look.placed["steps"]) == len(MOMENTS)
+    assert len(found.survey.placed["steps"]) == len(MOMENTS)
     assert data["columns"]["time_s"] == "t" and data["columns"]["n_port"] == "port_cmd"
     assert 'surge_m_s = "speed_mps"' in found.text and "surge_m_s" not in data["columns"]  # offered
     if nav != "nav_{}":
@@ -246,16 +246,16 @@ def test_files_that_are_one_log_are_joined(
     made = fit_thrusters(table(tmp_path / "bench" / "a.txt.csv", {"n": PWM - 1500, "force_N": FORCE}))
     (tmp_path / "map.json").write_text(json.dumps(made.to_json()), encoding="utf-8")
     done = run_campaign(answer(tmp_path, maps), out=tmp_path / "out", until="fit-yaw")
-    assert [one.did for one in done.news] == ["made", "skipped", "made"]
+    assert [one.did for one in done.steps] == ["done", "skipped", "done"]
     assert done.says["check"] == f"{len(MOMENTS)} logs, {len(MOMENTS)} runs"
     assert "joined to the clock of" in (tmp_path / "out" / "check" / "check.json").read_text(encoding="utf-8")
     assert float(done.says["fit-yaw"].rpartition("I_r ")[2]) == pytest.approx(1.018, rel=0.08)
     again = run_campaign(tmp_path / "campaign.toml", out=tmp_path / "out", until="check")
-    assert again.news[0].did == "kept"
+    assert again.steps[0].did == "kept"
     changed = tmp_path / "cmd_0.csv"
     changed.write_text(changed.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     again = run_campaign(tmp_path / "campaign.toml", out=tmp_path / "out", until="check")
-    assert again.news[0].did == "made"  # what is joined is an input too
+    assert again.steps[0].did == "done"  # what is joined is an input too
 
 
 def test_what_a_column_map_says_is_not_asked(tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def test_what_a_column_map_says_is_not_asked(tmp_path: Path) -> None:
     assert found.questions == ()
     assert data["columns"] == {"heading_deg": {"from": "q7", "sign": -1}, "tau_Nm": "torque"}
     assert "as --columns says, " in found.text and "turns with the moment in 6 of 6 steps" in found.text
-    assert run_campaign(tmp_path / "campaign.toml", until="check").news[0].did == "made"
+    assert run_campaign(tmp_path / "campaign.toml", until="check").steps[0].did == "done"
 
 
 def test_files_of_no_vehicle_are_told_and_left(tmp_path: Path) -> None:
@@ -284,7 +284,7 @@ def test_files_of_no_vehicle_are_told_and_left(tmp_path: Path) -> None:
     found, data = asked(tmp_path)
     assert found.questions == ()
     assert data["logs"]["steps"] == ["runs"]
-    assert found.look.strangers[0].path.name == "weather.csv"
+    assert found.survey.strangers[0].path.name == "weather.csv"
     assert "no column looks like a heading, a moment or a command" in found.text
 
 
@@ -325,8 +325,8 @@ def test_a_file_without_a_heading_is_no_step_run(tmp_path: Path) -> None:
         )
     table(tmp_path / "engine.csv", {"time_s": run.time, "tau": run.command, "oil_bar": 0.0 * run.time})
     started = init(tmp_path)
-    assert not any("engine" in file.name for files in started.look.placed.values() for file in files)
-    assert any("engine" in one.file for one in started.look.set_aside)
+    assert not any("engine" in file.name for files in started.survey.placed.values() for file in files)
+    assert any("engine" in one.file for one in started.survey.set_aside)
 
 
 def test_answers_on_a_terminal(tmp_path: Path) -> None:

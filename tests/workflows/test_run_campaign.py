@@ -10,9 +10,10 @@ import pytest
 from click.testing import Result
 from small_campaign import CAMPAIGN, make_small_campaign
 
+from automarine_cli.commands.run import run_campaign
 from automarine_cli.commands.verify import verify
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.workflows.run import CampaignRun, News, run_campaign
+from automarine_cli.report.campaign_run import CampaignRun
 
 EARLY = "fit-yaw"  # as far as most of these tests go: a second of work
 
@@ -31,12 +32,12 @@ def again(place: Path, **how: object) -> CampaignRun:
 
 def fates(result: CampaignRun) -> dict[str, str]:
     """What became of each step."""
-    return {one.step: one.did for one in result.news}
+    return {one.step: one.did for one in result.steps}
 
 
 def reasons(result: CampaignRun) -> dict[str, str]:
     """Why, of each step."""
-    return {one.step: one.why for one in result.news}
+    return {one.step: one.why for one in result.steps}
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -57,24 +58,30 @@ class Whole(NamedTuple):
 
     place: Path
     result: CampaignRun
-    told: list[News]
+    told: list[str]
 
 
 @pytest.fixture(scope="module")
 def whole(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Whole:
     place = Path(shutil.copytree(small_day, tmp_path_factory.mktemp("whole") / "copy"))
-    told: list[News] = []
-    return Whole(place, again(place, until=None, tell=told.append), told)
+    told: list[str] = []
+
+    def progress(stage: str, done: int, total: int) -> None:
+        if ": " not in stage or total == 0:
+            told.append(f"{stage} {done}/{total}")
+
+    return Whole(place, again(place, until=None, progress=progress), told)
 
 
 def test_whole_campaign(whole: Whole) -> None:
     place, first, told = whole
     assert fates(first) == {
         "check": "kept", "fit-thrusters": "kept", "fit-yaw": "kept",
-        "validate": "made", "diagnose": "made", "report": "made",
+        "validate": "done", "diagnose": "done", "report": "done",
     }  # fmt: skip
-    assert [(one.step, one.did) for one in told[2:5]] == [
-        ("fit-yaw", "kept"), ("validate", "starts"), ("validate", "made"),
+    assert told[4:8] == [
+        "3/6 fit-yaw 2/6", "3/6 fit-yaw: kept (inputs, settings and versions unchanged) 0/0",
+        "4/6 validate 3/6", "4/6 validate: done (no result yet) 0/0",
     ]  # fmt: skip
     found = tree(place / "out")
     assert {"report.html", "report.md", "run.json", "manifest.json", "yaw/drag.svg", "yaw/drag.png"} <= set(found)
@@ -98,7 +105,7 @@ def test_whole_campaign(whole: Whole) -> None:
 def test_same_bytes_of_every_step_on_two_processes_and_elsewhere(whole: Whole, tmp_path: Path) -> None:
     shutil.copytree(whole.place / "pool", tmp_path / "pool")
     made = run_campaign(tmp_path / "pool" / "campaign.toml", out=tmp_path / "out", jobs=2)
-    assert set(fates(made).values()) == {"made"}
+    assert set(fates(made).values()) == {"done"}
     one, two = tree(whole.place / "out"), tree(tmp_path / "out")
     assert [name for name in sorted(one | two) if one.get(name) != two.get(name)] == []
     assert {"diagnosis/diagnosis.json", "validation/validation.json", "report.html", "run.json"} <= set(one)
@@ -116,7 +123,7 @@ def test_a_step_runs_for_its_inputs(place: Path) -> None:
     log = next((place / "pool" / "steps").glob("tau_+0.3*.csv"))
     log.write_text(log.read_text(encoding="utf-8").replace(",0.3", ",0.31"), encoding="utf-8")
     found = again(place)
-    assert fates(found) == {"check": "made", "fit-thrusters": "kept", "fit-yaw": "made"}
+    assert fates(found) == {"check": "done", "fit-thrusters": "kept", "fit-yaw": "done"}
     assert reasons(found)["fit-yaw"] == f"inputs changed: steps/{log.name}"
     log.unlink()
     assert reasons(again(place))["fit-yaw"] == f"inputs changed: steps/{log.name} (gone)"
@@ -125,7 +132,7 @@ def test_a_step_runs_for_its_inputs(place: Path) -> None:
 def test_a_step_runs_for_its_settings(place: Path) -> None:
     edit(place, "per_test = 2", "per_test = 1")
     found = again(place)
-    assert fates(found) == {"check": "kept", "fit-thrusters": "made", "fit-yaw": "kept"}
+    assert fates(found) == {"check": "kept", "fit-thrusters": "done", "fit-yaw": "kept"}
     assert reasons(found)["fit-thrusters"] == "settings changed: thrusters_per_test"
 
 
@@ -135,7 +142,7 @@ def test_a_step_runs_for_another_version(place: Path, monkeypatch: pytest.Monkey
     newer = {**manifest.versions_here(), "numpy": "99.0"}
     monkeypatch.setattr(reuse, "versions_here", lambda: newer)
     found = again(place, until="check")
-    assert fates(found) == {"check": "made"}
+    assert fates(found) == {"check": "done"}
     assert reasons(found)["check"].startswith("version: numpy ") and "99.0 now" in reasons(found)["check"]
 
 
@@ -149,8 +156,8 @@ def test_a_result_that_was_touched_is_made_again(place: Path) -> None:
 
 
 def test_force_and_until(place: Path) -> None:
-    assert fates(again(place, force=True, until="check")) == {"check": "made"}
-    with pytest.raises(SettingError, match="no step is called 'fit'; give one of check, fit-thrusters"):
+    assert fates(again(place, force=True, until="check")) == {"check": "done"}
+    with pytest.raises(SettingError, match="until is 'fit'; 'fit' is not one of 'check', 'fit-thrusters'"):
         again(place, until="fit")
 
 
@@ -215,7 +222,7 @@ def test_moments_of_the_thrusters(place: Path) -> None:
         ("per_test = 2", "per_tests = 2", 'campaign.toml: thrusters: unknown key "per_tests"'),
         ("per_test = 2", 'per_test = "?"', "campaign.toml: 1 question is still open: thrusters.per_test; write"),
         ("campaign/1", "campaign/9", "expected 'automarine/campaign/1'"),
-        ("per_test = 2", "per_test = 0", "campaign.toml: thrusters: per_test is 0; expected 1 or more"),
+        ("per_test = 2", "per_test = 0", "campaign.toml: thrusters.per_test is 0; 0 is not in the range x>=1"),
         ('["steps"]', '["step"]', "campaign.toml: logs.steps: "),
         ("[thrusters]", "[columns]\nheading = 'yaw'\n[thrusters]", "campaign.toml: columns.heading is no column"),
     ],
@@ -240,14 +247,14 @@ def test_another_campaign_needs_overwrite(tmp_path: Path) -> None:
     first.write_text(CAMPAIGN.replace('steps = ["steps"]\nmanoeuvres = ["driving/*.csv"]\n', ""), encoding="utf-8")
     made = run_campaign(first, out=tmp_path / "out")
     assert fates(made) == {
-        "check": "made", "fit-thrusters": "made", "fit-yaw": "skipped", "validate": "skipped",
-        "diagnose": "skipped", "report": "made",
+        "check": "done", "fit-thrusters": "done", "fit-yaw": "skipped", "validate": "skipped",
+        "diagnose": "skipped", "report": "done",
     }  # fmt: skip
     other = first.rename(first.with_name("other.toml"))
     with pytest.raises(OutputError, match=r"results of the campaign campaign\.toml; give --overwrite"):
         run_campaign(other, out=tmp_path / "out")
     kept = run_campaign(other, out=tmp_path / "out", overwrite=True)
-    assert fates(kept)["check"] == "kept" and fates(kept)["report"] == "made"
+    assert fates(kept)["check"] == "kept" and fates(kept)["report"] == "done"
 
 
 def test_without_out_results_stand_beside_the_campaign(place: Path, run: Callable[..., Result]) -> None:
@@ -269,4 +276,4 @@ def test_json_is_the_result_file(place: Path, run: Callable[..., Result]) -> Non
     found = run("run", place / "pool" / "campaign.toml", "-o", place / "out", "--until", "check", "--json", "-v")
     content = json.loads(found.stdout)
     assert (content["schema"], content["title"]) == ("automarine/run/1", "A small campaign")
-    assert found.stderr.splitlines() == ["1/1 check: kept (inputs, settings and versions unchanged)"]
+    assert found.stderr.splitlines() == ["1/1 check: kept (inputs, settings and versions unchanged)."]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from automarine_cli.workflows.run import run_campaign
+from automarine_cli.commands.run import run_campaign
 
 POWER = 1.5  # thrust grows so with the voltage
 COEFFICIENT = 2.6e-4  # N/n² at 12 V
@@ -36,7 +36,7 @@ def campaign(folder: Path, volts: tuple[float, ...], supply: str) -> Path:
 @pytest.mark.parametrize("supply", [12.0, 14.0, 16.0, 16.3, 11.7])
 def test_a_supply_within_the_tests_is_no_news(tmp_path: Path, supply: float) -> None:
     found = run_campaign(campaign(tmp_path / "pool", (12.0, 16.0), f"supply_V = {supply}"), out=tmp_path / "out")
-    assert found.cautions == ()
+    assert found.content.cautions == ()
     assert "Caution" not in (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
 
 
@@ -63,7 +63,7 @@ def test_a_supply_beyond_the_tests_is_told_with_what_to_expect(
 
 def test_one_voltage_tells_no_power(tmp_path: Path) -> None:
     found = run_campaign(campaign(tmp_path / "pool", (12.0,), "supply_V = 16.0"), out=tmp_path / "out")
-    (said,) = found.cautions
+    (said,) = found.content.cautions
     assert said == (
         "The thrusters were tested at 12.0 V, the vehicle's supply is 16.0 V: the map is extrapolated. "
         "Test at the supply voltage."
@@ -72,11 +72,11 @@ def test_one_voltage_tells_no_power(tmp_path: Path) -> None:
 
 def test_without_a_supply_or_a_voltage_nothing_is_said(tmp_path: Path) -> None:
     found = run_campaign(campaign(tmp_path / "pool", (12.0, 16.0), ""), out=tmp_path / "out")
-    assert found.cautions == ()
+    assert found.content.cautions == ()
     place = campaign(tmp_path / "other", (12.0,), "supply_V = 40.0")
     log = place.parent / "bollard.csv"
     log.write_text("\n".join(line.rpartition(",")[0] for line in log.read_text().splitlines()) + "\n")
-    assert run_campaign(place, out=tmp_path / "more").cautions == ()
+    assert run_campaign(place, out=tmp_path / "more").content.cautions == ()
 
 
 def test_a_changed_supply_is_told_without_a_new_fit(tmp_path: Path) -> None:
@@ -84,11 +84,11 @@ def test_a_changed_supply_is_told_without_a_new_fit(tmp_path: Path) -> None:
     run_campaign(place, out=out)
     place.write_text(place.read_text().replace("14.0", "20.0"))
     found = run_campaign(place, out=out)
-    assert {one.step: one.did for one in found.news} == {
+    assert {one.step: one.did for one in found.steps} == {
         "check": "kept", "fit-thrusters": "kept", "fit-yaw": "skipped", "validate": "skipped",
-        "diagnose": "skipped", "report": "made",
+        "diagnose": "skipped", "report": "done",
     }  # fmt: skip
-    assert len(found.cautions) == 1
+    assert len(found.content.cautions) == 1
 
 
 @pytest.mark.parametrize("supply", ["0", "-12.0", '"twelve"', "nan"])

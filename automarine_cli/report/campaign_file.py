@@ -1,46 +1,163 @@
 """The commented campaign file that `init` writes: what was seen beside every value, a question where it is not sure."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import os
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from textwrap import wrap
 
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.logs import LogFile
 from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
+from automarine_cli.logs.layouts import NEEDED, Layout, places_of
 from automarine_cli.logs.recognise import Recognised, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import toml_line
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import listed, printable
-from automarine_cli.workflows.campaign_file import OPEN, SCHEMA
-from automarine_cli.workflows.campaign_look import Look, moments_of
-from automarine_cli.workflows.campaign_maps import NEEDED, Layout
+from automarine_cli.report.sections import Sections, sections
+from automarine_cli.report.tables import Table, number
+from automarine_cli.results.records import runs_json
+from automarine_cli.runs.survey import Placed, Survey
 
+SCHEMA = "automarine/campaign/1"
+OPEN = "?"  # a value that a person still has to give
 COMMENTS = 44  # column at which comments stand, where the line is shorter
 WIDEST = 120  # of a line with its comment, where the line is long
 MOST_TOLD = 20  # logs without a place that are listed
-_IN_WORDS = {"n": "control signal of the thruster"}
 SAY = {
     "thrusters": "bollard tests",
     "steps": "one constant {force} each",
     "manoeuvres": "other runs: the diagnosis uses them too",
     "validation": "never fitted",
+    "runs": "any driving",
 }
+QUESTION = re.compile(r'^(?P<head>(?:[^#"]|"(?!\?")[^"]*")*)"\?"(?P<rest>.*)$')
 
 
-def campaign_text(
-    look: Look, entries: Mapping[str, Sequence[str]], forces: Mapping[str, Mapping[str, Sequence[str]]] | None = None
-) -> str:
-    """The file's content; `entries` are folders, globs and files under `[logs]`, `forces` those of other motions."""
+@dataclass(frozen=True, repr=False)
+class NewCampaign(Shown):
+    """The campaign file that was written, or would be, at `place`, and the keys that it still asks for."""
+
+    survey: Survey
+    text: str
+    place: Path
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Paths of the keys whose value is still a question mark."""
+        return tuple(open_questions(tomllib.loads(self.text)))
+
+    def to_json(self) -> dict[str, object]:
+        """Give what was seen: schema automarine/init/1."""
+        look = self.survey
+        placed = {"placed": look.placed, **look.forces}
+        return {
+            "schema": "automarine/init/1",
+            "logs": look.count,
+            **{
+                motion: {kind: [file.name for file in files] for kind, files in kinds.items()}
+                for motion, kinds in placed.items()
+            },
+            "columns": [
+                {"column": column.source, "taken_for": column.key, "unit": column.unit, "seen": column.seen,
+                 "open": column.open} | ({"rule": column.rule} if column.more else {})
+                for column in look.columns
+            ],
+            "questions": list(self.questions),
+            "campaign": self.text,
+            "runs": runs_json(sum(len(runs) for runs in look.runs.values()), look.set_aside),
+        }  # fmt: skip
+
+
+def answered(text: str, ask: Callable[[str, str], str]) -> str:
+    """Put answers in place of the question marks of a campaign file; what gets none stays open.
+
+    `ask` gets the key and the comment that goes with it. A number, a list and true or false stand as they are given,
+    anything else is a text.
+    """
+    lines, before = text.split("\n"), ""
+    for i, line in enumerate(lines):
+        while (match := QUESTION.match(line)) is not None:
+            key = match["head"].strip().rstrip("= ").replace(" = { from =", ", from").replace("{", "")
+            comment = line.partition(" # ")[2] or (before if before.startswith("# ? ") else "")
+            answer = ask(key.strip(), comment.removeprefix("# ").removeprefix("? ")).strip()
+            if not answer or answer == OPEN:
+                break
+            line = f"{match['head']}{_as_toml(answer)}{match['rest']}"
+        lines[i], before = line, line
+    return "\n".join(lines)
+
+
+def _as_toml(answer: str) -> str:
+    """A plain value as it is, a text in quotes."""
+    try:
+        value = tomllib.loads(f"x = {answer}")["x"]
+    except tomllib.TOMLDecodeError:
+        value = answer
+    return toml_line("x", value).partition(" = ")[2] if isinstance(value, bool | int | float | list | str) else answer
+
+
+def open_questions(data: object) -> list[str]:
+    """List the paths of the keys whose value is still a question mark."""
+    places: Iterable[tuple[object, ...]] = (place for value, place in everything(data) if value == OPEN)
+    return [in_words(place).removesuffix(": ") for place in places]
+
+
+@sections.register
+def _(result: NewCampaign) -> Sections:
+    """Show how many logs of each kind there are, what the columns are taken for, and what is asked."""
+    look, count = result.survey, len(result.questions)
+    kinds = [(kind, str(len(files))) for kind, files in look.placed.items()]
+    for motion, placed in look.forces.items():
+        kinds += [(f"{motion}: {kind}", str(len(files))) for kind, files in placed.items() if files]
+    columns = [(column.source, _taken(column), column.seen, column.open or "sure") for column in look.columns]
+    asked = f"{count} question{'s' * (count != 1)} to answer: {', '.join(result.questions)}." if count else (
+        "No open questions; check the file before running it."
+    )  # fmt: skip
+    return Sections([
+        Table("Logs", ("kind", "logs"), tuple(kinds)),
+        Table("Columns", ("column", "taken for", "values", "sure or asked"), tuple(columns)),
+        asked,
+        *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
+    ])  # fmt: skip
+
+
+def _taken(column: Recognised) -> str:
+    """`n less 1500`: what a column is taken for."""
+    less, way = column.more.get("subtract"), column.more.get("sign_from")
+    subtracted = f" less {less:g}" if isinstance(less, int | float) else ""
+    if isinstance(way, Mapping):
+        way = way["from"]
+    return column.key + subtracted + (f", signed by {way}" if way is not None else "")
+
+
+def new_campaign(look: Survey, files: Sequence[LogFile], place: Path) -> NewCampaign:
+    """Write the text of the campaign file at `place`, with logs as folders, globs and files relative to it."""
+    home, top = place.parent.resolve(), look.folder.resolve()
+    base = Path(os.path.relpath(top, home)).as_posix()
+    inner = {file: file.path.resolve().relative_to(top).as_posix() for file in files}
+
+    def entries(placed: Placed) -> Iterator[tuple[str, str, tuple[LogFile, ...]]]:
+        for kind, members in placed.items():
+            meant = places_of([inner[file] for file in members], list(inner.values()))
+            yield kind, _list(kind, [entry if base == "." else f"{base}/{entry}" for entry in meant]), members
+
     parts = (
         _head(look),
         _vehicle(look),
-        _logs(look, entries),
+        _logs(look, entries(look.placed)),
         _columns(look),
-        _settings(look, entries),
-        *(_force(look, motion, kinds) for motion, kinds in (forces or {}).items()),
+        _settings(look),
+        *(_force(look, motion, entries(placed)) for motion, placed in look.forces.items()),
         _tune(look),
     )
-    return "\n".join(line for part in parts for line in part) + "\n"
+    return NewCampaign(look, "\n".join(line for part in parts for line in part) + "\n", place)
 
 
 def _beside(line: str, comment: str) -> str:
@@ -57,7 +174,7 @@ def _open(key: str, comment: str) -> str:
     return _beside(toml_line(key, OPEN), f"? {comment}")
 
 
-def _head(look: Look) -> Iterator[str]:
+def _head(look: Survey) -> Iterator[str]:
     count = look.count
     yield f"# A campaign of {count} log{'s' * (count != 1)}, written by `automarine init` for `automarine run`."
     yield f'# Check this file. A value "{OPEN}" is a question; `run` refuses the file until it is answered.'
@@ -67,7 +184,7 @@ def _head(look: Look) -> Iterator[str]:
     yield ""
 
 
-def _vehicle(look: Look) -> Iterator[str]:
+def _vehicle(look: Survey) -> Iterator[str]:
     yield "[vehicle]"
     yield _beside('# name = ""', "as the report calls it")
     meaning = "metres from the centre line to each thruster"
@@ -87,49 +204,52 @@ def _vehicle(look: Look) -> Iterator[str]:
     yield ""
 
 
-def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
+Entries = Iterable[tuple[str, str, tuple[LogFile, ...]]]
+
+
+def _logs(look: Survey, entries: Entries) -> Iterator[str]:
     yield _beside("[logs]", "files, folders and globs, relative to this file")
-    for kind, places in entries.items():
-        files = look.placed[kind]
-        told = moments_of(look, files)
-        seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
+    for kind, line, files in entries:
+        seen = _counted(look, files)
         if look.unread and kind == "steps":
             seen += f"; {len(look.unread)} of them show what they are once the questions are answered"
         if not files and kind == "validation":
             seen = "none found in a folder called validation; move runs here that no fit may see"
-        yield _beside(_list(kind, places), f"{YAW.fill(SAY[kind])}: {seen}")
-    for one in look.maps.join:
+        yield _beside(line, f"{YAW.fill(SAY[kind])}: {seen}")
+    if look.maps.join:
         said = "one log: columns of the second come onto the clock of the first, each value held until the next"
-        yield _beside(toml_line("join", [to_mapping(one) for one in look.maps.join]), said)
-        break
+        yield _beside(toml_line("join", [to_mapping(join) for join in look.maps.join]), said)
     yield from _without_place(look)
     yield ""
 
 
-def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
+def _counted(look: Survey, files: Sequence[LogFile]) -> str:
+    """`2 logs, 18 runs, -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
+    count = f"{len(files)} log{'s' * (len(files) != 1)}"
+    runs = [run for file in files for run in look.runs.get(file, ())]
+    if not runs:
+        return count
+    low, high = min(run.low for run in runs), max(run.high for run in runs)
+    return f"{count}, {len(runs)} run{'s' * (len(runs) != 1)}, {number(low, 3)} to {number(high, 3)} {runs[0].unit}"
+
+
+def _force(look: Survey, motion: str, entries: Entries) -> Iterator[str]:
     """The section of a translation, or of surge, sway and yaw together."""
     yield ""
-    if motion == PLANAR.name:
-        yield _beside(f"[{motion}]", "surge, sway and yaw together: `fit-planar` and its diagnosis")
-        for kind, places in entries.items():
-            count = len(look.forces[motion][kind])
-            said = SAY["validation"] if kind == "validation" else "any driving"
-            yield _beside(_list(kind, places), f"{said}: {count} log{'s' * (count != 1)}")
-        return
-    dof = DOFS[motion]
-    yield _beside(f"[{motion}]", f"{dof.position} against {dof.words.force}; everything else as in yaw")
-    for kind, places in entries.items():
-        files = look.forces[motion][kind]
-        told = moments_of(look, files)
-        seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
-        yield _beside(_list(kind, places), f"{dof.fill(SAY[kind])}: {seen}")
-    if dof.windowed:
+    planar = motion == PLANAR.name
+    dof = YAW if planar else DOFS[motion]
+    about = f"{dof.position} against {dof.words.force}; everything else as in yaw"
+    yield _beside(f"[{motion}]", "surge, sway and yaw together: `fit-planar` and its diagnosis" if planar else about)
+    for kind, line, files in entries:
+        seen = f"{len(files)} log{'s' * (len(files) != 1)}" if planar else _counted(look, files)
+        yield _beside(line, f"{dof.fill(SAY[kind])}: {seen}")
+    if not planar and dof.windowed:
         yield _beside("# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom")
-    else:
+    elif not planar:
         yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
 
 
-def _tune(look: Look) -> Iterator[str]:
+def _tune(look: Survey) -> Iterator[str]:
     """A controller at the end, for who wants one."""
     yield ""
     yield _beside("# [tune]", "gains of a heading controller at the end: take the # of these lines away")
@@ -147,7 +267,7 @@ def _list(key: str, places: Sequence[str]) -> str:
     return f"{key} = [\n" + "".join(f"  {toml_line('x', one).partition(' = ')[2]},\n" for one in places) + "]"
 
 
-def _without_place(look: Look) -> Iterator[str]:
+def _without_place(look: Survey) -> Iterator[str]:
     """Logs and runs that are in no list, each with its reason."""
     motions = {file: layout.dof for layout in look.layouts for file in layout.files}
     idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
@@ -162,7 +282,7 @@ def _without_place(look: Look) -> Iterator[str]:
         yield f"#   and {len(told) - MOST_TOLD} more"
 
 
-def _columns(look: Look) -> Iterator[str]:
+def _columns(look: Survey) -> Iterator[str]:
     said = "canonical name = the logs' name; a table may give unit, sign, subtract, scale, offset, sign_from"
     yield _beside("[columns]", said)
     yield from _map(look.maps.shared, look)
@@ -180,7 +300,7 @@ def _columns(look: Look) -> Iterator[str]:
     yield ""
 
 
-def _map(layouts: Sequence[Layout], look: Look) -> Iterator[str]:
+def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[str]:
     """The lines of layouts that share a map: each column once, then what is lacking."""
     every = {one.key: one for layout in reversed(layouts) for one in layout.columns}
     order = dict.fromkeys(one.key for layout in layouts for one in layout.columns)
@@ -195,9 +315,8 @@ def _map(layouts: Sequence[Layout], look: Look) -> Iterator[str]:
         names = listed(next(layout.names for layout in layouts if quantity in layout.lacking))
         sides = " and ".join(YAW.thrusters)
         other = f" (or {sides}{_of_pulses(layouts)})" if quantity == YAW.command else ""
-        yield _open(
-            keys[0], f"no column looks like the {_IN_WORDS.get(quantity, quantity)}{other}; the logs have {names}"
-        )
+        sought = "control signal of the thruster" if quantity == "n" else quantity
+        yield _open(keys[0], f"no column looks like the {sought}{other}; the logs have {names}")
 
 
 def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
@@ -222,7 +341,7 @@ def _of_pulses(layouts: Sequence[Layout]) -> str:
     return f": pulses about 1500 us such as {listed(found)} are written {rule}"
 
 
-def _column(one: Recognised, look: Look) -> str:
+def _column(one: Recognised, look: Survey) -> str:
     """One column: as named (a comment), mapped, or asked about."""
     quantity = CANONICAL[one.key].quantity
     sign = quantity == YAW.position and look.turned_round and "sign" not in one.more
@@ -250,19 +369,19 @@ def _column(one: Recognised, look: Look) -> str:
     return _beside(toml_line(one.key, one.source if len(rule) == 1 else rule), seen)
 
 
-def _settings(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    if entries["thrusters"] or look.thrusters_drive:
+def _settings(look: Survey) -> Iterator[str]:
+    if look.placed["thrusters"] or look.thrusters_drive:
         yield "[thrusters]"
     pulling = look.maps.given.defaults.get("thrusters_per_test")
-    if entries["thrusters"] and pulling is not None:
+    if look.placed["thrusters"] and pulling is not None:
         yield _beside(toml_line("per_test", int(pulling)), "equal thrusters that pulled together, as --columns says")
-    elif entries["thrusters"]:
+    elif look.placed["thrusters"]:
         yield _open("per_test", "how many equal thrusters pulled together? The logs cannot show it")
-    if entries["thrusters"]:
+    if look.placed["thrusters"]:
         yield _beside(toml_line("form", "auto"), "thrust curve: auto chooses by cross-validation")
-    if look.thrusters_drive and not entries["thrusters"]:
+    if look.thrusters_drive and not look.placed["thrusters"]:
         yield _open("map", "a thrusters.json of this vehicle: there are no bollard tests to make one of")
-    if entries["thrusters"] or look.thrusters_drive:
+    if look.placed["thrusters"] or look.thrusters_drive:
         yield ""
     yield "[yaw]"
     moment = "thrusters" if look.thrusters_drive else "logged"

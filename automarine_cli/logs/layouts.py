@@ -3,23 +3,27 @@ column map that fits them all."""
 
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.logs import ColumnMap, LogFile, column_rules
-from automarine_cli.logs.canonical import CANONICAL, LABELS
-from automarine_cli.logs.columns import OLDEST, ColumnRule, ColumnsOf, Join, matches
-from automarine_cli.logs.formats import stem_of
+from automarine_cli.errors import LogError
+from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, motion_of
+from automarine_cli.logs.columns import OLDEST, ColumnMap, ColumnRule, ColumnsOf, Join, column_rules, matches
+from automarine_cli.logs.find import whole_logs
+from automarine_cli.logs.formats import LogFile, stem_of
 from automarine_cli.logs.reader import whole_log
-from automarine_cli.logs.recognise import Recognised, Span, directed, is_called, is_share, recognise
-from automarine_cli.logs.table import splitting
+from automarine_cli.logs.recognise import Recognised, Span, directed, is_called, is_share, recognise, spans
+from automarine_cli.logs.table import few_words, means_thruster_test, splitting
 from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.quantities import Floats
-from automarine_cli.workflows.campaign_places import places_of
 
 NEEDED = ("time", YAW.position, YAW.command)
 OF_YAW = (*NEEDED, *YAW.thrusters, YAW.velocity, "surge", "sway", "voltage")
@@ -299,3 +303,139 @@ def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
 def quantities_of(names: Iterable[str]) -> set[str]:
     """What columns of these names hold by themselves."""
     return {CANONICAL[name].quantity for name in names if name in CANONICAL}
+
+
+@dataclass(frozen=True)
+class Layouts:
+    """Kinds of files of a folder, with what their columns are taken for, and the maps that read them; `logs` are whole
+    logs, `strangers` those of no vehicle, `unread` what cannot be read, each with its reason."""
+
+    logs: tuple[LogFile, ...]
+    layouts: tuple[Layout, ...]
+    maps: Maps
+    strangers: tuple[LogFile, ...]
+    unread: Mapping[LogFile, LogError]
+
+    def __iter__(self) -> Iterator[Layout]:
+        return iter(self.layouts)
+
+
+def layouts_of(
+    folder: Path, files: Sequence[LogFile], given: ColumnMap, jobs: int = 1, progress: Progress = silent
+) -> Layouts:
+    """Look at the columns of every log (as `given` where the user has a map), and find which files are one log."""
+    logs = whole_logs(files, given)
+    layout_of = partial(_layout_of, columns=given)
+    seen = dict(zip(logs, ordered_map(layout_of, logs, jobs, progress=progress, stage="looking at columns")))
+    beside: list[Layout] = []
+    if not given.join:
+        apart = [layout for layout in _recognised(seen.values(), given) if layout.dof.wraps]
+        given = replace(given, join=joins_of(apart, folder))
+        clocks = maps_of([layout.clock for layout in apart], logs, folder, given).columns()
+        logs = whole_logs(logs, given)
+        beside = [layout.clock for layout in apart if not set(layout.files) & set(logs)]
+        seen |= {file: _layout_of(file, clocks) for file in logs if _is_joined(given, file)}
+        seen = {file: seen[file] for file in logs}
+    layouts = _recognised(seen.values(), given)
+    ours = {file for layout in layouts if not layout.foreign for file in layout.files}
+    strangers = tuple(file for file in logs if ours and file not in ours)
+    if strangers:  # what their columns do says nothing of columns of that name in the logs
+        names = {layout.names for layout in layouts if ours & set(layout.files)}
+        layouts = _recognised(
+            [part for part in seen.values() if isinstance(part, Layout) and part.names in names], given
+        )
+    maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *beside], files, folder, given)
+    unread = {file: error for file, error in seen.items() if isinstance(error, LogError)}
+    return Layouts(tuple(logs), tuple(layouts), maps, strangers, unread)
+
+
+def _is_joined(columns: ColumnMap, file: LogFile) -> bool:
+    """Whether other files are joined to a log, or would be if they were there."""
+    try:
+        return bool(columns.beside(file.path))
+    except LogError:
+        return True
+
+
+def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
+    """The layout of one log; or why it cannot be read."""
+    try:
+        rules = columns.of(file.path)
+        raw = whole_log(file, rules)
+    except LogError as error:
+        return error
+    mapped = {name: rule.source for name, rule in rules.columns.items() if rule.source in raw.names}
+    dof = motion_of(raw.names, mapped)
+    names = tuple(name for name in raw.names if name)
+    labels = few_words(raw, {*LABELS, *mapped.values()})
+    split = RUN in raw.names or RUN in rules.columns or BY in rules.columns
+    words = {} if split else {key: label.names for key, label in labels.items()}
+    bollard = means_thruster_test(quantities_of([*raw.names, *mapped]), names, dof)
+    return Layout(names, bollard, (file,), spans(raw), dof, words=words)
+
+
+def _recognised(parts: Iterable[Layout | LogError], given: ColumnMap) -> list[Layout]:
+    """Files of the same columns together, yaw first, and of yaw those with more logs; those of yaw and tests with what
+    their columns are taken for: a column of one name does what it does over all logs of the kind."""
+    groups: dict[tuple[tuple[str, ...], bool, str], list[Layout]] = {}
+    for part in parts:
+        if isinstance(part, Layout):
+            groups.setdefault((part.names, part.bollard, part.dof.name), []).append(part)
+    layouts = [
+        replace(group[0], files=tuple(part.files[0] for part in group), seen=together([part.seen for part in group]))
+        for group in groups.values()
+    ]
+    layouts.sort(key=lambda layout: (layout.dof is not YAW, layout.bollard, -len(layout.files)))
+    kinds: dict[tuple[bool, str], list[Mapping[str, Span]]] = {}
+    for layout in layouts:
+        kinds.setdefault((layout.bollard, layout.dof.name), []).append(layout.seen)
+    alike = {kind: together(spans_of_kind) for kind, spans_of_kind in kinds.items()}
+    return [
+        recognised(layout, alike[layout.bollard, layout.dof.name], given) if layout.dof.wraps else layout
+        for layout in layouts
+    ]
+
+
+def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
+    """Folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs.
+
+    The folder at the top is never one of them: results that are written into it later would be taken for logs.
+    """
+    left, found = set(wanted), []
+    for folder in _folders(everywhere):
+        inside = {name for name in everywhere if name.startswith(f"{folder}/")}
+        if inside and inside <= left:
+            found.append(folder)
+            left -= inside
+    for glob in _globs(sorted(left)):
+        meant = {name for name in everywhere if _is_meant(name, glob)}
+        if len(meant & left) > 1 and meant <= set(wanted):
+            found.append(glob)
+            left -= meant
+    return sorted([*found, *left])
+
+
+def _folders(names: Sequence[str]) -> list[str]:
+    """Folders that hold logs at any depth, outer ones first."""
+    found = {"/".join(name.split("/")[:i]) for name in names for i in range(1, name.count("/") + 1)}
+    return sorted((one for one in found if not re.search(r"[*?[]", one)), key=lambda one: (one.count("/"), one))
+
+
+def _globs(names: Sequence[str]) -> list[str]:
+    """Globs by ending and by the first word of a name, the wider ones first."""
+    wide, narrow = [], []
+    for name in names:
+        folder, slash, last = name.rpartition("/")
+        stem, ending = stem_of(last), last[len(stem_of(last)) :]
+        if re.search(r"[*?[]", name):
+            continue
+        wide.append(f"{folder}{slash}*{ending}")
+        word = re.match(r"[A-Za-z]+[_-]?|\d+", stem)
+        if word and word[0] != stem:
+            narrow += [f"{folder}{slash}{word[0]}*", f"{folder}{slash}{word[0]}*{ending}"]
+    return list(dict.fromkeys([*wide, *narrow]))
+
+
+def _is_meant(name: str, glob: str) -> bool:
+    """Whether a glob means a name; a star stays within its folder."""
+    return name.rpartition("/")[0] == glob.rpartition("/")[0] and fnmatchcase(name, glob)

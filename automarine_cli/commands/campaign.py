@@ -1,0 +1,304 @@
+"""The campaign file that `init` writes and `run` follows: which logs there are, and settings of the commands.
+
+A section has the settings of its command by their names, which are converted as the command line's, and beside them a
+few keys of its own: which logs, where moment or force come from. Paths are relative to the file.
+"""
+
+import dataclasses
+import difflib
+import glob
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import load
+from automarine_cli.commands.command import Command
+from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import LogError, SettingError
+from automarine_cli.pipeline.plain_data import told
+from automarine_cli.pipeline.recipe import read_mapping
+from automarine_cli.pipeline.words import listed, printable
+
+if TYPE_CHECKING:
+    from automarine_cli.logs import ColumnMap, LogFile
+    from automarine_cli.results.steps import Step
+
+FIGURES = ("png", "svg")  # for a person, and for the report
+KINDS = {
+    "thrusters": "thruster tests", "steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs",
+    "runs": "runs",
+}  # fmt: skip
+"""Of logs, as messages call them."""
+OF_MOTION = ("steps", "manoeuvres", "validation")
+KEYS = {
+    "": ("schema", "title", "seed", "strict", "columns", "columns_of", "can"),
+    "vehicle": ("name", "arm_m", "supply_V"),
+    "logs": ("thrusters", *OF_MOTION, "join"),
+    "thrusters": ("map", "per_test"),
+    YAW.name: ("moment",),
+    **dict.fromkeys(TRANSLATIONS, (*OF_MOTION, "force")),
+    PLANAR.name: ("runs", "validation", "force"),
+    "tune": ("thrusters",),
+}
+"""The keys of each section that are no settings of its command."""
+COMMANDS = {"thrusters": "fit-thrusters", "tune": "tune", **{name: f"fit-{name}" for name in (*DOFS, PLANAR.name)}}
+"""The command of each section that has settings of it."""
+GIVEN = {"logs", "hold_out", "model", "extended", "columns", "thrusters", "thrusters_per_test", "arm", "strict", "seed",
+         "check", "reference"}  # fmt: skip
+"""Settings that the campaign as a whole gives its commands."""
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _is_length(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+
+
+EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    **dict.fromkeys(("schema", "title", "name", "map"), ("a text", _is_text)),
+    **dict.fromkeys(KINDS, ("a list of texts", lambda value: isinstance(value, list) and all(map(_is_text, value)))),
+    **dict.fromkeys(("moment", "force"), ('"logged" or "thrusters"', lambda value: value in ("logged", "thrusters"))),
+    **dict.fromkeys(("arm_m", "supply_V"), ("a number above 0", _is_length)),
+    **dict.fromkeys(("columns", "can"), ("a table", lambda value: isinstance(value, Mapping))),
+    "tune.thrusters": ("true or false", lambda value: isinstance(value, bool)),
+}
+"""What the value of a key must be, and whether it is."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign: its file, its sections by name with converted settings, and the column map of its logs."""
+
+    path: Path
+    sections: Mapping[str, Mapping[str, Any]]
+    columns: "ColumnMap"
+
+    @property
+    def title(self) -> str:
+        """What the report is called."""
+        title: str = self.sections[""].get("title") or self.sections["vehicle"].get("name") or self.path.stem
+        return title
+
+    @property
+    def supply(self) -> float | None:
+        """The supply voltage of the vehicle [V]."""
+        return self.sections["vehicle"].get("supply_V")
+
+    @property
+    def beside(self) -> dict[str, Path]:
+        """Files that it needs beside its logs, by role: a thruster map, the DBC of CAN logs, the vehicle's gains."""
+        every = {
+            "thrusters": self.sections["thrusters"].get("map"),
+            "dbc": self.columns.database,
+            "present": self.sections.get("tune", {}).get("present"),
+        }
+        return {role: path for role, path in every.items() if path is not None}
+
+    def has(self, step: "Step") -> bool:
+        """Whether the campaign has such a step."""
+        return step.always or step.section in self.sections
+
+    def every_log(self) -> "list[LogFile]":
+        """List the logs of all kinds and motions."""
+        sections = ("logs", *TRANSLATIONS, PLANAR.name)
+        return [log for section in sections for log in self.logs(section, *KINDS)]
+
+    def logs(self, section: str, *kinds: str) -> "list[LogFile]":
+        """List the logs of these kinds together. Raises SettingError with the key for logs that are not there."""
+        from automarine_cli.logs import find_logs, whole_logs
+
+        places: list[str] = []
+        for kind in kinds:
+            entries = [self._place(entry) for entry in self.sections.get(section, {}).get(kind, ())]
+            try:
+                places += entries if not entries or find_logs(entries) else []
+            except LogError as problem:
+                raise SettingError(f"{printable(self.path.name)}: {section}.{kind}: {problem}") from None
+        return list(whole_logs(find_logs(places), self.columns)) if places else []
+
+    def _place(self, entry: str) -> str:
+        base = str(self.path.parent)
+        place = self.path.parent / entry
+        if place.exists() or not glob.has_magic(base):
+            return str(place)
+        return str(Path(glob.escape(base), entry))
+
+    def plan(self, step: "Step", out: Path) -> dict[str, Any] | str:
+        """Complete the settings of a step's command, with results in `out`; or say why it has nothing to do."""
+        work, section = command_of(step.command), self.sections.get(step.section, {})
+        given = {key: value for key, value in section.items() if key not in KEYS.get(step.section, ())}
+        if step.section == "thrusters" and "per_test" in section:
+            given["thrusters_per_test"] = section["per_test"]
+        given |= {key: self.sections[""][key] for key in ("seed", "strict") if key in self.sections[""]}
+        motion = YAW.name if step.section == "tune" else step.section
+        if step.command == "check":
+            given |= {"logs": self.every_log(), "columns": self.columns}
+        elif step.logs:
+            key = "logs" if step.section in ("thrusters", YAW.name) else step.section
+            logs = next((logs for kinds in step.logs if (logs := self.logs(key, *kinds))), None)
+            if logs is None:
+                kinds = " and no ".join(KINDS[kind] for alternative in step.logs for kind in alternative)
+                return f"the campaign names no {kinds}" + (f" of {motion} motion" if key == motion else "")
+            given |= {"logs": logs, "columns": self.columns, "hold_out": self.logs(key, "validation")}
+        if step.models:
+            model = next((place for name in step.models if (place := out / name).is_file()), None)
+            if model is None:
+                return f"it needs the {motion} model, and fit-{motion} gave none"
+            given["model"] = model
+        if section.get("moment", section.get("force")) == "thrusters" or section.get("thrusters") is True:
+            fitted = out / "thrusters" / "thrusters.json"
+            given["thrusters"] = self.beside.get("thrusters", fitted if fitted.is_file() else None)
+            if given["thrusters"] is None:
+                return "it needs the thruster map, and fit-thrusters gave none"
+            if motion not in TRANSLATIONS:
+                given["arm"] = self.sections["vehicle"].get("arm_m")
+        return work.settings({key: value for key, value in given.items() if key in work.names})
+
+
+def read_campaign(path: Path) -> Campaign:
+    """Read a campaign from a TOML file.
+
+    Raises SettingError with the key's path for an unknown key, a wrong value, or a question that is still open, and
+    LogError for a column rule that makes no sense.
+    """
+    from automarine_cli.logs import ColumnMap, column_rules
+    from automarine_cli.logs.columns import columns_of, database, joins
+    from automarine_cli.report.campaign_file import OPEN, SCHEMA, open_questions
+
+    data, name = read_mapping(path), printable(path.name)
+    questions = open_questions(data)
+    if questions:
+        many = len(questions) > 1
+        raise SettingError(
+            f"{name}: {len(questions)} question{'s are' if many else ' is'} still open: {listed(questions)}; "
+            f'write the value{"s" if many else ""} in place of "{OPEN}" (the comment beside each says what was '
+            "seen), or delete the line if it does not apply"
+        )
+    try:
+        tables = {key: data.pop(key) for key in list(data) if key in KEYS}
+        sections: dict[str, dict[str, Any]] = {"vehicle": {}, "logs": {}, "thrusters": {}, YAW.name: {}}
+        for section, table in {**tables, "": data}.items():
+            sections[section] = dict(_read(section, table, path.parent))
+        top = sections[""]
+        if top.get("schema") != SCHEMA:
+            raise SettingError(f"schema is {top.get('schema')!r}; expected {SCHEMA!r}")
+        _refuse_gaps(sections)
+    except SettingError as problem:
+        raise SettingError(f"{name}: {problem}") from None
+    columns = ColumnMap(
+        column_rules(top.get("columns", {}), name), {}, "", database(top.get("can", {}), path),
+        columns_of(top.get("columns_of", ()), name), joins(sections["logs"].get("join", ()), f"{name}: logs"),
+    )  # fmt: skip
+    return Campaign(path, sections, columns)
+
+
+def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
+    """The keys of a section with converted values. Raises SettingError with the key's path."""
+    if not isinstance(table, Mapping):
+        raise SettingError(f"{section}: found {told(table)}, expected a table")
+    work = command_of(COMMANDS[section]) if section in COMMANDS else None
+    keys = [*KEYS[section], *(work.names - GIVEN if work else ()), *(() if section else (key for key in KEYS if key))]
+    for key, value in table.items():
+        where = f"{section}.{key}".removeprefix(".")
+        if key not in keys:
+            close = difflib.get_close_matches(str(key), keys, n=1)
+            hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(keys)}"
+            raise SettingError(f"{section}: unknown key {told(key)}; {hint}".removeprefix(": "))
+        expected, fits = EXPECTED.get(where) or EXPECTED.get(key) or ("", lambda value: True)
+        if not fits(value):
+            raise SettingError(f"{where}: found {told(value)}, expected {expected}")
+        if key == "map":
+            yield key, home / value
+        elif key in ("seed", "strict"):
+            yield key, _converted(command_of("validate"), key, value, where)
+        elif key == "per_test":
+            yield key, _converted(command_of("fit-thrusters"), "thrusters_per_test", value, where)
+        elif work is not None and key not in KEYS[section]:
+            yield key, _converted(work, key, home / value if key in work.files and _is_text(value) else value, where)
+        else:
+            yield key, value
+
+
+def _converted(work: Any, name: str, value: Any, where: str) -> Any:
+    """A setting of a command. Raises SettingError with its path in the file."""
+    if isinstance(value, Mapping):  # known = { I_r = [915, 50] }, as the command line has it
+        parts = {key: part if isinstance(part, list) else [part] for key, part in value.items()}
+        value = [f"{key}={'±'.join(map(str, part))}" for key, part in parts.items()]
+    try:
+        return work.convert(name, value)
+    except SettingError as problem:
+        why = str(problem)
+        raise SettingError(where + (why.removeprefix(name) if why.startswith(f"{name} ") else f": {why}")) from None
+
+
+def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise SettingError for a campaign without logs, and for commands of thrusters that nothing makes moments of."""
+    logs, thrusters, arm = sections["logs"], sections["thrusters"], sections["vehicle"].get("arm_m")
+    named = [section for name, section in sections.items() if "steps" in KEYS[name] or "runs" in KEYS[name]]
+    if not any(section.get(kind) for section in named for kind in KINDS if kind != "validation"):
+        raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
+    if thrusters.get("map") and logs.get("thrusters"):
+        raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")
+    for name, key in ((YAW.name, "moment"), (PLANAR.name, "force")):
+        if sections.get(name, {}).get(key) == "thrusters" and arm is None:
+            raise SettingError(f'{name}.{key} is "thrusters", which needs vehicle.arm_m; give it in metres')
+    if sections[YAW.name].get("moment") == "thrusters" and not thrusters.get("map") and not logs.get("thrusters"):
+        raise SettingError(
+            'yaw.moment is "thrusters", which needs logs.thrusters (bollard tests) or thrusters.map; give one of them'
+        )
+
+
+@cache
+def command_of(name: str) -> Any:
+    """Return the command of that name."""
+    work = load(name)
+    return work if isinstance(work, Command) else _Old(work)
+
+
+class _Old:
+    """A command of the old kind. TODO until check, fit-thrusters, diagnose and tune are moved."""
+
+    def __init__(self, declared: click.Command) -> None:
+        self.params = {str(param.name): param for param in declared.params}
+        self.name, self.names = str(declared.name), set(self.params)
+        self.files = {name for name, param in self.params.items() if isinstance(param.type, click.Path)}
+
+    def convert(self, name: str, value: object) -> Any:
+        if isinstance(value, Path):
+            return value
+        try:
+            value = self.params[name].type_cast_value(click.Context(click.Command(self.name)), value)
+        except click.BadParameter as problem:
+            raise SettingError(f"{name} is {value!r}; {problem.message}") from None
+        return None if name == "form" and value == "auto" else value
+
+    def settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        from automarine_cli.workflows.command import commands
+
+        work: Any = commands()[self.name].chosen(given)
+        names = {field.name for field in dataclasses.fields(work.options)}
+        given = dict(given) | ({"figure_formats": FIGURES} if "figure_formats" in names else {})
+        return {"work": work, "asked": work.asked({key: value for key, value in given.items() if key in names})}
+
+    def run(self, settings: Mapping[str, Any], out: Path, overwrite: bool, jobs: int, progress: Any, **_: Any) -> Any:
+        from automarine_cli.workflows.command import Runner
+
+        work = settings["work"]
+        return work.run(settings["asked"], Runner(work.name, out, overwrite, jobs, None, progress))
+
+    def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: object) -> str | None:
+        from automarine_cli.pipeline.reuse import why_made_again
+        from automarine_cli.workflows.command import inputs_of, recorded, seed_of
+
+        asked = settings["asked"]
+        return why_made_again(
+            folder, command=self.name, options=recorded(asked), seed=seed_of(asked), inputs=inputs_of(asked)
+        )

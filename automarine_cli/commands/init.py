@@ -1,0 +1,98 @@
+"""`init`: a folder of logs is looked at and becomes a commented campaign file, with questions where it is not sure."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.terminal import folded, verbosity_level, width_of
+from automarine_cli.errors import LogError
+
+if TYPE_CHECKING:
+    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.report.campaign_file import NewCampaign
+
+NAME = "campaign.toml"
+MAKE_LOGS = ("simulate", "slice")
+
+
+@command("init", report="campaign_file", saves=False)
+@argument("folder", metavar="[DIR]", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@option(
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    help="The campaign file to write.  [default: DIR/campaign.toml]",
+)  # fmt: skip
+@options.columns
+@options.overwrite
+@options.jobs
+@options.as_json
+@options.verbosity
+def init(
+    folder: Path, columns: Any, out: Path | None, overwrite: bool, jobs: int, progress: "Progress"
+) -> "NewCampaign":
+    """Look at the logs in DIR (by default here) and write a commented campaign.toml for `automarine run`.
+
+    It says which logs are thruster tests, step runs, manoeuvres and validation runs, and which column holds what,
+    in which unit, with the range that was seen. Where name and range do not settle it, it asks: on a terminal at
+    once; in a pipe, or where you only press Enter, the value in the file is "?", and `automarine run` takes the file
+    when you have written the answer in its place. What --columns says is not asked.
+
+    \b
+    Example:
+      automarine init sample_runs -o out/campaign.toml
+    """
+    from automarine_cli.logs import find_logs, given_columns
+    from automarine_cli.pipeline.one_file import refuse_existing, write_whole
+    from automarine_cli.report.campaign_file import answered, new_campaign
+    from automarine_cli.runs.survey import survey
+
+    place = folder / NAME if out is None else out
+    refuse_existing(place, overwrite=overwrite)
+    files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
+    if not files:
+        raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
+    result = new_campaign(survey(folder, files, given_columns(columns), jobs, progress), files, place)
+    if _is_on_a_terminal():
+        result = replace(result, text=answered(result.text, _ask))
+    write_whole(place, result.text)
+    return result
+
+
+def _is_result(path: Path, folder: Path) -> bool:
+    """Whether a table lies in a folder of results: of any command but those that make logs."""
+    from automarine_cli.pipeline.manifest import MANIFEST
+    from automarine_cli.pipeline.reuse import manifest_of
+
+    above = [place for place in path.parents if place == folder or folder in place.parents]
+    manifests = (manifest_of(place) for place in above if (place / MANIFEST).is_file())
+    return any(manifest is not None and manifest.command not in MAKE_LOGS for manifest in manifests)
+
+
+def _is_on_a_terminal() -> bool:
+    """Whether somebody at a terminal can answer questions."""
+    ctx = click.get_current_context(silent=True)
+    quiet = ctx is None or ctx.params.get("as_json") or verbosity_level() < 0
+    return not quiet and sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def _ask(key: str, comment: str) -> str:
+    """The answer to one question, "" to leave it open."""
+    click.echo(folded(comment, width_of(sys.stdout)))
+    answer: str = click.prompt(f"{key} (Enter: later)", default="", show_default=False)
+    click.echo()
+    return answer
+
+
+def _finish(ctx: click.Context, result: "NewCampaign") -> None:
+    """Say where the file is, and what comes next."""
+    if not ctx.params["as_json"] and verbosity_level() >= 0:
+        first = "Answer the questions in it, then: " if result.questions else "Next: "
+        said = f"Written: {result.place}. {first}automarine run {result.place} -o results"
+        click.echo(folded(said, width_of(sys.stdout)))
+
+
+init.finish = _finish

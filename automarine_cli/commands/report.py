@@ -1,0 +1,41 @@
+"""`report`: what the steps of a campaign left, as one page and as Markdown."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.errors import OutputError
+
+if TYPE_CHECKING:
+    from automarine_cli.report.campaign_page import Report
+
+
+@command("report", report="campaign_page", saves=False)
+@argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@option("--title", show_default="such as Yaw identification", help="Heading of the page.")
+@options.overwrite
+@options.as_json
+@options.verbosity
+def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
+    """Write report.html and report.md into DIR from the results in its folders check, thrusters, yaw, validation
+    and diagnosis; what is not there is left out. The page is one file that needs no network.
+
+    \b
+    Example:
+      automarine report out/pool_day
+    """
+    from automarine_cli.pipeline.one_file import write_whole
+    from automarine_cli.report.campaign_page import FILES, make_report
+    from automarine_cli.results.kinds import RUN
+
+    there = [name for name in FILES if (folder / name).exists()]
+    if there and not overwrite:
+        raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
+    record = folder / RUN.file
+    result = make_report(folder, title, RUN.read(record, refuse=OutputError) if record.is_file() else None)
+    for name, text in result.files.items():
+        write_whole(folder / name, text)
+    return result

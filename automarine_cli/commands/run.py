@@ -1,0 +1,278 @@
+"""`run`: every step of a campaign in order, each kept if nothing that it depends on has changed, and one report; of
+several campaigns side by side, with an overview of all."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from automarine_cli.commands import options
+from automarine_cli.commands.campaign import FIGURES, Campaign, command_of, read_campaign
+from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.terminal import echo_warnings, end_with
+from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
+from automarine_cli.pipeline.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from automarine_cli.report.campaign_run import CampaignOutcome, CampaignRun, Campaigns, StepOutcome
+    from automarine_cli.results.judged import RunFile
+    from automarine_cli.results.steps import Step
+
+RESULTS = "results"
+"""The folder beside the campaign file that takes the results of who names none."""
+NO_PAGE = "no step has a result to show"
+
+
+def _steps() -> tuple[str, ...]:
+    from automarine_cli.results.steps import STEP_NAMES
+
+    return STEP_NAMES
+
+
+@command("run", report="campaign_run", saves=False, python="run_campaign")
+@argument(
+    "campaigns", nargs=-1, required=True, metavar="CAMPAIGN.toml...", type=options.FILE, reads="files", role="campaign"
+)
+@option(
+    "--until", type=options.OneOf(_steps), metavar="STEP",
+    help="Stop after this step, by its name in the table of results, such as fit-yaw.",
+)  # fmt: skip
+@option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
+@options.ending(options.jobs, options.cluster)
+def run_campaign(
+    campaigns: Sequence[Path], until: str | None, force: bool, out: Path | None, overwrite: bool, jobs: int,
+    cluster: str | None, progress: Progress,
+) -> "CampaignRun | Campaigns":  # fmt: skip
+    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
+    [surge], [sway] or [heave] its fit, validation and diagnosis too.
+
+    Each step has a folder of its own in DIR, by default "results" beside the campaign file. A step is kept if its
+    result is there and its inputs, settings and versions have not changed; for every other the reason is printed.
+    `automarine init` writes a campaign file.
+
+    Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
+    a time, --cluster ADDRESS hands them to a Dask scheduler, whose workers need the same disk under the same paths.
+    One that fails does not stop the others.
+
+    \b
+    Example:
+      automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
+    """
+    how: dict[str, Any] = {"until": until, "force": force, "overwrite": overwrite}
+    if len(campaigns) == 1 and cluster is None:
+        place = campaigns[0].parent / RESULTS if out is None else out
+        return _run(campaigns[0], place, **how, jobs=jobs, progress=progress)
+    if out is None:
+        raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
+    from automarine_cli.pipeline.manifest import Input
+    from automarine_cli.pipeline.outputs import refuse_unfit, result_folder
+    from automarine_cli.pipeline.parallel import ordered_map
+    from automarine_cli.report.campaign_run import Campaigns
+    from automarine_cli.report.sections import sections
+
+    refuse_unfit(out)
+    named = zip(names_of(campaigns), campaigns)
+    tasks = [_Task(name, path.absolute(), out.absolute() / name, how) for name, path in named]
+    outcomes = ordered_map(_outcome, tasks, jobs, cluster=cluster, progress=progress, stage="running campaigns")
+    result = Campaigns(out, tuple(outcomes))
+    inputs = [Input(name, path, "campaign") for name, path in zip(_below(campaigns), campaigns)]
+    manifest: dict[str, Any] = {"command": "campaigns", "options": {"until": until}, "inputs": inputs, "seed": None}
+    with result_folder(out, **manifest, overwrite=True) as folder:
+        sections(result).save(folder)
+    return result
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One of several campaigns: its name, its file, the folder of its results, and how it is run."""
+
+    name: str
+    campaign: Path
+    out: Path
+    how: dict[str, Any]
+
+
+def _outcome(task: _Task) -> "CampaignOutcome":
+    """What becomes of one of several campaigns; one that is refused does not stop the others."""
+    from automarine_cli.report.campaign_run import CampaignOutcome
+
+    try:
+        return CampaignOutcome(task.name, _run(task.campaign, task.out, **task.how))
+    except AutomarineError as refusal:
+        return CampaignOutcome(task.name, refusal=str(refusal))
+
+
+def names_of(campaigns: Sequence[Path]) -> list[str]:
+    """Give each campaign a folder name: its path below what all share, without ending; a file called campaign.toml goes
+    by its folder. Raises SettingError where one is given twice."""
+    below = _below(campaigns)
+    twice = next((name for name in below if below.count(name) > 1), None)
+    if twice is not None:
+        raise SettingError(f"{twice} is given twice; name each campaign once")
+    names = [name.removesuffix("/campaign.toml").removesuffix(".toml") for name in below]
+    for name in names:
+        inside = [other for other in names if other == name or other.startswith(f"{name}/")]
+        if len(inside) > 1:
+            raise SettingError(
+                f"the results of {inside[0]} and {inside[1]} would share a folder; give the campaign files other names"
+            )
+    return names
+
+
+def _below(campaigns: Sequence[Path]) -> list[str]:
+    """The path of each campaign file below the folder that they share."""
+    files = [Path(os.path.normpath(path.absolute())) for path in campaigns]
+    shared = os.path.commonpath([path.parent for path in files])
+    return [path.relative_to(shared).as_posix() for path in files]
+
+
+def _run(
+    path: Path, out: Path, *, until: str | None, force: bool, overwrite: bool, jobs: int = 1,
+    progress: Progress = silent,
+) -> "CampaignRun":  # fmt: skip
+    """Run the steps of a campaign file into folders of `out`, then the report.
+
+    A step that is refused is told, and so are those that need it; the others go on. Raises SettingError for a campaign
+    file that makes no sense and OutputError.
+    """
+    from automarine_cli.pipeline.outputs import refuse_unfit
+    from automarine_cli.report.campaign_run import CampaignRun, StepOutcome, warnings_of, with_results
+    from automarine_cli.results.steps import REPORT, STEP_NAMES, STEPS
+
+    campaign = read_campaign(path)
+    refuse_unfit(out)
+    _refuse_others(campaign, out, overwrite)
+    wanted = STEP_NAMES if until is None else STEP_NAMES[: STEP_NAMES.index(until) + 1]
+    steps = [step for step in STEPS if step.name in wanted and campaign.has(step)]
+    total = len(steps) + (REPORT in wanted)
+    outcomes: list[StepOutcome] = []
+
+    def add(name: str, work: Callable[[Progress], tuple[str, str]]) -> None:
+        place = f"{len(outcomes) + 1}/{total} {name}"
+        progress(place, len(outcomes), total)
+        did, why = work(lambda stage, done, items: progress(f"{place}: {stage}" if items else stage, done, items))
+        progress(f"{place}: {did}" + (f" ({why})" if why else ""), 0, 0)
+        outcomes.append(StepOutcome(name, did, why))
+
+    for step in steps:
+        add(step.name, partial(_do, step, campaign, out, force, overwrite, jobs))
+    content = _content(campaign, out, steps, outcomes)
+    if REPORT in wanted:
+        add(REPORT, lambda _: _report(campaign, out, content, force))
+    done = tuple(outcomes)
+    return CampaignRun(out, with_results(out, done), content, warnings_of(out, done))
+
+
+def _do(
+    step: "Step", campaign: Campaign, out: Path, force: bool, overwrite: bool, jobs: int, progress: Progress
+) -> tuple[str, str]:
+    """Do a step, and say what became of it and why; a result that is no longer of this campaign is taken away."""
+    from automarine_cli.pipeline.reuse import manifest_of, remove_results
+
+    def without_result(did: str, why: str) -> tuple[str, str]:
+        gone = remove_results(folder, step.command)
+        return did, why + ("; its former result was removed" if gone and did == "skipped" else "")
+
+    folder, work = out / step.folder, command_of(step.command)
+    settings = campaign.plan(step, out)
+    if isinstance(settings, str):
+        return without_result("skipped", settings)
+    why = work.why_again(settings, folder, FIGURES)
+    if why is None and not force:
+        return "kept", "inputs, settings and versions unchanged"
+    ours = (manifest := manifest_of(folder)) is not None and manifest.command == step.command
+    try:
+        work.run(
+            settings, out=folder, overwrite=overwrite or ours, jobs=jobs, progress=progress, figure_formats=FIGURES
+        )
+    except OutputError:
+        raise
+    except TooFewRunsError as refusal:  # nothing that could be corrected
+        return without_result("skipped", str(refusal))
+    except AutomarineError as refusal:
+        return without_result("refused", str(refusal))
+    return "done", why or "--force"
+
+
+def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
+    """The result file."""
+    from automarine_cli.pipeline.manifest import MANIFEST, sha256
+    from automarine_cli.report.campaign_run import cautions
+    from automarine_cli.results.judged import RunFile, StepDone
+    from automarine_cli.results.kinds import RUN, THRUSTER_MAP
+
+    entries = []
+    for step, outcome in zip(steps, outcomes):
+        if outcome.did in ("done", "kept"):
+            entries.append(StepDone(step.name, step.folder, sha256(out / step.folder / MANIFEST)))
+        elif outcome.did == "skipped":
+            entries.append(StepDone(step.name, skipped=outcome.why.partition("; its former")[0]))
+        else:
+            entries.append(StepDone(step.name, refused=outcome.why))
+    place = out / "thrusters" / THRUSTER_MAP.file
+    tested = THRUSTER_MAP.read(place) if place.is_file() else None
+    return RunFile(
+        RUN.schema, campaign.title, campaign.path.name, tuple(entries), tuple(cautions(tested, campaign.supply))
+    )
+
+
+def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> tuple[str, str]:
+    """The last step: one page of what is in the step folders, and the record of the whole run."""
+    from automarine_cli.logs import with_joined
+    from automarine_cli.pipeline.codec import to_mapping
+    from automarine_cli.pipeline.manifest import Input, given_as
+    from automarine_cli.pipeline.outputs import json_text, result_folder
+    from automarine_cli.pipeline.reuse import why_made_again
+    from automarine_cli.report.campaign_page import make_report
+    from automarine_cli.results.kinds import RUN
+    from automarine_cli.runs.load import has_bytes
+
+    logs = with_joined(campaign.every_log(), campaign.columns)
+    inputs = [Input(campaign.path.name, campaign.path, "campaign")]
+    inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
+    inputs += given_as(**campaign.beside)
+    manifest: dict[str, Any] = {"command": "run", "options": {}, "inputs": inputs, "seed": None}
+    why = why_made_again(out, **manifest)
+    record = to_mapping(content)
+    if why is None and (out / RUN.file).read_text(encoding="utf-8") != json_text(record):
+        why = "results of the steps changed"
+    to_show = any(step.folder for step in content.steps)
+    if why is None and not force:
+        return ("kept", "results of the steps unchanged") if to_show else ("skipped", NO_PAGE)
+    with result_folder(out, **manifest, overwrite=True) as folder:
+        folder.write_json(RUN.file, record)
+        for name, page in make_report(out, campaign.title, content).files.items() if to_show else ():
+            folder.write(name, page)
+    return ("done", why or "--force") if to_show else ("skipped", NO_PAGE)
+
+
+def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
+    """Results of another command or campaign are not replaced without --overwrite."""
+    from automarine_cli.pipeline.reuse import manifest_of
+
+    manifest = manifest_of(out)
+    if manifest is None or overwrite:
+        return
+    if manifest.command != "run":
+        raise OutputError(
+            f"{out} already holds results of {manifest.command}; give --overwrite to put these beside them, or "
+            "another folder with -o"
+        )
+    theirs = next((entry.file for entry in manifest.inputs if entry.role == "campaign"), "")
+    if theirs != campaign.path.name:
+        raise OutputError(
+            f"{out} already holds results of the campaign {theirs}; give --overwrite to replace them, or another "
+            "folder with -o"
+        )
+
+
+def _finish(ctx: click.Context, result: "CampaignRun | Campaigns") -> None:
+    echo_warnings(result.warnings)
+    end_with(ctx, list(result.refused))
+
+
+run_campaign.finish = _finish

@@ -1,0 +1,286 @@
+"""What `run` shows of a campaign: a row a step with its result in a few words, and cautions that only the campaign as a
+whole gives; of several campaigns a row each."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.dofs import DOFS
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import AutomarineError
+from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.pipeline.reuse import manifest_of
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, TuningFile, ValidationFile
+from automarine_cli.results.kinds import (
+    CHECK,
+    DIAGNOSIS,
+    MODELS,
+    PLANAR_MODEL,
+    THRUSTER_MAP,
+    TUNING,
+    VALIDATION,
+    ResultKind,
+)
+from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile, VoltagePower
+from automarine_cli.results.steps import REPORT, STEPS, folder_of
+
+MOST_NAMED = 12  # campaigns whose folders are named at the end
+
+
+@dataclass(frozen=True)
+class StepOutcome:
+    """What became of a step: it was "done", "kept", "skipped" or "refused", why, and what its result says."""
+
+    step: str
+    did: str
+    why: str = ""
+    says: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignRun(Shown):
+    """What `run` did in the folder `out`: its steps, its result file, and what the steps' manifests warn of."""
+
+    out: Path
+    steps: tuple[StepOutcome, ...]
+    content: RunFile
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def says(self) -> dict[str, str]:
+        """What the result of each step says, by its name."""
+        return {step.step: step.says for step in self.steps if step.says}
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Steps whose data or fit was refused, with the reason."""
+        return tuple(f"{step.step}: {step.why}" for step in self.steps if step.did == "refused")
+
+    def to_json(self) -> dict[str, object]:
+        """Give the result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
+        return to_mapping(self.content)
+
+
+@dataclass(frozen=True)
+class CampaignOutcome:
+    """What became of one of several campaigns: its name among them, and its run or why it was refused."""
+
+    name: str
+    run: CampaignRun | None = None
+    refusal: str = ""
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Whatever was refused."""
+        return (self.refusal,) if self.run is None else self.run.refused
+
+    def to_json(self) -> dict[str, object]:
+        """Give the entry of the overview."""
+        content, says = (RunFile("", self.name), {}) if self.run is None else (self.run.content, self.run.says)
+        return {
+            "name": self.name,
+            "title": content.title,
+            "steps": [to_mapping(step) | {"says": says.get(step.step, "")} for step in content.steps],
+            "cautions": list(content.cautions),
+            "refused": list(self.refused),
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class Campaigns(Shown):
+    """What `run` of several campaigns did in the folder `out`, in the order in which they were given."""
+
+    out: Path
+    campaigns: tuple[CampaignOutcome, ...]
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Whatever was refused, by campaign."""
+        return tuple(f"{campaign.name}: {why}" for campaign in self.campaigns for why in campaign.refused)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the campaigns warn of, each with its name."""
+        return tuple(
+            f"{campaign.name}: {warning}" for campaign in self.campaigns if campaign.run
+            for warning in campaign.run.warnings
+        )  # fmt: skip
+
+    def to_json(self) -> dict[str, object]:
+        """Give the result file: schema automarine/campaigns/1."""
+        entries = [campaign.to_json() for campaign in self.campaigns]
+        return {"schema": "automarine/campaigns/1", "campaigns": entries}
+
+
+@sections.register
+def _(result: CampaignRun) -> Sections:
+    rows = tuple(
+        (step.step, step.did, (step.did != "refused" and step.why) or MISSING, step.says or MISSING)
+        for step in result.steps
+    )
+    done = [step.step for step in result.steps if step.did in ("done", "kept")]
+    page: tuple[str, ...] = ("report.html", "report.md") if REPORT in done else ()
+    if not page and REPORT in [step.step for step in result.steps]:
+        page = ("run.json",)
+    folders = [f"{step.folder}/" for step in STEPS if step.name in done]
+    table = Table("", ("step", "", "because", "result"), rows)
+    return Sections([table, *result.content.cautions], listed=(*page, *folders))
+
+
+@sections.register
+def _(result: Campaigns) -> Sections:
+    shown = ("fit-yaw", "validate", "diagnose")
+    rows = tuple(
+        (
+            campaign.name,
+            *((campaign.run and campaign.run.says.get(step)) or MISSING for step in shown),
+            "; ".join(campaign.refused) or MISSING,
+        )
+        for campaign in result.campaigns
+    )
+    table = Table("", ("campaign", *shown, "refused"), rows)
+    files: dict[str, Content] = {"campaigns.json": result.to_json(), "campaigns.csv": table.to_csv()}
+    folders = [f"{campaign.name}/" for campaign in result.campaigns[:MOST_NAMED]]
+    return Sections([table], files, listed=("campaigns.csv", "campaigns.json", *folders))
+
+
+def with_results(out: Path, steps: tuple[StepOutcome, ...]) -> tuple[StepOutcome, ...]:
+    """Add to the steps what the results in their folders in `out` say."""
+    there = {step.step for step in steps if step.did in ("done", "kept")}
+    says = {step.name: says_of(step.kind, out / step.folder) for step in STEPS if step.name in there}
+    for motion, dof in DOFS.items():
+        fit, validation, diagnosis = (
+            next(step for step in STEPS if step.folder == folder)
+            for folder in (motion, folder_of(dof, "validation"), folder_of(dof, "diagnosis"))
+        )
+        if fit.name not in says or diagnosis.name not in says:
+            continue
+        judged = DIAGNOSIS.read(out / diagnosis.folder / DIAGNOSIS.file)
+        if final := of_final(fit.kind.read(out / fit.folder / fit.kind.file), judged):
+            says[fit.name] = final
+            if validation.name in says:
+                without = ", ".join(effect.name for effect in judged.effects)
+                says[validation.name] = f"without {without}, {says[validation.name]}"
+    return tuple(replace(step, says=says.get(step.step, "")) for step in steps)
+
+
+def warnings_of(out: Path, steps: tuple[StepOutcome, ...]) -> tuple[str, ...]:
+    """List what the manifests of the steps in `out` warn of, each with the step's name."""
+    there = {step.step for step in steps if step.did in ("done", "kept")}
+    manifests = {step.name: manifest_of(out / step.folder) for step in STEPS if step.name in there}
+    return tuple(f"{name}: {said}" for name, manifest in manifests.items() if manifest for said in manifest.warnings)
+
+
+def of_check(file: CheckFile) -> str:
+    """How many logs and runs, and how many of them serve nothing."""
+    used, aside = file.runs.used, len(file.runs.set_aside)
+    idle = sum(run.step is None for run in file.yaw_runs)
+    said = f"{file.logs} log{'s' * (file.logs != 1)}, {used} run{'s' * (used != 1)}" + (
+        f", {idle} without a half-turn" if idle else ""
+    )
+    return said + (f", {aside} set aside" if aside else "")
+
+
+def of_thrusters(file: ThrusterFile) -> str:
+    """The law, and how well it fits."""
+    if (chosen := file.chosen) is None:
+        return ""
+    error = number(chosen.rmse_percent_of_full_scale, 2)
+    return f"{chosen.form} law, R² {number(chosen.r2)}, error {error} % of full scale"
+
+
+def of_model(file: ModelFile) -> str:
+    """The preferred model and its parameters; first that it is not usable, where so."""
+    values = [f"{name} {number(given.value)}" for name, given in file.main_parameters()]
+    return f"{_unusable(file)}model {file.preferred}: {', '.join(values)}"
+
+
+def of_final(file: ModelFile, found: DiagnosisFile) -> str:
+    """The model with what a diagnosis named, its parameters without that behind; empty where nothing was named."""
+    keys = {file.dof.symbols.quadratic_print: file.dof.symbols.quadratic}
+    moved = {name: found.base.get(keys.get(name, name)) for name, _ in file.main_parameters()}
+    if found.verdict != "named" or found.of_thrusters or not all(moved.values()):
+        return ""
+    values = [f"{name} {number(one.after.value)}" for name, one in moved.items() if one is not None]
+    alone = ", ".join(number(given.value) for _, given in file.main_parameters())
+    names = ", ".join(effect.name for effect in found.effects)
+    return f"{_unusable(file)}model {file.preferred} with {names}: {', '.join(values)} (without: {alone})"
+
+
+def _unusable(file: ModelFile | PlanarFile) -> str:
+    return "not usable: " if file.prediction.refusal else ""
+
+
+def of_planar(file: PlanarFile) -> str:
+    """What the model is made of."""
+    return f"{_unusable(file)}{file.structure}"
+
+
+def of_validation(file: ValidationFile) -> str:
+    """How far the best model is from what was measured."""
+    best, unit = file.models[file.best], file.dof.units.key
+    unusable = "no model is of use: " if file.use.refusal else ""
+    if file.motion == PLANAR.name:
+        return f"heading {number(best.rmse, 3)} deg free run"
+    return (
+        f"{unusable}model {file.best}: {number(best.rmse, 3)} {unit} free run, "
+        f"{number(best.restarted, 3)} {unit} restarted, noise {number(file.noise_floor, 2)} {unit}"
+    )
+
+
+def of_tuning(file: TuningFile) -> str:
+    """The verdict, and of which target."""
+    return f"{file.verdict.replace('-', ' ')} for {file.target}"
+
+
+def of_diagnosis(file: DiagnosisFile) -> str:
+    """The verdict, what was named, and the gap."""
+    gap, unit = file.gap.fitted_runs, file.unit
+    names = ", ".join(effect.name for effect in file.effects)
+    said = file.verdict.replace("-", " ") + (f": {names}" if names else "")
+    return f"{said}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"
+
+
+_OUTCOMES: Mapping[ResultKind[Any], Callable[[Any], str]] = {
+    CHECK: of_check, THRUSTER_MAP: of_thrusters, **dict.fromkeys(MODELS.values(), of_model), PLANAR_MODEL: of_planar,
+    VALIDATION: of_validation, DIAGNOSIS: of_diagnosis, TUNING: of_tuning,
+}  # fmt: skip
+
+
+def says_of(kind: ResultKind[Any], folder: Path) -> str:
+    """What the result in a folder is, in a few words; empty where its file cannot be read."""
+    try:
+        return _OUTCOMES[kind](kind.read(folder / kind.file))
+    except AutomarineError:
+        return ""
+
+
+ALIKE = 1.03  # voltages that differ by less are one, as in the thruster fit
+
+
+def cautions(thrusters: ThrusterFile | None, supply: float | None) -> list[str]:
+    """Sentences about what does not fit together: thruster tests at other voltages than the vehicle's supply."""
+    if supply is None or thrusters is None or thrusters.voltage_range_V is None:
+        return []
+    low, high = thrusters.voltage_range_V
+    if low / ALIKE <= supply <= high * ALIKE:
+        return []
+    nearest = low if supply < low else high
+    tested = " to ".join(dict.fromkeys(number(one, 3) for one in (low, high)))
+    powers = (one.thrust_at_fixed_n for one in thrusters.voltage_exponent.values() if isinstance(one, VoltagePower))
+    found = [one.value for one in powers if one is not None and one.value is not None]
+    power = sum(found) / len(found) if found else None
+    size = (
+        f" Thrust grows with the voltage to the power {number(power, 3)}, so expect it to be "
+        f"{number((supply / nearest) ** power, 3)} times that at {number(nearest, 3)} V."
+        if power
+        else ""
+    )
+    return [
+        f"The thrusters were tested at {tested} V, the vehicle's supply is {number(supply, 3)} V: the map is "
+        f"extrapolated.{size} Test at the supply voltage."
+    ]

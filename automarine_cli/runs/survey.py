@@ -1,0 +1,192 @@
+"""A folder of logs at a first look: what its columns are taken for, its runs, and what kind of test each log is."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, LogFile, read_log, require_thruster
+from automarine_cli.logs.canonical import driven, names_of
+from automarine_cli.logs.layouts import Layout, Maps, layouts_of, quantities_of
+from automarine_cli.logs.recognise import Recognised
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.runs.command_range import CommandRange, misfit_of
+from automarine_cli.runs.load import read_runs, unreadable
+from automarine_cli.runs.look import RunKind, kind_of
+from automarine_cli.runs.run import SetAside
+
+HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
+VALIDATION = "_validation"  # and how they may end
+TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
+
+Placed = Mapping[str, tuple[LogFile, ...]]
+"""Logs by the kind of test that they are."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Everything that was seen: kinds of files with what their columns are taken for, the map of all columns, the runs
+    of each log, what could not be read; the logs of yaw and the bollard tests by kind, and those of other motions.
+    `unread` are logs that show what they are only once a question is answered, `strangers` are files of no vehicle.
+    """
+
+    folder: Path
+    layouts: tuple[Layout, ...]
+    maps: Maps
+    runs: Mapping[LogFile, tuple[RunKind, ...]]
+    set_aside: tuple[SetAside, ...]
+    placed: Placed
+    forces: Mapping[str, Placed]
+    unread: tuple[LogFile, ...]
+    strangers: tuple[LogFile, ...]
+
+    @property
+    def count(self) -> int:
+        """How many logs could be read, or will be once the questions are answered."""
+        bad = {run.file for run in self.set_aside}
+        return sum(file.name not in bad for layout in self.layouts for file in layout.files)
+
+    @property
+    def columns(self) -> tuple[Recognised, ...]:
+        """What columns are taken for, each meaning once."""
+        every = [column for layout in self.layouts for column in layout.columns]
+        unique = {(column.key, column.source, str(column.rule)): column for column in reversed(every)}
+        return tuple(unique.values())[::-1]
+
+    @property
+    def thrusters_drive(self) -> bool:
+        """Whether the yaw logs hold thruster commands and no moment."""
+        return self.commands != () and not {column.key for column in self.columns} & set(names_of(YAW.command))
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """The columns of the commands of both thrusters, none where the logs do not hold both."""
+        sides = {column.key: column.source for column in self.columns if column.key in YAW.thrusters}
+        return tuple(sides.values()) if driven(YAW, sides.keys()) else ()
+
+    @property
+    def misfit(self) -> str:
+        """How the commands of the logs do not fit those of the bollard tests, which would make their map; "" where
+        they do."""
+        ends = {column.key: end for layout in self.layouts for column in layout.columns
+                if (end := layout.ends(column)) is not None}  # fmt: skip
+        if not {"n", *YAW.thrusters} <= ends.keys():
+            return ""
+        low, high, _ = ends["n"]
+        unit = next(column.rule.get("unit", "") for column in self.columns if column.key == "n")
+        misfit = misfit_of([CommandRange(*ends[side], YAW.thrusters, (low, high), str(unit)) for side in YAW.thrusters])
+        return misfit.sentence if misfit else ""
+
+    @property
+    def turns(self) -> tuple[int, int]:
+        """How many stretches from rest turned with, and against, the sign of their moment."""
+        others = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
+        kinds = [kind for file, runs in self.runs.items() if file not in others for kind in runs]
+        return sum(kind.with_moment for kind in kinds), sum(kind.against for kind in kinds)
+
+    @property
+    def turned_round(self) -> bool:
+        """Whether nearly all turn against their moment: heading or moment counts the other way."""
+        good, bad = self.turns
+        return bad >= 2 and bad >= TURNED_ROUND * (good + bad)
+
+
+def survey(
+    folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int = 1, progress: Progress = silent
+) -> Survey:
+    """Look at every log: its columns first (by the map `columns` where the user has one), then which files are one
+    log, then its runs by what the columns are taken for, then its kind."""
+    layouts = layouts_of(folder, files, columns, jobs, progress)
+    taken_for = layouts.maps.columns()
+    aside = [unreadable(file, error) for file, error in layouts.unread.items()]
+    tests = [file for layout in layouts if layout.bollard for file in layout.files]
+    aside += [bad for bad in ordered_map(partial(_test_of, columns=taken_for), tests, jobs) if bad]
+    yaw = [file for layout in layouts if layout.dof.wraps and not layout.bollard for file in layout.files]
+    read = ordered_map(
+        partial(_runs_of, columns=taken_for, dof=YAW), yaw, jobs, progress=progress, stage="looking at runs"
+    )
+    runs = {file: kinds for file, (kinds, _) in zip(yaw, read)}
+    headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
+    unread = {
+        file
+        for layout in layouts
+        if not (headed and YAW.position in layout.lacking)
+        and (layout.lacking or any(column.open for column in layout.columns))
+        for file in layout.files
+        if not runs.get(file)
+    }
+    aside += [run for file, (_, bad) in zip(yaw, read) if file not in unread for run in bad]
+    placed: dict[str, list[LogFile]] = {kind: [] for kind in ("thrusters", "steps", "manoeuvres", "validation")}
+    unusable = {run.file for run in aside}
+    for file in layouts.logs:
+        if file in runs and (kind := _kind_of(file, runs[file], file in unread)):
+            placed[kind].append(file)
+        elif file in tests and file.name not in unusable:
+            placed["thrusters"].append(file)
+    forces: dict[str, dict[str, list[LogFile]]] = {}
+    others = {file: layout.dof for layout in layouts if not layout.dof.wraps for file in layout.files}
+    for file in layouts.logs:
+        if (dof := others.get(file)) is not None:
+            runs[file], bad = _runs_of(file, columns, dof)
+            aside += bad
+            if kind := _kind_of(file, runs[file]):
+                forces.setdefault(dof.name, {name: [] for name in ("steps", "manoeuvres", "validation")})[kind].append(
+                    file
+                )
+    forces = {motion: forces[motion] for motion in DOFS if motion in forces}
+    together = {file for layout in layouts if layout.dof is YAW and _of_three(layout.names) for file in layout.files}
+    if together:
+        held_back = [file for file in placed["validation"] if file in together]
+        driving = [file for files in placed.values() for file in files if file in together and file not in held_back]
+        forces[PLANAR.name] = {"runs": driving, "validation": held_back}
+        placed = {kind: [file for file in files if file not in together] for kind, files in placed.items()}
+    return Survey(
+        folder, layouts.layouts, layouts.maps, runs, tuple(aside), _fixed(placed),
+        {motion: _fixed(kinds) for motion, kinds in forces.items()},
+        tuple(file for file in yaw if file in unread), layouts.strangers,
+    )  # fmt: skip
+
+
+def _fixed(placed: Mapping[str, Sequence[LogFile]]) -> Placed:
+    return {kind: tuple(files) for kind, files in placed.items()}
+
+
+def _test_of(file: LogFile, columns: ColumnMap) -> SetAside | None:
+    """Why a bollard test cannot be read by the map."""
+    try:
+        require_thruster(read_log(file, columns, dof=YAW))
+    except LogError as error:
+        return unreadable(file, error)
+    return None
+
+
+def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof) -> tuple[tuple[RunKind, ...], list[SetAside]]:
+    try:
+        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, dof=dof)
+    except LogError as error:  # a guess that does not fit this log
+        return (), [unreadable(file, error)]
+    return tuple(kind_of(run) for run in runs), aside
+
+
+def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> str:
+    """The kind of test that a log of runs holds; none where nothing is commanded. A log that only an answer makes
+    readable is taken for steps."""
+    kinds = Counter(run.kind for run in runs)
+    if not unread and (not kinds or set(kinds) == {"idle"}):
+        return ""
+    if any(part.lower().startswith(HELD_BACK) or part.lower().endswith(VALIDATION) for part in file.name.split("/")):
+        return "validation"
+    return "manoeuvres" if kinds["manoeuvre"] else "steps"
+
+
+def _of_three(names: Sequence[str]) -> bool:
+    """Whether logs with these columns hold the heading, what pushes ahead or abeam, and speeds or a place."""
+    there = quantities_of(names)
+    pushed = {SURGE.command, SWAY.command} & there
+    moved = {SURGE.velocity, SWAY.velocity} & there or {"north", "east"} <= there
+    return YAW.position in there and bool(pushed) and bool(moved)
