@@ -30,13 +30,13 @@ LIGHT_ROOMS = {"cli", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "workflows": 7165, "fits": 7176, "report": 5675, "logs": 5024, "diagnosis": 4078, "runs": 3997, "thrusters": 3944,
+    "workflows": 7150, "fits": 7176, "report": 5554, "logs": 5024, "diagnosis": 4561, "runs": 3997, "thrusters": 3029,
     "control": 2743, "link": 2743, "effects": 2308, "simulation": 2397, "planning": 2283, "exports": 2259,
     "pipeline": 2103, "cli": 1780, "models": 1227, "comparison": 1293, "filters": 1071, "results": 686, "dofs": 672,
     "top": 550, "guide": 212,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 60963
-MOST_FILES = 452
+MOST_LINES_IN_ALL = 60395
+MOST_FILES = 439
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}

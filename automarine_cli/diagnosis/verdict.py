@@ -1,7 +1,7 @@
 """Named, suspected, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 
@@ -59,11 +58,24 @@ class NamedEffect:
     name: str
     law: str
     says: str
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Any]  # Estimate, or a thruster curve's Parameter
     confidence: float
     p_value: float
     rivals: tuple[NamedRival, ...]
     learned: Any = None
+
+    def to_json(self) -> dict[str, object]:
+        """The contract's form."""
+        return {
+            "name": self.name,
+            **({"law": self.law} if self.law else {}),
+            "says": self.says,
+            "parameters": {name: estimate.to_json() for name, estimate in self.parameters.items()},
+            "confidence": self.confidence,
+            "p_value": self.p_value,
+            "rivals": [asdict(rival) for rival in self.rivals],
+            **({} if self.learned is None else {"learned": self.learned.to_json()}),
+        }
 
     @property
     def few_rivals(self) -> tuple[NamedRival, ...]:

@@ -138,7 +138,8 @@ def _where(where: Where) -> str:
             "mirrored or exchanged at random, would show)."
         )
     rest = len(where.regions) - MOST_REGIONS
-    return regions_table(where).to_markdown() + (f"\n{rest} more regions are in diagnosis.json." if rest > 0 else "")
+    table = regions_table(where.regions, where.dof.units.shown, where.dof.words.force)
+    return table.to_markdown() + (f"\n{rest} more regions are in diagnosis.json." if rest > 0 else "")
 
 
 def _why(diagnosis: Diagnosis) -> str:

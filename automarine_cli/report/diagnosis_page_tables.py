@@ -1,5 +1,7 @@
 """The tables of a diagnosis: regions, gap before and after, and what would have been seen."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from automarine_cli import effects
@@ -7,7 +9,7 @@ from automarine_cli.diagnosis.bins import SIZE, THRUST
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.gap import Gap
 from automarine_cli.diagnosis.study import JUDGED
-from automarine_cli.diagnosis.where import Region, Where
+from automarine_cli.diagnosis.where import Region
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.tables import MISSING, Table, number
@@ -16,12 +18,11 @@ MOST_REGIONS = 8
 MOST_NAMED_RUNS = 5
 
 
-def regions_table(where: Where) -> Table:
-    """The regions that stand out, the most significant first."""
+def regions_table(regions: Sequence[Region], unit: str, force: str = "thrust") -> Table:
+    """Lay out the regions that stand out, the most significant first; gaps in `unit`, `force` as people call it."""
     return Table(
-        "", ("variable", "from", "to", "unit", f"gap [{where.dof.units.shown}]", "share of the gap",
-         "seen in", "p", "runs"),
-        tuple(_region(region, where.dof) for region in where.regions[:MOST_REGIONS]),
+        "", ("variable", "from", "to", "unit", f"gap [{unit}]", "share of the gap", "seen in", "p", "runs"),
+        tuple(_region(region, force) for region in regions[:MOST_REGIONS]),
         notes=(
             "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one "
             "gap.",
@@ -29,24 +30,14 @@ def regions_table(where: Where) -> Table:
     )  # fmt: skip
 
 
-def _seen_in(kind: str, dof: Dof) -> str:
-    """The gap that shows a region, in words."""
-    others = {
-        dof.words.force: f"missing {dof.words.force}",
-        THRUST: "each run's own thrust",
-        SIZE: "size of each run's gap",
-    }
-    return others.get(kind, kind)
-
-
-def _region(region: Region, dof: Dof) -> tuple[str, ...]:
+def _region(region: Region, force: str) -> tuple[str, ...]:
     some = ", ".join(region.runs[:MOST_NAMED_RUNS])
     more = len(region.runs) - MOST_NAMED_RUNS
     runs = f"{some} and {more} more" if more > 0 else some or MISSING
-    gap = number(float(dof.shown(region.gap)), 3)
+    kinds = {force: f"missing {force}", THRUST: "each run's own thrust", SIZE: "size of each run's gap"}
     return (
-        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
-        f"{region.share:.0%}", _seen_in(region.seen_in, dof), number(region.p_value, 2), runs,
+        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, number(region.gap, 3),
+        f"{region.share:.0%}", kinds.get(region.seen_in, region.seen_in), number(region.p_value, 2), runs,
     )  # fmt: skip
 
 

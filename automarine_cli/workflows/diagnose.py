@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
 from automarine_cli.diagnosis.extended_model import extended_model
-from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.nodes import LEAST_STEP
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
@@ -77,8 +76,8 @@ class YawDiagnosis(Shown):
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
-            "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
-            "where": [region.to_json(dof) for region in self.diagnosis.where.regions],
+            "effects": [effect.to_json() for effect in self.diagnosis.effects],
+            "where": [region.to_json(dof.units.key) for region in self.diagnosis.where.regions],
             "gap": {
                 "fitted_runs": self.diagnosis.gap.to_json(dof),
                 "held_out_runs": None if held is None else held.to_json(dof),
@@ -133,19 +132,6 @@ class YawDiagnosis(Shown):
     def extended_model(self) -> dict[str, object]:
         """The base model with the effects named, refitted together: a yaw-model that `validate` and `diagnose` take."""
         return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
-
-
-def _effect_json(effect: NamedEffect) -> dict[str, object]:
-    return {
-        "name": effect.name,
-        **({"law": effect.law} if effect.law else {}),
-        "says": effect.says,
-        "parameters": {name: estimate.to_json() for name, estimate in effect.parameters.items()},
-        "confidence": effect.confidence,
-        "p_value": effect.p_value,
-        "rivals": [asdict(rival) for rival in effect.rivals],
-        **({} if effect.learned is None else {"learned": effect.learned.to_json()}),
-    }
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -110,7 +110,7 @@ class PlanarDiagnosis(Shown):
             "verdict": found.verdict,
             **({"why": why} if why else {}),
             "effects": [self._effect(*one) for one in listed or [(suspect, ()) for suspect in found.suspected]],
-            "where": [region.to_json(YAW) for region in self.where.regions] if self.where else [],
+            "where": [region.to_json(YAW.units.key) for region in self.where.regions] if self.where else [],
             "gap": {name: self._gap(one) for name, one in outlooks.items()},
             "prediction": {name: None if one is None else one.to_json(YAW) for name, one in outlooks.items()},
             "candidates": [

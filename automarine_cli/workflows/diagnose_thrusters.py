@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
+from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+from automarine_cli.diagnosis.thruster_map import diagnose_thrusters as diagnose_points
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -12,10 +14,8 @@ from automarine_cli.report.figures import thruster_diagnosis as figures
 from automarine_cli.report.figures.files import Draw, write_figures
 from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.runs.channels import AUTO
-from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
-from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
+from automarine_cli.thrusters.bollard_data import ThrusterLogs, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
 from automarine_cli.workflows.fit_thrusters import cells, thrusters_pulling
 from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs

@@ -15,10 +15,9 @@ from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.runs.load import told_beside
+from automarine_cli.thrusters.bollard_data import load_thruster_logs
 from automarine_cli.thrusters.fit import Parameter
-from automarine_cli.thrusters.fit_records import fit_records
-from automarine_cli.thrusters.records import load_thruster_logs
-from automarine_cli.thrusters.result import ONE_PULLED, ThrusterFit
+from automarine_cli.thrusters.result import ONE_PULLED, ThrusterFit, fit_records
 from automarine_cli.workflows.command import Command, ReadBack, Runner
 from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
 from automarine_cli.workflows.view import Row, View

@@ -24,8 +24,8 @@ from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import PLAN
+from automarine_cli.thrusters.bollard_data import load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.plan_vehicle import drive_for, largest_moment, supply_for
 from automarine_cli.workflows.shared import Columns, Drawn, aligned

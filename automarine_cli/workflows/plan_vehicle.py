@@ -10,8 +10,8 @@ from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.prior_results import PriorResults
 from automarine_cli.planning.vehicle import Drive, consumption, drive_of
+from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import Series
 from automarine_cli.workflows.moments import map_and_arm
 
 LARGEST_NU = 1.0

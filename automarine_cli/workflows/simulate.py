@@ -16,7 +16,7 @@ from automarine_cli.simulation.planar_campaign import make_planar
 from automarine_cli.simulation.planar_specification import PlanarSpecification, is_planar, planar_specification_from
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Specification, specification_from
-from automarine_cli.thrusters.records import bollard_columns
+from automarine_cli.thrusters.map import bollard_columns
 from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.shared import counted
 from automarine_cli.workflows.simulate_planar import DECIMALS, SCHEMA, TRUTH, PlanarSimulation
