@@ -31,7 +31,7 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 
 MOST_LINES = {
     "workflows": 7166, "fits": 7176, "report": 5784, "logs": 5024, "diagnosis": 4552, "runs": 3997, "thrusters": 3944,
-    "control": 2743, "link": 2743, "effects": 2308, "simulation": 2397, "planning": 2283, "exports": 2259,
+    "control": 2317, "link": 2743, "effects": 2308, "simulation": 2397, "planning": 2283, "exports": 2259,
     "pipeline": 2103, "cli": 1780, "models": 1227, "comparison": 1293, "filters": 1071, "results": 686, "dofs": 672,
     "top": 550, "guide": 212,
 }  # fmt: skip

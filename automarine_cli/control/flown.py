@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.control.flight import fly, step_scores
-from automarine_cli.control.search import Crowd, Task
+from automarine_cli.control.closed_loop import fly, step_scores
+from automarine_cli.control.design import Crowd, Task
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.errors import RunError
 from automarine_cli.quantities import Floats

@@ -8,8 +8,7 @@ from typing import Any
 
 from automarine_cli import effects
 from automarine_cli.control.design import Designed, Outcome, design
-from automarine_cli.control.param_file import present_gains
-from automarine_cli.control.targets.base import Design
+from automarine_cli.control.targets.base import Design, present_gains
 from automarine_cli.errors import ModelError
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Document, Source, read_plain

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.control.design import EXACT, crowds_of, nominal_of
+from automarine_cli.control.design import EXACT, crowds_of, nominal_of, paced
 from automarine_cli.control.flown import FlownStep, flown_steps
-from automarine_cli.control.search import paced
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError

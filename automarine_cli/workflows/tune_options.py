@@ -3,12 +3,11 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from automarine_cli.control.authority import authority
-from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, is_diagnosis, read_knowledge
-from automarine_cli.control.members import Bend
-from automarine_cli.control.search import Task
+from automarine_cli.control.design import Task
+from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, authority, is_diagnosis, read_knowledge
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Target
+from automarine_cli.control.vehicles import Bend
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.plain_data import Source
