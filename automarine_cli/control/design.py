@@ -372,8 +372,6 @@ def _keeps(result: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
 
 
 def _no_worse(old: Outcome, new: Outcome, task: Task) -> bool:
-    """Whether old gains are as good as new ones in all that is told of them."""
-
     def figures(result: Outcome) -> list[float]:
         s = result.scores
         least = [-result.share_with(task.margin), -float(s.settles.mean()), -float(np.median(result.margins.disk))]
@@ -439,11 +437,9 @@ def _price(
 
 
 def _run(known: Knowledge, effect: str) -> str:
-    """The run that settles what is open."""
     return known.splits.get(effect) or effects.get(effect).card(known.model.dof).separated_by
 
 
 def _more(target: Target) -> str:
-    """What may be tried where nothing is open."""
     wider = "" if target.beyond or not target.firmware else "--beyond-range or "
     return f"Try {wider}a smaller --margin, or a smaller --step."

@@ -149,7 +149,6 @@ def _part(
     run: Run, reference: Floats, part: slice, start: Floats | float, target: Target, gains: Mapping[str, float],
     crowds: Sequence[Crowd],
 ) -> _Part:  # fmt: skip
-    """The samples `part` of a run, less `start`."""
     time = run.time[part] - run.time[part][0]
     turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if run.dof.wraps else 0.0
     read = run.position - 2.0 * np.pi * turns

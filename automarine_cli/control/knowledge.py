@@ -226,7 +226,6 @@ def _faint(said: Mapping[str, object]) -> float:
 
 
 def _error(known: PriorResults, model: YawModel, place: int) -> float:
-    """Standard error of one parameter of theta."""
     value = float(model.theta[place])
     label = model.parameter_names[place].partition(".")[2]
     effect = model.parameter_names[place].partition(".")[0]
@@ -275,7 +274,6 @@ def _late(model: YawModel, said: Mapping[str, object], delay: float | None) -> t
 
 
 def _largest(data: Mapping[str, object]) -> float | None:
-    """Largest moment or force of the logs."""
     held = data.get("valid_range")
     ends = next(iter(held.values()), None) if isinstance(held, Mapping) else None
     return max(abs(float(end)) for end in ends) if isinstance(ends, list) and ends else None

@@ -9,8 +9,7 @@ import numpy as np
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.campaign import SimulatedRun
-from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
+from automarine_cli.simulation.campaign import DECIMALS, MOMENT_DECIMALS, PlanarMade, SimulatedRun
 from automarine_cli.simulation.parquet_bytes import Column, parquet_bytes
 from automarine_cli.simulation.specification import Specification
 
@@ -40,6 +39,12 @@ def run_logs(runs: Sequence[SimulatedRun], specification: Specification, seed: i
             columns["run"] = [run.plan.name for run, part in members_of for _ in range(len(part["time_s"]))]
         columns |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         yield file, log_bytes(columns, group.format, label(specification, seed))
+
+
+def planar_logs(made: Sequence[PlanarMade], comment: str) -> Iterator[tuple[str, bytes]]:
+    """Name and content of every log of a campaign in the plane."""
+    for run in made:
+        yield run.file, log_bytes(run.columns, run.group.format, comment)
 
 
 def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:

@@ -17,7 +17,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.settings import Bollard
+from automarine_cli.simulation.specification import Bollard
 from automarine_cli.simulation.streams import normal, uniform
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap

@@ -10,12 +10,16 @@ from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table
-from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
+from automarine_cli.simulation.campaign import SimulatedRun, make_campaign, make_planar
 from automarine_cli.simulation.log_files import label, log_bytes, run_logs
-from automarine_cli.simulation.planar_campaign import make_planar
-from automarine_cli.simulation.planar_specification import PlanarSpecification, is_planar, planar_specification_from
 from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.specification import Specification, specification_from
+from automarine_cli.simulation.specification import (
+    PlanarSpecification,
+    Specification,
+    is_planar,
+    planar_specification_from,
+    specification_from,
+)
 from automarine_cli.thrusters.records import bollard_columns
 from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.shared import counted
@@ -114,13 +118,11 @@ def _simulate(asked: SimulateOptions, runner: Runner) -> Simulation | PlanarSimu
 
 
 def _specified(path: Path) -> Specification | PlanarSpecification:
-    """The specification in a file, of one motion or of motion in the plane."""
     mapping, name = read_mapping(path), printable(path.name)
     return planar_specification_from(mapping, name) if is_planar(mapping) else specification_from(mapping, name)
 
 
 def _row(folder: str, kind: str, runs: list[SimulatedRun]) -> tuple[str, ...]:
-    """One line of the table."""
     files = {run.plan.file for run in runs}
     samples = sum(len(run.log.time_s) for run in runs)
     faulty = sum(run.plan.group.fault is not None for run in runs)

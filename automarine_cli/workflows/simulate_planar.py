@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
-from automarine_cli.simulation.planar_campaign import PlanarMade, planar_logs
-from automarine_cli.simulation.planar_specification import PlanarSpecification
+from automarine_cli.simulation.campaign import PlanarMade
+from automarine_cli.simulation.log_files import planar_logs
+from automarine_cli.simulation.specification import PlanarSpecification
 from automarine_cli.workflows.shared import counted
 from automarine_cli.workflows.view import Row, View
 

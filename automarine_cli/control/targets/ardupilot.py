@@ -85,7 +85,6 @@ class ParameterFile(Target):
     gyro_hz: ClassVar[float]
 
     def text(self, design: Design) -> str:
-        """Write what is searched, with what it was before."""
         names = [p.name for p in self.parameters if p.searched]
         before = [f"{name} was {design.before[name]:.6g}" for name in names if name in design.before]
         head = f"{self.of} gains for {self.firmware}; names and units may differ in other versions."
@@ -157,7 +156,6 @@ class ArduSub(ParameterFile):
         return self.clipped(found)
 
     def own_lag(self, gains: Gains) -> float:
-        """The gyro's low-pass, that of the rate asked for, the hold and the later loop."""
         return 1.5 * self.period + np.sqrt(2.0) / (2.0 * np.pi * self.gyro_hz) + 0.5 / (2.0 * np.pi * 5.0)
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
@@ -168,7 +166,6 @@ class ArduSub(ParameterFile):
         return (zero, zero, position, zero, zero, zero, zero, zero, integral, zero)
 
     def prepared(self, gains: Gains) -> Gains:
-        """Work out weights of the filters per loop, and limits in radians."""
         dt, limit = self.period, gains["ATC_ACCEL_Y_MAX"] * CDEG
         pull = np.clip(0.5 * limit, 10.0 * RAD, 120.0 * RAD)
         gain, p = gains["ATC_ANG_YAW_P"], np.maximum(gains["ATC_RAT_YAW_P"], 1e-6)
@@ -260,7 +257,6 @@ class ArduRover(ParameterFile):
         return self.clipped(found)
 
     def own_lag(self, gains: Gains) -> float:
-        """The gyro's low-pass, that of the error, and the hold."""
         return 0.5 * self.period + np.sqrt(2.0) / (2.0 * np.pi * self.gyro_hz) + 1.0 / (2.0 * np.pi * 10.0)
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
