@@ -17,7 +17,7 @@ from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.results.models import CurveEntry
 from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.settings import Bollard
+from automarine_cli.simulation.specification import Bollard
 from automarine_cli.simulation.streams import normal, uniform
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 
