@@ -30,13 +30,13 @@ LIGHT_ROOMS = {"cli", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "workflows": 7166, "fits": 7176, "report": 5784, "logs": 5024, "diagnosis": 4552, "runs": 3997, "thrusters": 3944,
-    "control": 2743, "link": 2743, "effects": 2308, "simulation": 2397, "planning": 2283, "exports": 2259,
-    "pipeline": 2103, "cli": 1780, "models": 1227, "comparison": 1293, "filters": 1071, "results": 686, "dofs": 672,
+    "workflows": 6986, "fits": 7174, "report": 5782, "logs": 5023, "diagnosis": 4552, "runs": 3997, "thrusters": 3942,
+    "control": 2743, "link": 2769, "effects": 2308, "simulation": 2276, "planning": 2283, "exports": 2259,
+    "pipeline": 986, "cli": 1740, "models": 1225, "comparison": 1293, "filters": 1071, "results": 723, "dofs": 672,
     "top": 550, "guide": 212,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 61549
-MOST_FILES = 455
+MOST_LINES_IN_ALL = 60148
+MOST_FILES = 442
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}

@@ -36,7 +36,8 @@ def run(ctx: click.Context, **given: Any) -> object:
     `automarine init` writes a campaign file.
 
     Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
-    a time, --cluster ADDRESS sends them with their logs to a Dask scheduler. One that fails does not stop the others.
+    a time, --cluster ADDRESS sends them to a Dask scheduler whose workers share a disk with this machine. One that
+    fails does not stop the others.
 
     \b
     Example:

@@ -11,7 +11,7 @@ from automarine_cli.control.members import UNKNOWN, Spread
 from automarine_cli.errors import ModelError
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid

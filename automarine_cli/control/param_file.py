@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from automarine_cli.control.targets.base import Target
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.records import Source
 from automarine_cli.pipeline.words import printable, quoted
 
 LARGEST = 2_000_000  # bytes; a vehicle has some thousand parameters

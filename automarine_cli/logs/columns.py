@@ -9,8 +9,7 @@ from pathlib import Path
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, ROTATIONS, RUN
 from automarine_cli.logs.join import Join, matches
-from automarine_cli.pipeline.codec import Codec
-from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.records import Codec, Source, read_plain
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 KNOWN_DEFAULTS = ("thrusters_per_test", "arm_m")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from automarine_cli.pipeline.plain_data import Document, Source
+from automarine_cli.pipeline.records import Document, Source
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from itertools import islice
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.fits.channel_noise import sentences_of
 from automarine_cli.pipeline.manifest import Manifest
-from automarine_cli.pipeline.outputs import file_stems
+from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.campaign_steps import StepResult, Steps, folder_of
 from automarine_cli.report.campaign_summary import added_by, missing_sentence, refusals, summary
 from automarine_cli.report.diagnosis_page import escape

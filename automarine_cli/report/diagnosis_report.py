@@ -6,8 +6,8 @@ from functools import partial
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import naming_key
-from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import Each
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report.diagnosis_page import page
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure

@@ -9,7 +9,7 @@ from automarine_cli.diagnosis.planar_candidates import Candidate
 from automarine_cli.diagnosis.verdict import UNEXPLAINED, stretch
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
-from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.planar_diagnosis import (
     before_after_figure,

@@ -16,8 +16,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_from_json
-from automarine_cli.pipeline.plain_data import told
-from automarine_cli.pipeline.recipe import from_mapping
+from automarine_cli.pipeline.records import from_mapping, told
 from automarine_cli.results.kinds import PLANAR_MODEL
 from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 from automarine_cli.simulation.run_groups import Format

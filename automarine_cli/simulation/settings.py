@@ -8,7 +8,7 @@ from typing import Literal
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.codec import FILLER, key_of, keyed
+from automarine_cli.pipeline.records import FILLER, key_of, keyed
 from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
 from automarine_cli.simulation.run_groups import Format, Levels, levels_of
 

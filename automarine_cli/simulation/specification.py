@@ -11,8 +11,7 @@ from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
-from automarine_cli.pipeline.codec import FILLER, Codec, Place
-from automarine_cli.pipeline.plain_data import everything, in_words, told
+from automarine_cli.pipeline.records import FILLER, Codec, Place, everything, in_words, told
 from automarine_cli.simulation.checks import at_least_zero
 from automarine_cli.simulation.run_groups import RunGroup, group_from
 from automarine_cli.simulation.settings import Bollard, Logger, Scatter, Schedule

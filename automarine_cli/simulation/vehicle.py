@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.codec import FILLER, key_of, keyed
-from automarine_cli.pipeline.plain_data import told
+from automarine_cli.pipeline.records import FILLER, key_of, keyed, told
 from automarine_cli.simulation.checks import at_least_zero, positive
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
 from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import SetAside
 from automarine_cli.thrusters.bollard_data import BollardData, bollard_data, held_out_levels, noise_level
 from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve

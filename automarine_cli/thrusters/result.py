@@ -5,12 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from automarine_cli.pipeline.outputs import json_document
-from automarine_cli.pipeline.plain_data import Document
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.alike import Compared, compared
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter

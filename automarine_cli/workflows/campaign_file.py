@@ -14,8 +14,7 @@ from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, whole_logs
 from automarine_cli.logs.columns import columns_of, database
 from automarine_cli.logs.join import Join
-from automarine_cli.pipeline.plain_data import everything, in_words
-from automarine_cli.pipeline.recipe import from_mapping, read_mapping
+from automarine_cli.pipeline.records import everything, from_mapping, in_words, read_mapping
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.runs.channels import AUTO, wanted_channels
 from automarine_cli.workflows.tune_options import TuneSection

@@ -20,7 +20,7 @@ from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.reader import whole_log
 from automarine_cli.logs.recognise import Recognised, is_called, recognise
 from automarine_cli.logs.spans import Span, is_share
-from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import Floats
 from automarine_cli.workflows.campaign_places import places_of
 

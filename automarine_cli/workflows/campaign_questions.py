@@ -4,7 +4,7 @@ import re
 import tomllib
 from collections.abc import Callable
 
-from automarine_cli.pipeline.recipe import toml_line
+from automarine_cli.pipeline.records import toml_line
 
 Ask = Callable[[str, str], str]
 _QUESTION = re.compile(r'^(?P<head>(?:[^#"]|"(?!\?")[^"]*")*)"\?"(?P<rest>.*)$')

@@ -9,9 +9,9 @@ from typing import Any
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
-from automarine_cli.pipeline.codec import Record
+from automarine_cli.pipeline.manifest import why_made_again
 from automarine_cli.pipeline.progress import Progress
-from automarine_cli.pipeline.reuse import why_made_again
+from automarine_cli.pipeline.records import Record
 from automarine_cli.report.campaign_steps import StepFolder
 from automarine_cli.results.kinds import DIAGNOSIS, MODELS
 from automarine_cli.workflows.campaign_file import Campaign, Together

@@ -9,8 +9,7 @@ from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
 from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.recognise import Recognised
 from automarine_cli.logs.spans import pulses
-from automarine_cli.pipeline.codec import to_mapping
-from automarine_cli.pipeline.recipe import toml_line
+from automarine_cli.pipeline.records import to_mapping, toml_line
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.workflows.campaign_file import OPEN, SCHEMA
 from automarine_cli.workflows.campaign_look import Look, moments_of

@@ -1,23 +1,20 @@
 """`run` of several campaigns, a fleet or a season: each by itself on a process or a worker, and an overview of all."""
 
 import os
-import tempfile
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from automarine_cli.errors import AutomarineError, SettingError
-from automarine_cli.logs import with_joined
-from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.manifest import Input
-from automarine_cli.pipeline.outputs import ResultFolder, refuse_unfit
-from automarine_cli.pipeline.parallel import ordered_stream
-from automarine_cli.pipeline.parcel import Parcel, content_of, install, packed, place_of, without_dots
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.records import to_mapping
+from automarine_cli.pipeline.results_folder import ResultFolder, refuse_unfit
 from automarine_cli.report.campaign_tables import campaigns_table
 from automarine_cli.report.tables import Table
 from automarine_cli.results.judged import StepDone
-from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES
 from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
 from automarine_cli.workflows.run import run_campaign
@@ -79,14 +76,12 @@ class Campaigns:
 
 @dataclass(frozen=True)
 class _Task:
-    """One campaign on its way: where it is and, on its way to another machine, the bytes it needs."""
+    """One campaign to be run."""
 
     name: str
     campaign: Path
     out: Path
     settings: Mapping[str, Any]
-    parcel: Parcel | None = None
-    refused: str = ""
 
 
 @dataclass(frozen=True)
@@ -101,9 +96,9 @@ class CampaignsOptions:
 def _run_campaigns(asked: CampaignsOptions, runner: Runner) -> Campaigns:
     """Run each campaign as `run_campaign` does, into a folder of its own in `out`, and write an overview of all.
 
-    The campaigns go side by side to `jobs` processes, or to the workers of the Dask scheduler at `cluster`, with their
-    logs and with the results that are there: no common disk is needed, and the results are the same bytes. A campaign
-    that is refused is told in the overview; the others go on. Raises SettingError for campaigns given twice, for no
+    The campaigns go side by side to `jobs` processes, or to the workers of the Dask scheduler at `cluster`, which need
+    a disk in common with this machine; the results are the same bytes. A campaign that is refused is told in the
+    overview; the others go on. Raises SettingError for campaigns given twice, for no
     folder, and for a cluster that cannot be reached, and OutputError.
     """
     campaigns, until, out, cluster = asked.campaigns, asked.until, runner.out, runner.cluster
@@ -114,16 +109,9 @@ def _run_campaigns(asked: CampaignsOptions, runner: Runner) -> Campaigns:
     refuse_unfit(out)
     settings = {"overwrite": runner.overwrite, "force": asked.force, "until": until}
     named = zip(names_of(campaigns), campaigns)
-    tasks = [_Task(name, path, out / name, settings) for name, path in named]
-    prepare, work = (None, _done) if cluster is None else (_packed, _done_elsewhere)
-    outcomes = []
-    found = ordered_stream(
-        work, tasks, runner.jobs, cluster=cluster, progress=runner.progress, stage=STAGE, prepare=prepare, at_once=1
-    )
-    for (outcome, content), task in zip(found, tasks):  # in this order the stream is taken to its end
-        if content is not None:
-            install(content, task.out)
-        outcomes.append(outcome)
+    tasks = [_Task(name, path.absolute(), (out / name).absolute(), settings) for name, path in named]
+    work = _done if cluster is None else _done_elsewhere
+    outcomes = ordered_map(work, tasks, runner.jobs, cluster=cluster, progress=runner.progress, stage=STAGE)
     result = Campaigns(tuple(outcomes))
     inputs = [Input(name, path, "campaign") for name, path in zip(_below(campaigns), campaigns)]
     return replace(runner, overwrite=True).results(asked, lambda: result, _write, inputs)
@@ -136,7 +124,7 @@ def _write(folder: ResultFolder, result: Campaigns) -> None:
 
 def _below(campaigns: Sequence[Path]) -> list[str]:
     """The path of each campaign file below the folder that they share."""
-    whole = [without_dots(path) for path in campaigns]
+    whole = [Path(os.path.abspath(path)) for path in campaigns]  # noqa: PTH100, links stay
     shared = os.path.commonpath([path.parent for path in whole])
     return [path.relative_to(shared).as_posix() for path in whole]
 
@@ -158,39 +146,16 @@ def names_of(campaigns: Sequence[Path]) -> list[str]:
     return names
 
 
-def _done(task: _Task) -> tuple[Outcome, None]:
-    """Run a campaign on this machine."""
-    return _outcome(task, task.campaign, task.out), None
+def _done_elsewhere(task: _Task) -> Outcome:
+    """Run a campaign on a worker, perhaps after another worker died of it."""
+    for begun in task.out.rglob(".*.automarine-new"):
+        shutil.rmtree(begun)
+    return _done(task)
 
 
-def _packed(task: _Task) -> _Task:
-    """The task with the bytes of its campaign: its file, logs and what they need, and the results so far."""
+def _done(task: _Task) -> Outcome:
     try:
-        campaign = read_campaign(task.campaign)
-        logs = with_joined(campaign.every_log(), campaign.columns)
-        paths = [task.campaign, *(log.path for log in logs), *campaign.beside.values()]
-        before = [path for path in task.out.rglob("*") if path.is_file()]
-        return replace(task, parcel=packed([*paths, *before]))
-    except AutomarineError as refusal:
-        return replace(task, refused=str(refusal))
-    except OSError as problem:
-        return replace(task, refused=f"{problem.filename}: cannot be read ({problem.strerror}); make it readable")
-
-
-def _done_elsewhere(task: _Task) -> tuple[Outcome, dict[str, bytes] | None]:
-    """Run a campaign from its parcel; with what its folder then holds."""
-    if task.parcel is None:
-        return Outcome(task.name, task.name, (), {}, (), (task.refused,)), None
-    with tempfile.TemporaryDirectory(prefix="automarine-") as spare:
-        root = Path(spare)
-        task.parcel.unpack(root)
-        out = root / place_of(task.out)
-        return _outcome(task, root / place_of(task.campaign), out), content_of(out)
-
-
-def _outcome(task: _Task, campaign: Path, out: Path) -> Outcome:
-    try:
-        run = run_campaign(campaign, out=out, **task.settings)
+        run = run_campaign(task.campaign, out=task.out, **task.settings)
     except AutomarineError as refusal:
         return Outcome(task.name, task.name, (), {}, (), (str(refusal),))
     refused = tuple(f"{one.step}: {one.why}" for one in run.refused)

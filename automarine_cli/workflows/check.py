@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
@@ -17,15 +17,15 @@ from automarine_cli.logs import (
     require_thruster,
 )
 from automarine_cli.logs.find import in_parcels
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.parallel import together_stream
+from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import outcomes
 from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import CHECK
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_tables
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_runs, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
@@ -87,7 +87,7 @@ def _write(folder: ResultFolder, result: Check) -> None:
 
 def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, progress: Progress) -> Check:
     look = partial(_look_at, columns=names)
-    found = list(together_stream(look, in_parcels(files), jobs, progress=progress, stage="looking at logs"))
+    found = [*chain(*ordered_map(look, in_parcels(files), jobs, progress=progress, stage="looking at logs"))]
     aside = [run for _, _, bad in found for run in bad]
     runs = [run for good, _, _ in found for run in good]
     tests = tuple(test for _, seen, _ in found for test in seen)

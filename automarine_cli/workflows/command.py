@@ -17,15 +17,14 @@ from automarine_cli.comparison.result_files import Contents
 from automarine_cli.effects import own_files
 from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_columns, whole_logs, with_joined
-from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import ResultFolder, result_folder
-from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, Record
+from automarine_cli.pipeline.results_folder import ResultFolder, result_folder
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import ResultKind
 from automarine_cli.results.records import ResultRecord
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.view import View
 

@@ -10,8 +10,7 @@ from automarine_cli.comparison.result_files import Contents, shared_models
 from automarine_cli.comparison.side_by_side import Difference, OverRuns, Side, differences
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
@@ -19,6 +18,7 @@ from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
 from automarine_cli.results.judged import DiagnosisFile
 from automarine_cli.results.records import ResultRecord
+from automarine_cli.results.shown import Shown
 from automarine_cli.workflows.campaign_steps import FOLDERS
 from automarine_cli.workflows.command import Command, Runner, commands, reads
 from automarine_cli.workflows.shared import Drawn, numbers

@@ -21,11 +21,10 @@ from automarine_cli.fits.driven import stepped
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
-from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.parallel import Each, lasting_map
-from automarine_cli.pipeline.plain_data import Document, schema_in
 from automarine_cli.pipeline.progress import foretell
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, json_document, schema_in
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import diagnosis_report, diagnosis_tables
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
@@ -33,6 +32,7 @@ from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import DIAGNOSIS, PLANAR_MODEL, THRUSTER_MAP
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.channels import wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, command_warnings
@@ -164,8 +164,7 @@ def _diagnose(asked: DiagnoseMotionOptions, runner: Runner) -> YawDiagnosis:
     """
     stored = load_yaw_models(asked.model)
     wanted_channels(asked.channels, stored.dof)
-    shared = lasting_map(runner.jobs, cluster=runner.cluster, progress=runner.progress, ready=diagnose_runs)
-    with shared as each:
+    with lasting_map(runner.jobs, cluster=runner.cluster, progress=runner.progress) as each:
         return _diagnosed(asked, runner, stored, each)
 
 

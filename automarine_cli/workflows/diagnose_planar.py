@@ -19,15 +19,15 @@ from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, Tried
 from automarine_cli.fits.planar_structure import Observed, Structure, observed
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.models.planar_store import load_planar_model, planar_json
-from automarine_cli.pipeline.outputs import ResultFolder, json_document
-from automarine_cli.pipeline.plain_data import Document
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, json_document
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import outcomes, planar_diagnosis_report
 from automarine_cli.report.figures.planar_diagnosis import before_after_figure, where_figure, why_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, ReadBack, Runner, reads

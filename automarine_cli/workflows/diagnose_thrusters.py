@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import Logs, given_columns
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.records import Source
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
 from automarine_cli.report.figures.files import Draw, write_figures

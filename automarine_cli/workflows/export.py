@@ -31,10 +31,9 @@ from automarine_cli.exports.prepare import (
 )
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.store import file_and_models, motion_of
-from automarine_cli.pipeline.manifest import sha256
-from automarine_cli.pipeline.one_file import refuse_existing, write_whole
-from automarine_cli.pipeline.plain_data import Source, read_plain
-from automarine_cli.pipeline.reuse import logs_behind
+from automarine_cli.pipeline.manifest import manifest_of, sha256
+from automarine_cli.pipeline.records import Source, read_plain
+from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import PLANAR_MODEL
@@ -126,6 +125,14 @@ class Targets:
         return (Table("Targets", ("target", "writes", "models of", "forms", "frames"), rows, notes=(note,)),)
 
 
+def _logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:
+    """Return names and hashes of the logs that a result file was made of, by the manifest beside it; None without."""
+    manifest = manifest_of(file.parent) if isinstance(file, Path) else None
+    if manifest is None or not any(entry.sha256 == sha256 for entry in manifest.outputs):
+        return None
+    return tuple((e.file, e.sha256 or "unreadable") for e in manifest.inputs if e.role in ("log", "hold_out"))
+
+
 def _taken(target: Target) -> str:
     return ", ".join(_motions(target)) or "thrusters"
 
@@ -185,7 +192,7 @@ def _export(asked: ExportOptions, runner: Runner) -> Exported:
     elif target.takes == THRUSTER_MAP:
         result = _of_map(target, data, origin, form, frame, settings)
     else:
-        logs = logs_behind(asked.model, origin.sha256)
+        logs = _logs_behind(asked.model, origin.sha256)
         result = _of_yaw(target, data, origin, asked.number, form, frame, settings, logs)
     if out is not None:
         write_whole(out, result.text)

@@ -8,7 +8,7 @@ from automarine_cli.fits.planar_fit import Estimator, PlanarFit, search
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import OWN, Observed, Structure, observed
 from automarine_cli.logs import given_columns
-from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import outcomes, planar_report
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table

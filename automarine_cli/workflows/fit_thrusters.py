@@ -8,7 +8,7 @@ from itertools import count
 from automarine_cli.comparison.result_files import of_thrusters
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import outcomes, thruster_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.thrusters import thruster_figure

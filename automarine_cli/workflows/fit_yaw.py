@@ -18,8 +18,8 @@ from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.fits.yaw_fit import YawFit, effect_estimates
 from automarine_cli.logs import given_columns
-from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import outcomes, yaw_report
 from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.files import write_figures

@@ -9,10 +9,9 @@ from pathlib import Path
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, find_logs, given_columns
 from automarine_cli.logs.recognise import Recognised
-from automarine_cli.pipeline.manifest import MANIFEST
-from automarine_cli.pipeline.one_file import refuse_existing, write_whole
-from automarine_cli.pipeline.plain_data import Document
-from automarine_cli.pipeline.reuse import manifest_of
+from automarine_cli.pipeline.manifest import MANIFEST, manifest_of
+from automarine_cli.pipeline.records import Document
+from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
 from automarine_cli.report.tables import Table
 from automarine_cli.results.records import runs_json
 from automarine_cli.workflows.campaign_file import open_questions

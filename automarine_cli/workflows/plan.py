@@ -6,12 +6,9 @@ from pathlib import Path
 
 from automarine_cli.errors import ModelError
 from automarine_cli.logs import Logs, given_columns
-from automarine_cli.pipeline.codec import to_mapping
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.recipe import toml_text
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Source, to_mapping, toml_text
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
 from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import EXAMPLE, Limits, read_limits
@@ -24,6 +21,7 @@ from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import PLAN
+from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.workflows.command import Command, Runner, reads

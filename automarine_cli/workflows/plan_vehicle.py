@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.records import Source
 from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.prior_results import PriorResults

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from automarine_cli.errors import OutputError
-from automarine_cli.pipeline import staging
+from automarine_cli.pipeline.results_folder import write_whole
 from automarine_cli.report.campaign_page import document, usual_title
 from automarine_cli.report.campaign_steps import Steps, read_steps
 from automarine_cli.report.html.page import page
@@ -48,12 +48,8 @@ def report(folder: Path, *, title: str | None = None, overwrite: bool = False) -
         raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
     record = folder / RUN.file
     made = _made(folder, title, RUN.read(record, refuse=OutputError) if record.is_file() else None)
-    with staging.one_sentence(folder):
-        for name, text in made.files.items():
-            new = folder / f".{name}.automarine-new"
-            new.unlink(missing_ok=True)
-            staging.write(new, text.encode(), through=True)
-            new.replace(folder / name)
+    for name, text in made.files.items():
+        write_whole(folder / name, text)
     return made
 
 

@@ -8,10 +8,9 @@ from typing import Literal
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
 from automarine_cli.logs import with_joined
-from automarine_cli.pipeline.codec import to_mapping
-from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
-from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
-from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
+from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, manifest_of, sha256, why_made_again
+from automarine_cli.pipeline.records import json_text, to_mapping
+from automarine_cli.pipeline.results_folder import refuse_unfit, result_folder
 from automarine_cli.report.campaign_steps import folder_of
 from automarine_cli.report.campaign_tables import cautions, steps_table
 from automarine_cli.report.outcomes import of_final
@@ -180,7 +179,7 @@ def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, 
     folder = out / step.folder
     plan = step.plan(campaign, out)
     if isinstance(plan, str):
-        gone = remove_results(folder, step.command)
+        gone = _remove_results(folder, step.command)
         return said("skipped", plan + ("; its former result was removed" if gone else ""))
     why = plan.why(folder)
     if why is None and not force:
@@ -193,12 +192,24 @@ def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, 
     except OutputError:
         raise
     except TooFewRunsError as refusal:  # nothing that could be corrected
-        gone = remove_results(folder, step.command)
+        gone = _remove_results(folder, step.command)
         return said("skipped", str(refusal) + ("; its former result was removed" if gone else ""))
     except AutomarineError as refusal:
-        remove_results(folder, step.command)
+        _remove_results(folder, step.command)
         return said("refused", str(refusal))
     return said("made", why)
+
+
+def _remove_results(folder: Path, command: str) -> bool:
+    """Remove what `command` wrote into `folder`, and the folder if that is all; return whether it was there."""
+    manifest = manifest_of(folder)
+    if manifest is None or manifest.command != command:
+        return False
+    for name in [*(entry.file for entry in manifest.outputs), MANIFEST]:
+        (folder / name).unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+    return True
 
 
 def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> RunFile:

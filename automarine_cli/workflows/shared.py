@@ -6,7 +6,7 @@ from pathlib import Path
 
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.logs import ColumnMap, Logs
-from automarine_cli.pipeline.plain_data import Document, Source
+from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import interval
 from automarine_cli.results.estimate import Estimate

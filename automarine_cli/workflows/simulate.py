@@ -4,12 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from automarine_cli.pipeline.codec import to_mapping
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.recipe import read_mapping
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import read_mapping, to_mapping
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table
+from automarine_cli.results.shown import Shown
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.log_files import label, log_bytes, run_logs
 from automarine_cli.simulation.planar_campaign import make_planar

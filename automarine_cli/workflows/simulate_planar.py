@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from automarine_cli.pipeline.codec import to_mapping
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.report.tables import Table
+from automarine_cli.results.shown import Shown
 from automarine_cli.simulation.planar_campaign import PlanarMade, planar_logs
 from automarine_cli.simulation.planar_specification import PlanarSpecification
 from automarine_cli.workflows.shared import counted

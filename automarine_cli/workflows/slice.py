@@ -10,13 +10,13 @@ from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, given_columns, read_log
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.logs.table import columns_of, csv_text
-from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.results_folder import ResultFolder, file_stems
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table, number
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.load import none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.runs.slices import By, find_slices

@@ -11,10 +11,8 @@ from automarine_cli.control.design import Designed, Outcome, design
 from automarine_cli.control.param_file import present_gains
 from automarine_cli.control.targets.base import Design
 from automarine_cli.errors import ModelError
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.plain_data import Document, Source, read_plain
-from automarine_cli.pipeline.recipe import toml_text
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, Source, read_plain, toml_text
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.planning.limits import Goal, Limits, Moments
 from automarine_cli.report import outcomes, tuning_tables
 from automarine_cli.report.figures.files import write_figures
@@ -22,6 +20,7 @@ from automarine_cli.report.figures.tuning import tuning_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import TUNING
+from automarine_cli.results.shown import Shown
 from automarine_cli.workflows.command import Command, ReadBack, Runner
 from automarine_cli.workflows.plan import PlanOptions, planning, write_plan
 from automarine_cli.workflows.shared import aligned

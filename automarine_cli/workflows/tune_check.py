@@ -15,14 +15,14 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import given_columns
-from automarine_cli.pipeline.outputs import ResultFolder, json_document
-from automarine_cli.pipeline.plain_data import read_plain
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import json_document, read_plain
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report import tuning_check
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.tuning import flown_figure
 from automarine_cli.report.tables import Table
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.workflows.command import Command, Runner

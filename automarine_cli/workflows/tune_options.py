@@ -11,7 +11,7 @@ from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Target
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.logs import Logs, given_columns
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.records import Source
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.command import reads
 from automarine_cli.workflows.moments import map_and_arm

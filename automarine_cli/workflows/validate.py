@@ -15,15 +15,15 @@ from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.fits.channel_noise import channel_sentences, channels_of, measured_noises
 from automarine_cli.logs import given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.plain_data import schema_in
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import schema_in
+from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
 from automarine_cli.results.kinds import PLANAR_MODEL, VALIDATION
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, command_warnings

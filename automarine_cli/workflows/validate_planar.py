@@ -9,16 +9,15 @@ from automarine_cli.comparison.result_files import of_validation
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import given_columns
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model
-from automarine_cli.pipeline.attempts import Attempt
-from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.results_folder import Attempt, ResultFolder, file_stems
 from automarine_cli.report import outcomes
 from automarine_cli.report.figures.files import Draw, Files, drawn, write_figure
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.kinds import VALIDATION
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import SetAside, command_warnings
 from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, ReadBack, Runner

@@ -14,7 +14,7 @@ from automarine_cli import effects
 from automarine_cli.cli import automarine
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.manifest import read_manifest
-from automarine_cli.pipeline.recipe import toml_text
+from automarine_cli.pipeline.records import toml_text
 from automarine_cli.workflows.diagnose import FILES
 from automarine_cli.workflows.fit_yaw import fit_yaw
 from automarine_cli.workflows.simulate import simulate

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import LogFile, read_log
-from automarine_cli.pipeline.outputs import json_text
+from automarine_cli.pipeline.records import json_text
 from automarine_cli.workflows.check import check
 
 

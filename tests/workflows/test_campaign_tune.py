@@ -50,7 +50,7 @@ def test_a_setting_that_there_is_not_is_refused_with_its_key(small_day: Path, tm
 
 def test_the_campaign_s_thruster_map_is_flown(small_day: Path, tmp_path: Path) -> None:
     """Its own map with the vehicle's arm; without a map it says so."""
-    from automarine_cli.pipeline.plain_data import Source
+    from automarine_cli.pipeline.records import Source
     from automarine_cli.workflows.campaign_file import read_campaign
     from automarine_cli.workflows.campaign_steps import STEPS
 

@@ -9,8 +9,6 @@ import pytest
 from click.testing import Result
 
 from automarine_cli.errors import SettingError
-from automarine_cli.workflows import campaigns as room
-from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaigns import names_of, run_campaigns
 from automarine_cli.workflows.verify import verify
 
@@ -62,52 +60,9 @@ def test_the_overview_tells_all_and_the_refused_one_stops_nothing(season: Path, 
 
 
 @pytest.mark.slow
-def test_processes_and_parcels_give_the_same_bytes(
-    season: Path, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    all_three = [*days(season), season / "season" / "lost.toml"]
-    run_campaigns(all_three, out=tmp_path / "jobs", until=EARLY, jobs=2)
+def test_processes_give_the_same_bytes(season: Path, done: Path, tmp_path: Path) -> None:
+    run_campaigns([*days(season), season / "season" / "lost.toml"], out=tmp_path / "jobs", until=EARLY, jobs=2)
     assert tree(tmp_path / "jobs") == tree(done)
-    # as on a cluster, but in this process: what a worker gets is the parcel alone
-    stream = room.ordered_stream
-
-    def here(work, tasks, jobs, *, cluster, **how):  # type: ignore[no-untyped-def]
-        assert cluster == "tcp://there:1"
-        return stream(work, tasks, 1, **how)
-
-    monkeypatch.setattr(room, "ordered_stream", here)
-    run_campaigns(all_three, out=tmp_path / "parcels", until=EARLY, cluster="tcp://there:1")
-    assert tree(tmp_path / "parcels") == tree(done)
-    ran: list[Path] = []
-    run = room.run_campaign
-    monkeypatch.setattr(room, "run_campaign", lambda path, **how: ran.append(path) or run(path, **how))
-    again = run_campaigns(all_three, out=tmp_path / "parcels", until=EARLY, cluster="tcp://there:1")
-    assert len(ran) == 2 and not any(season in path.parents for path in ran)
-    assert tree(tmp_path / "parcels") == tree(done) and len(again.refused) == 1
-
-
-def test_a_parcel_holds_all_that_a_campaign_needs(tmp_path: Path) -> None:
-    """Logs of every motion, the thruster map at hand and the DBC, under the names by which the campaign finds them."""
-    for name in ("steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv", "map.json", "bus/vehicle.dbc"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(name, encoding="utf-8")
-    (tmp_path / "campaign.toml").write_text(
-        'schema = "automarine/campaign/1"\n[logs]\nsteps = ["steps"]\n[thrusters]\nmap = "map.json"\n'
-        '[can]\ndbc = "bus/vehicle.dbc"\n[surge]\nsteps = ["ahead"]\n'
-        '[heave]\nmanoeuvres = ["down"]\nvalidation = ["drift"]\n',
-        encoding="utf-8",
-    )
-    task = room._packed(room._Task("day", tmp_path / "campaign.toml", tmp_path / "out" / "day", {}))
-    assert task.refused == "" and task.parcel is not None
-    there = tmp_path / "there"
-    task.parcel.unpack(there)
-    campaign = read_campaign(there / room.place_of(tmp_path / "campaign.toml"))
-    assert [log.path.read_text() for log in campaign.every_log()] == [
-        "steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv"
-    ]  # fmt: skip
-    assert {role: path.read_text() for role, path in campaign.beside.items()} == {
-        "thrusters": "map.json", "dbc": "bus/vehicle.dbc"
-    }  # fmt: skip
 
 
 def test_what_is_done_is_kept_and_a_changed_log_is_not(season: Path, tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ import numpy as np
 from automarine_cli.dofs import YAW
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.logs import given_columns
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.results.shown import Shown
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import ResultKind
 from automarine_cli.results.records import ResultRecord

@@ -3,43 +3,24 @@
 How each kind is shown its command says, which lists it here; the results themselves stay plain data.
 """
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
-from automarine_cli.pipeline.plain_data import Document
-
-
-class View(Protocol):
-    """How one kind of result is shown."""
-
-    def text(self, result: Any) -> str:
-        """A few lines."""
-        ...
-
-    def html(self, result: Any) -> str:
-        """The tables."""
-        ...
-
-    def frame(self, result: Any) -> Any:
-        """The numbers, as a `pandas.DataFrame`."""
-        ...
-
-    def figure(self, result: Any, what: str | None) -> Any:
-        """A `matplotlib.figure.Figure`."""
-        ...
+from automarine_cli.pipeline.records import Document
 
 
 class Shown:
     """Base of result classes; their `@dataclass` needs `repr=False`, or its own repr would hide this one."""
 
-    views: ClassVar[dict[type, View]] = {}
+    views: ClassVar[dict[type, Any]] = {}
+    """A `View` of the commands, by the kind of result."""
 
     def __repr__(self) -> str:
         """A few lines: what it is, and the numbers that matter with their intervals."""
-        return self.view.text(self)
+        return str(self.view.text(self))
 
     def _repr_html_(self) -> str:
         """The tables, for notebooks."""
-        return self.view.html(self)
+        return str(self.view.html(self))
 
     def to_frame(self) -> Any:
         """The numbers as a `pandas.DataFrame`, one row a parameter, run or score."""
@@ -54,6 +35,6 @@ class Shown:
         raise TypeError(f"a {type(self).__name__} is no {option}; give the result of a fit, or a file")
 
     @property
-    def view(self) -> View:
+    def view(self) -> Any:
         """How results of this kind are shown."""
         return self.views[type(self)]
