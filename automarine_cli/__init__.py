@@ -21,10 +21,7 @@ def __getattr__(name: str) -> Any:
         return import_module(f"{__name__}.effects")
     if name in __all__:
         commands = import_module(f"{__name__}.commands")
-        found = commands.load(commands.in_python()[name])
-        if not callable(getattr(found, "run", None)):  # TODO until all are moved
-            found = import_module(f"{__name__}.workflows.command").commands()[commands.in_python()[name]]
-        globals()[name] = found
+        globals()[name] = commands.load(commands.in_python()[name])
     if name in globals():
         return globals()[name]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,7 +13,7 @@ PACKAGE = ROOT / "automarine_cli"
 ROOMS = (
     "errors", "quantities", "dofs", "pipeline", "logs", "runs", "results", "effects", "models", "simulation", "filters",
     "fits", "thrusters", "comparison", "diagnosis", "planning", "control", "link", "report", "exports", "guide",
-    "workflows", "cli", "commands",
+    "commands",
 )  # fmt: skip
 OPEN_TO_ALL = {"__version__"}
 NOT_FROM = {"effects": {"logs", "runs"}, "models": {"logs", "runs"}}  # a model knows nothing of files
@@ -26,17 +26,17 @@ FORBIDDEN_METHODS = {
 }  # fmt: skip
 FORBIDDEN_KEYWORDS = {"allow_pickle", "shell"}
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "matplotlib"}
-LIGHT_ROOMS = {"cli", "commands", "errors", "dofs", "__init__", "__main__"}
+LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 7176, "workflows": 6666, "report": 5820, "logs": 4621, "diagnosis": 4078, "thrusters": 4001, "runs":
-    3322, "link": 2742, "control": 2625, "effects": 2308, "planning": 2282, "simulation": 2279, "exports": 2259,
-    "pipeline": 2080, "comparison": 1304, "models": 1227, "commands": 1221, "cli": 1110, "filters": 1071, "results":
-    686, "dofs": 672, "guide": 212, "top": 116,
+    "fits": 7176, "report": 6943, "logs": 5062, "diagnosis": 4350, "thrusters": 4101, "runs": 3534, "commands":
+    3311, "control": 3030, "link": 2841, "planning": 2497, "exports": 2373, "effects": 2308, "simulation": 2274,
+    "pipeline": 2078, "comparison": 1576, "models": 1227, "filters": 1071, "results": 757, "dofs": 672, "guide":
+    212, "top": 113,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 59878
-MOST_FILES = 422
+MOST_LINES_IN_ALL = 57506
+MOST_FILES = 383
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
@@ -73,7 +73,7 @@ def test_imports_come_from_rooms_to_the_left() -> None:
     wrong = []
     for path, name, line in EVERY_IMPORT:
         here, there = room(path), name.split(".")[1] if name.startswith("automarine_cli.") else ""
-        if not there or there in OPEN_TO_ALL or here in ("__init__", "__main__", "cli", "workflows"):
+        if not there or there in OPEN_TO_ALL or here in ("__init__", "__main__"):
             continue
         left = there in ROOMS[: ROOMS.index(here) + 1] and there not in NOT_FROM.get(here, ())
         if not left:
@@ -89,8 +89,8 @@ def test_libraries_stay_in_their_rooms() -> None:
             "pyplot": "pyplot" not in name,
             "nothing that executes what it reads": library not in FORBIDDEN_LIBRARIES,
             "matplotlib in report/figures": library != "matplotlib" or inside(path).startswith("report/figures/"),
-            "click in commands": library != "click" or here in ("cli", "commands"),
-            "pandas at the edges": library != "pandas" or here in ("logs", "runs", "report", "workflows"),
+            "click in commands": library != "click" or here == "commands",
+            "pandas at the edges": library != "pandas" or here in ("logs", "runs", "report"),
             "light rooms stay light": library not in HEAVY or here not in LIGHT_ROOMS,
         }
         wrong += [f"{inside(path)}:{line} imports {name}: {rule}" for rule, holds in fine.items() if not holds]
@@ -101,12 +101,12 @@ def test_commands_import_their_workflow_inside_their_body() -> None:
     at_top = [
         f"{inside(path)}:{line} imports {name}"
         for path in MODULES
-        if room(path) in ("cli", "commands")
+        if room(path) == "commands"
         for node in TREES[path].body
         if isinstance(node, ast.Import | ast.ImportFrom)
         for name, line in imported(node, path)
         if name.startswith("automarine_cli.")
-        and name.split(".")[1] not in {"cli", "commands", "dofs", "errors", "pipeline"} | OPEN_TO_ALL
+        and name.split(".")[1] not in {"commands", "dofs", "errors", "pipeline"} | OPEN_TO_ALL
     ]
     assert at_top == []
 

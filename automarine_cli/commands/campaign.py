@@ -4,20 +4,15 @@ A section has the settings of its command by their names, which are converted as
 few keys of its own: which logs, where moment or force come from. Paths are relative to the file.
 """
 
-import dataclasses
 import difflib
 import glob
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from automarine_cli.commands import load
-from automarine_cli.commands.command import Command
 from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError, SettingError
@@ -29,7 +24,6 @@ if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
     from automarine_cli.results.steps import Step
 
-FIGURES = ("png", "svg")  # for a person, and for the report
 KINDS = {
     "thrusters": "thruster tests", "steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs",
     "runs": "runs",
@@ -133,7 +127,7 @@ class Campaign:
 
     def plan(self, step: "Step", out: Path) -> dict[str, Any] | str:
         """Complete the settings of a step's command, with results in `out`; or say why it has nothing to do."""
-        work, section = command_of(step.command), self.sections.get(step.section, {})
+        work, section = load(step.command), self.sections.get(step.section, {})
         given = {key: value for key, value in section.items() if key not in KEYS.get(step.section, ())}
         if step.section == "thrusters" and "per_test" in section:
             given["thrusters_per_test"] = section["per_test"]
@@ -204,7 +198,7 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
     """The keys of a section with converted values. Raises SettingError with the key's path."""
     if not isinstance(table, Mapping):
         raise SettingError(f"{section}: found {told(table)}, expected a table")
-    work = command_of(COMMANDS[section]) if section in COMMANDS else None
+    work = load(COMMANDS[section]) if section in COMMANDS else None
     keys = [*KEYS[section], *(work.names - GIVEN if work else ()), *(() if section else (key for key in KEYS if key))]
     for key, value in table.items():
         where = f"{section}.{key}".removeprefix(".")
@@ -219,9 +213,9 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
         if key == "map":
             yield key, home / value
         elif key in ("seed", "strict"):
-            yield key, _converted(command_of("validate"), key, value, where)
+            yield key, _converted(load("validate"), key, value, where)
         elif key == "per_test":
-            yield key, _converted(command_of("fit-thrusters"), "thrusters_per_test", value, where)
+            yield key, _converted(load("fit-thrusters"), "thrusters_per_test", value, where)
         elif work is not None and key not in KEYS[section]:
             yield key, _converted(work, key, home / value if key in work.files and _is_text(value) else value, where)
         else:
@@ -248,58 +242,12 @@ def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:
         raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
     if thrusters.get("map") and logs.get("thrusters"):
         raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")
+    if "tune" in sections and not sections["tune"].get("target"):
+        raise SettingError("tune.target is missing; give the controller, such as ardusub")
     for name, key in ((YAW.name, "moment"), (PLANAR.name, "force")):
         if sections.get(name, {}).get(key) == "thrusters" and arm is None:
             raise SettingError(f'{name}.{key} is "thrusters", which needs vehicle.arm_m; give it in metres')
     if sections[YAW.name].get("moment") == "thrusters" and not thrusters.get("map") and not logs.get("thrusters"):
         raise SettingError(
             'yaw.moment is "thrusters", which needs logs.thrusters (bollard tests) or thrusters.map; give one of them'
-        )
-
-
-@cache
-def command_of(name: str) -> Any:
-    """Return the command of that name."""
-    work = load(name)
-    return work if isinstance(work, Command) else _Old(work)
-
-
-class _Old:
-    """A command of the old kind. TODO until check, fit-thrusters, diagnose and tune are moved."""
-
-    def __init__(self, declared: click.Command) -> None:
-        self.params = {str(param.name): param for param in declared.params}
-        self.name, self.names = str(declared.name), set(self.params)
-        self.files = {name for name, param in self.params.items() if isinstance(param.type, click.Path)}
-
-    def convert(self, name: str, value: object) -> Any:
-        if isinstance(value, Path):
-            return value
-        try:
-            value = self.params[name].type_cast_value(click.Context(click.Command(self.name)), value)
-        except click.BadParameter as problem:
-            raise SettingError(f"{name} is {value!r}; {problem.message}") from None
-        return None if name == "form" and value == "auto" else value
-
-    def settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        from automarine_cli.workflows.command import commands
-
-        work: Any = commands()[self.name].chosen(given)
-        names = {field.name for field in dataclasses.fields(work.options)}
-        given = dict(given) | ({"figure_formats": FIGURES} if "figure_formats" in names else {})
-        return {"work": work, "asked": work.asked({key: value for key, value in given.items() if key in names})}
-
-    def run(self, settings: Mapping[str, Any], out: Path, overwrite: bool, jobs: int, progress: Any, **_: Any) -> Any:
-        from automarine_cli.workflows.command import Runner
-
-        work = settings["work"]
-        return work.run(settings["asked"], Runner(work.name, out, overwrite, jobs, None, progress))
-
-    def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: object) -> str | None:
-        from automarine_cli.pipeline.reuse import why_made_again
-        from automarine_cli.workflows.command import inputs_of, recorded, seed_of
-
-        asked = settings["asked"]
-        return why_made_again(
-            folder, command=self.name, options=recorded(asked), seed=seed_of(asked), inputs=inputs_of(asked)
         )

@@ -72,7 +72,7 @@ class Command(click.Command):
     Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
     `each` is a map on the processes asked for. `report` is the module that shows the result (none: `finish` does it). A
     command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow from
-    others, `finish` ends the command on the terminal.
+    others and refuses what contradicts, before logs are looked for; `finish` ends the command on the terminal.
     """
 
     def __init__(

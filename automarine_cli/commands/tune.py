@@ -73,7 +73,7 @@ def tune(
     """
     if check:
         from automarine_cli.control.flown import check_tuning
-        from automarine_cli.report.diagnosis_tables import verdict_sentence
+        from automarine_cli.report.diagnosis_report import verdict_sentence
 
         return check_tuning(settings["model"], check, reference, settings["columns"], verdict_sentence, progress)
     from automarine_cli.control.tuning import make_tuning

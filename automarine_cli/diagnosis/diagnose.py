@@ -6,7 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from automarine_cli.diagnosis.estimates import detectable
+from automarine_cli import effects
+from automarine_cli.diagnosis.estimates import base_estimates, detectable
+from automarine_cli.diagnosis.extended_model import extended_model
 from automarine_cli.diagnosis.gap import Gap, gap
 from automarine_cli.diagnosis.learned import learn
 from automarine_cli.diagnosis.learned_curve import with_curves
@@ -26,11 +28,22 @@ from automarine_cli.diagnosis.verdict import (
 )
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import TooFewRunsError
+from automarine_cli.filters.nodes import LEAST_STEP
+from automarine_cli.fits.channel_noise import channels_json
+from automarine_cli.fits.driven import stepped
+from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.parallel import Each, alone
+from automarine_cli.pipeline.plain_data import Document
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.run import Run, SetAside
 
+DRIVEN_S, STEPPED_S = 3e-4, 1e-4
+"""Seconds for each reading and effect of a diagnosis of driven runs, and of others, on a machine of 2020; roughly."""
 FEWEST_RUNS = 4
 FEWEST_TO_HOLD_OUT = 8
 SHORT = 5
@@ -66,6 +79,12 @@ class Diagnosis:
     def found(self) -> Found:
         """The search, as far as the verdict holds."""
         return self.said.found
+
+    @property
+    def words(self) -> str:
+        """The verdict in a few words."""
+        names = " and ".join(self.found.final.added)
+        return {NAMED: names, SUSPECTED: f"suspected {names}"}.get(self.verdict, self.verdict.replace("-", " "))
 
 
 def _of_equals(study: Study, found: Found, held_out: Study, each: Each) -> Found:
@@ -150,3 +169,66 @@ def diagnose_runs(
         held_out_outlook=None if held_out is None else outlook(held_out, before, after),
         channels=chosen,
     )
+
+
+def expected_seconds(runs: Sequence[Run]) -> float:
+    """Estimate how long a diagnosis takes one process: it fits every effect of the library to all runs."""
+    readings = sum(min(len(run), (run.time[-1] - run.time[0]) / LEAST_STEP) for run in runs)
+    driven = 2 * sum(stepped(run) for run in runs) < len(runs)
+    return float(readings) * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
+
+
+@dataclass(frozen=True, repr=False)
+class MotionDiagnosis(Shown):
+    """The diagnosis of a stored model of one motion: the model, its file's hash, and the runs left out."""
+
+    diagnosis: Diagnosis
+    stored: StoredModels
+    parent_sha256: str
+    set_aside: tuple[SetAside, ...]
+
+    def document(self, option: str) -> Document:
+        """Return the diagnosis where one is wanted, else the extended model."""
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
+
+    def extended_model(self) -> dict[str, object]:
+        """Return the base model with the effects named, refitted together: `validate` and `diagnose` take it."""
+        return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of diagnosis.json: schema automarine/diagnosis/1."""
+        diagnosis, dof = self.diagnosis, self.stored.dof
+        study, search = diagnosis.study, diagnosis.found
+        before, after = (base_estimates(study, trial) for trial in (search.base, diagnosis.said.leaves))
+        first = search.rounds[0]
+        sets = {
+            "fitted_runs": (diagnosis.gap, diagnosis.outlook),
+            "held_out_runs": (diagnosis.held_out_gap, diagnosis.held_out_outlook),
+        }
+        prediction = {name: ahead and ahead.to_json(dof) for name, (_, ahead) in sets.items()}
+        cycle = {} if study.cycle is None else {"limit_cycle": study.cycle.to_json()}
+        return {
+            "schema": DIAGNOSIS.schema,
+            **({} if dof.wraps else {"motion": dof.name}),
+            "verdict": diagnosis.verdict,
+            **{key: text for key in ("why", "left") if (text := getattr(diagnosis.said, key))},
+            "model": self.stored.preferred,
+            f"{dof.words.force}_unit": self.stored.moment_unit,
+            "effects": [effect.to_json() for effect in diagnosis.effects],
+            "where": [region.to_json(dof) for region in diagnosis.where.regions],
+            "gap": {name: gap and gap.to_json(dof) for name, (gap, _) in sets.items()},
+            **({} if diagnosis.outlook is None else {**cycle, "prediction": prediction}),
+            "candidates": [
+                {"name": trial.added[-1], "gain": first.gain(trial)}
+                for trial in sorted(first.trials, key=lambda trial: trial.evidence)
+            ],
+            "threshold": first.threshold,
+            "base": {name: {"before": before[name].to_json(), "after": after[name].to_json()} for name in before},
+            "smallest_visible": {name: size for name, size in diagnosis.detectable.items() if np.isfinite(size)},
+            "open_water": study.driven,
+            **channels_json(diagnosis.channels, search.final.fit, dof),
+            "held_out": [] if diagnosis.held_out is None else [run.name for run in diagnosis.held_out.runs],
+            "runs": runs_json(len(study.runs), self.set_aside, study.runs),
+        }

@@ -6,26 +6,35 @@ more than a penalty and a head start, run by run beyond chance, and where runs t
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from automarine_cli.diagnosis.outlook import Outlook, outlook_of
 from automarine_cli.diagnosis.planar_candidates import Candidate, base_of, candidates
-from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
+from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED, stretch
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.planar_fit import Estimated
+from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, Tried
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood, Promise
-from automarine_cli.fits.planar_structure import PLACES, Observed
+from automarine_cli.fits.planar_structure import PLACES, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, discover
-from automarine_cli.models.planar_store import StoredPlanar
+from automarine_cli.models.planar_store import StoredPlanar, planar_json
 from automarine_cli.models.tied import Tied
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run
+from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.results.records import runs_json
+from automarine_cli.runs.run import Run, SetAside
 
+FEWEST_RUNS = 4
+"""Runs of which one is held out: those of motion in the plane are few and long."""
 HEAD_START = 10.0
 """Deviance beyond the penalty that an effect has to gain."""
 ERRORS = 2.0
@@ -129,6 +138,29 @@ class PlanarSearch:
         last = self.rounds[-1]
         able = [one for one in last.tried if one.surplus > HEAD_START and last.best is None]
         return max(able, key=lambda one: one.surplus, default=None)
+
+    @property
+    def words(self) -> str:
+        """The verdict in a few words."""
+        names = " and ".join(contender.candidate.label for contender in self.named or self.suspected)
+        return {NAMED: names, SUSPECTED: f"suspected {names}"}.get(self.verdict, self.verdict.replace("-", " "))
+
+    @property
+    def why(self) -> str:
+        """Why effects are suspected only, or where the gap stands out that no effect explains; else empty."""
+        if self.suspected:
+            names = " or ".join(contender.candidate.label for contender in self.suspected)
+            return f"The fitted runs ask for {names}, but the likelihood of held-out runs does not improve with it."
+        if self.verdict != UNEXPLAINED or self.where is None:
+            return ""
+        most = self.passed_over
+        passed = (
+            "No candidate gains more than chance."
+            if most is None
+            else f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
+            f"mean of runs by {ERRORS:g} standard errors."
+        )
+        return f"The error is beyond chance {stretch(self.where.regions[0])}. {passed}"
 
     def outlook(self, held_out: bool) -> Outlook | None:
         """What both models predict of the heading of the runs that were fitted, or of those held out; None where these
@@ -268,3 +300,116 @@ def foretold(likelihood: PlanarLikelihood, found: Estimated) -> Foretold:
         for c, one in enumerate(problem.course.channels)
         if one.quantity in (YAW.position, *PLACES)
     }
+
+
+@dataclass(frozen=True, repr=False)
+class PlanarDiagnosis(Shown):
+    """The diagnosis of a stored planar model on `runs`, with others held out: the search, what the logs observe, the
+    runs left out, and the hash of the model's file."""
+
+    search: PlanarSearch
+    runs: tuple[Run, ...]
+    held_out: tuple[Run, ...]
+    observed: Observed
+    set_aside: tuple[SetAside, ...]
+    parent_sha256: str
+
+    @cached_property
+    def estimates(self) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+        """Parameters of the first and the last model, by qualified name."""
+        return self._estimates(self.search.before), self._estimates(self.search.after)
+
+    def _estimates(self, estimated: Estimated) -> dict[str, Estimate]:
+        tried = Tried(Structure.simplest(self.observed), estimated)
+        return PlanarFit((tried,), Choice(tried), self.runs, self.observed).estimates
+
+    def estimates_of(self, contender: Contender) -> dict[str, Estimate]:
+        """Return the parameters that an effect adds."""
+        estimates = self._estimates(contender.found)
+        return {name: estimates[name] for name in contender.candidate.added}
+
+    def document(self, option: str) -> Document:
+        """Return the diagnosis where one is wanted, else the extended model."""
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
+
+    def extended_model(self) -> dict[str, object]:
+        """Return the model with what was named, and what is random as fitted: schema automarine/planar-model/1."""
+        after = self.search.after
+        return {
+            **planar_json(after.model.model, {name: one.to_json() for name, one in self.estimates[1].items()}),
+            "effects": [contender.candidate.name for contender in self.search.named],
+            "random": dict(after.random),
+            "covariance": {"parameters": list(after.model.free), "matrix": after.covariance.tolist()},
+            "parent": self.parent_sha256,
+        }
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of diagnosis.json: schema automarine/diagnosis/1."""
+        search, (before, after) = self.search, self.estimates
+        listed = [(step.best, step.rivals) for step in search.steps if step.best is not None]
+        first = search.rounds[0]
+        fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
+        gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
+        outlooks = {"fitted_runs": search.outlook(False), "held_out_runs": search.outlook(True)}
+        return {
+            "schema": DIAGNOSIS.schema,
+            "motion": "planar",
+            "verdict": search.verdict,
+            **({"why": search.why} if search.why else {}),
+            "effects": [self._effect_json(*one) for one in listed or [(suspect, ()) for suspect in search.suspected]],
+            "where": [region.to_json(YAW) for region in search.where.regions] if search.where else [],
+            "gap": {name: self._gap_json(outlook) for name, outlook in outlooks.items()},
+            "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
+            "candidates": [
+                {
+                    "name": candidate.name, "parameters": list(candidate.added), "gain": gain,
+                    "fitted": candidate.added in fitted,
+                }
+                for candidate, gain in sorted(gains, key=lambda pair: -pair[1])
+            ],
+            "threshold": HEAD_START,
+            "base": {
+                name: {"before": before[name].to_json(), "after": after[name].to_json()}
+                for name in before
+                if name in after
+            },
+            "held_out": [run.name for run in self.held_out],
+            "runs": runs_json(len(self.runs), self.set_aside, [*self.runs, *self.held_out]),
+        }  # fmt: skip
+
+    def _effect_json(self, contender: Contender, rivals: Sequence[Contender]) -> dict[str, object]:
+        """A named or suspected effect, with its odds among its rivals."""
+        weights = np.exp([0.5 * (rival.surplus - contender.surplus) for rival in rivals])
+        total = 1.0 + float(np.sum(weights))
+        return {
+            "name": contender.candidate.name,
+            "law": "surge, sway and yaw",
+            "says": contender.candidate.says,
+            "parameters": {name: estimate.to_json() for name, estimate in self.estimates_of(contender).items()},
+            "confidence": 1.0 / total,
+            "deviance_gained": contender.surplus,
+            "held_out_log_likelihood_gained": contender.held_out,
+            "rivals": [
+                {
+                    "name": rival.candidate.name,
+                    "confidence": float(weight) / total,
+                    "says": rival.candidate.says,
+                    "split_by": rival.candidate.split_by,
+                }
+                for rival, weight in zip(rivals, weights)
+            ],
+        }
+
+    def _gap_json(self, outlook: Outlook | None) -> dict[str, float] | None:
+        """The error of the heading over the horizon that decides, beside the noise of its readings."""
+        if outlook is None:
+            return None
+        judged = outlook.judged or outlook.ahead[-1]
+        return {
+            "before_deg": float(YAW.shown(judged.before)),
+            "after_deg": float(YAW.shown(judged.after)),
+            "noise_floor_deg": float(YAW.shown(self.search.after.noises[YAW.position])),
+            "horizon_s": judged.horizon,
+        }

@@ -15,6 +15,21 @@ from automarine_cli.models.yaw_model import Term
 SMALL = 0.02
 """Share of its usual size at which an actuator effect is as good as none."""
 OF_YAW = ("input-delay", "thruster-lag", "dead-band")
+SAYS = {
+    "cross-coupling": "One motion drives another",
+    "munk-moment": "Sway takes more water along than surge, which turns a drifting hull",
+    "current": "The water moves",
+}
+SPLIT_BY = {
+    "Y_r": "turns on the spot under a moment alone",
+    "N_v": "thrust abeam from rest, without way on",
+    "N_ur": "turns under one moment at several speeds ahead",
+    "Y_uv": "thrust abeam at several speeds ahead",
+    "m_vr": "short pulses of thrust abeam from rest",
+    "m_v": "oblique courses at several speeds: its moment grows with surge times sway",
+    "north": "drifting without thrust",
+}
+"""Runs that tell one coupling from others, by the first letter that it adds."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +40,23 @@ class Candidate:
     name: str
     added: tuple[str, ...]
     model: Tied
+
+    @property
+    def label(self) -> str:
+        """The name with the letters of what is added: cross-coupling N_v."""
+        return f"{self.name} {', '.join(name.rpartition('.')[2] for name in self.added)}"
+
+    @property
+    def says(self) -> str:
+        """What it is, and by which parameters."""
+        what = SAYS.get(self.name) or effects.get(self.name).card(YAW).says.rstrip(".")
+        return f"{what} ({', '.join(self.added)})."
+
+    @property
+    def split_by(self) -> str:
+        """The run that would tell it from what is named."""
+        run = SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
+        return f"{run[:1].upper()}{run[1:]}."
 
 
 def base_of(stored: StoredPlanar, seen: Observed) -> Tied:

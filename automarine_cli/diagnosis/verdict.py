@@ -1,7 +1,7 @@
 """Named, suspected, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,19 @@ class NamedEffect:
     p_value: float
     rivals: tuple[NamedRival, ...]
     learned: Any = None
+
+    def to_json(self) -> dict[str, object]:
+        """The contract's form."""
+        return {
+            "name": self.name,
+            **({"law": self.law} if self.law else {}),
+            "says": self.says,
+            "parameters": {name: estimate.to_json() for name, estimate in self.parameters.items()},
+            "confidence": self.confidence,
+            "p_value": self.p_value,
+            "rivals": [asdict(rival) for rival in self.rivals],
+            **({} if self.learned is None else {"learned": self.learned.to_json()}),
+        }
 
     @property
     def few_rivals(self) -> tuple[NamedRival, ...]:

@@ -23,9 +23,7 @@ class Shown:
 
     def to_frame(self) -> Any:
         """Return the numbers as a `pandas.DataFrame`, one row a parameter, run or score."""
-        import pandas as pd  # here, as most commands make no frame
-
-        return pd.DataFrame(list(self.sections_of(self).rows))
+        return self.sections_of(self).frame()
 
     def plot(self, figure: str | None = None) -> Any:
         """Draw a `matplotlib.figure.Figure`, by default the first. Raises SettingError with the names there are."""

@@ -17,7 +17,7 @@ from automarine_cli.fits.channel_noise import sentences_of
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.outputs import file_stems
 from automarine_cli.pipeline.words import listed
-from automarine_cli.report.diagnosis_page import escape
+from automarine_cli.report.diagnosis_report import escape
 from automarine_cli.report.html.page import page
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, interval, number

@@ -1,75 +1,16 @@
-"""What a planar diagnosis shows: sentences, tables, the page for a person and its figures."""
+"""What `diagnose` shows of a planar model: sentences, tables, the page for a person, figures."""
 
-from collections.abc import Sequence
+from functools import partial
 
-from automarine_cli import effects
 from automarine_cli.diagnosis.outlook import Outlook
-from automarine_cli.diagnosis.planar import ERRORS, HEAD_START, PlanarSearch
-from automarine_cli.diagnosis.planar_candidates import Candidate
-from automarine_cli.diagnosis.verdict import UNEXPLAINED, stretch
+from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
-from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.report.figures.files import write_figures
-from automarine_cli.report.figures.planar_diagnosis import (
-    before_after_figure,
-    in_words,
-    label,
-    where_figure,
-    why_figure,
-)
+from automarine_cli.report.figures.planar_diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
 
-SAYS = {
-    "cross-coupling": "One motion drives another",
-    "munk-moment": "Sway takes more water along than surge, which turns a drifting hull",
-    "current": "The water moves",
-}
-SPLIT_BY = {
-    "Y_r": "turns on the spot under a moment alone",
-    "N_v": "thrust abeam from rest, without way on",
-    "N_ur": "turns under one moment at several speeds ahead",
-    "Y_uv": "thrust abeam at several speeds ahead",
-    "m_vr": "short pulses of thrust abeam from rest",
-    "m_v": "oblique courses at several speeds: its moment grows with surge times sway",
-    "north": "drifting without thrust",
-}
-"""Runs that tell one coupling from others, by the first letter that it adds."""
 MOST_REGIONS = 8
-
-
-def says(one: Candidate) -> str:
-    """What an effect is, and by which parameters."""
-    what = SAYS.get(one.name) or effects.get(one.name).card(YAW).says.rstrip(".")
-    return f"{what} ({', '.join(one.added)})."
-
-
-def split_by(one: Candidate) -> str:
-    """The run that would tell it from what is named."""
-    run = SPLIT_BY.get(one.added[0].rpartition(".")[2]) or effects.get(one.name).card(YAW).separated_by
-    return f"{run[:1].upper()}{run[1:]}."
-
-
-def why(search: PlanarSearch) -> str:
-    """Why effects are suspected only, or where the gap stands out that no effect explains; empty where neither is."""
-    names = [label(one.candidate) for one in search.suspected]
-    if names:
-        asks = f"The fitted runs ask for {' or '.join(names)}"
-        return f"{asks}, but the likelihood of held-out runs does not improve with it."
-    if search.verdict != UNEXPLAINED or search.where is None:
-        return ""
-    return f"The error is beyond chance {stretch(search.where.regions[0])}. {_passed_over(search)}"
-
-
-def _passed_over(search: PlanarSearch) -> str:
-    """Why the candidate that gains most was not taken."""
-    most = search.passed_over
-    if most is None:
-        return "No candidate gains more than chance."
-    return (
-        f"The best candidate, {label(most.candidate)}, gains {most.surplus:.0f} in deviance, but not in the mean of "
-        f"runs by {ERRORS:g} standard errors."
-    )
 
 
 def verdict_sentence(search: PlanarSearch) -> str:
@@ -77,16 +18,16 @@ def verdict_sentence(search: PlanarSearch) -> str:
     if search.verdict == "nothing-missing":
         return "Nothing is missing that the runs could show."
     if search.verdict == "unexplained":
-        return f"Unexplained. {why(search)}"
+        return f"Unexplained. {search.why}"
     if search.verdict == "suspected":
-        return f"Suspected: {in_words(search).removeprefix('suspected ')}. {why(search)}"
+        return f"Suspected: {search.words.removeprefix('suspected ')}. {search.why}"
     held_out = search.outlook(True)
     judged = held_out and (held_out.judged or held_out.ahead[-1])
     if not judged:
-        return f"Named: {in_words(search)}."
+        return f"Named: {search.words}."
     before, after = (f"{YAW.shown(x):.3g}" for x in (judged.before, judged.after))
     return (
-        f"Named: {in_words(search)}; on runs held out the heading is predicted {judged.horizon:g} s ahead to {after} "
+        f"Named: {search.words}; on runs held out the heading is predicted {judged.horizon:g} s ahead to {after} "
         f"deg, {before} before."
     )
 
@@ -96,8 +37,8 @@ def tables(search: PlanarSearch) -> list[Table | str]:
     told: list[Table | str] = [verdict_sentence(search)]
     for one in search.steps:
         if one.best is not None:
-            told.append(f"{one.best.candidate.name}: {says(one.best.candidate)}")
-        told += [f"Cannot be excluded: {label(rival.candidate)}: {split_by(rival.candidate)}" for rival in one.rivals]
+            told.append(f"{one.best.candidate.name}: {one.best.candidate.says}")
+        told += [f"Cannot be excluded: {rival.candidate.label}: {rival.candidate.split_by}" for rival in one.rivals]
     return [*told, _evidence(search), *_predictions(search)]
 
 
@@ -111,7 +52,7 @@ def _evidence(search: PlanarSearch) -> Table:
             word = "named" if added == best else "rival" if added in rivals else MISSING
             word = "suspected" if each in search.suspected else word
             word = "some runs only" if word == MISSING and each is search.passed_over else word
-            rows.append((str(i), label(each.candidate), number(each.surplus, 4), number(each.held_out, 4), word))
+            rows.append((str(i), each.candidate.label, number(each.surplus, 4), number(each.held_out, 4), word))
     header = ("look", "effect", "deviance gained", "held-out log likelihood gained", "is")
     rest = sum(len(one.promised) - len(one.tried) for one in search.rounds)
     notes = (
@@ -153,15 +94,27 @@ def _where_table(where: Where) -> Table | str:
     return Table("Where", header, tuple(rows), notes=notes)
 
 
-def write(folder: ResultFolder, search: PlanarSearch, where: Where | None, formats: Sequence[str] = ("png",)) -> None:
-    """The page, then each figure in each of the formats."""
-    told = [*tables(search), *([_where_table(where)] if where else [])]
-    drawings = {
-        **({"where": lambda: where_figure(search, where)} if where else {}),
-        "why": lambda: why_figure(search),
-        **({"before_after": lambda: before_after_figure(search)} if where else {}),
+@sections.register
+def _(result: PlanarDiagnosis) -> Sections:
+    search = result.search
+    printed = tables(search)
+    figures = {"why": partial(why_figure, search)}
+    if search.where is not None:
+        figures = {
+            "where": partial(where_figure, search, search.where),
+            **figures,
+            "before_after": partial(before_after_figure, search),
+        }
+    page = [*printed, *([_where_table(search.where)] if search.where else [])]
+    blocks = [part if isinstance(part, str) else part.to_markdown() for part in page]
+    files: dict[str, Content] = {
+        "diagnosis.json": result.to_json(),
+        "extended_model.json": result.extended_model(),
+        "diagnosis.md": "\n\n".join(["# Diagnosis", *blocks, *(f"![{name}]({name}.png)" for name in figures)]) + "\n",
     }
-    pictures = [f"![{name}]({name}.png)" for name in drawings if "png" in formats]
-    text = [one if isinstance(one, str) else one.to_markdown() for one in told]
-    folder.write("diagnosis.md", "\n\n".join(["# Diagnosis", *text, *pictures]) + "\n")
-    write_figures(folder, drawings, formats)
+    rows = [
+        {"effect": contender.candidate.name, "parameter": name, **numbers(estimate)}
+        for contender in search.named
+        for name, estimate in result.estimates_of(contender).items()
+    ]
+    return Sections(printed, files, figures, (*files, *(f"{name}.png" for name in figures)), rows)

@@ -53,6 +53,12 @@ class Sections:
         tables = [part.to_markdown() for part in self.printed if isinstance(part, Table)]
         return to_html("\n".join(tables), lambda place, said: "").html
 
+    def frame(self) -> Any:
+        """Give the rows as a `pandas.DataFrame`."""
+        import pandas as pd  # here, as most commands make no frame
+
+        return pd.DataFrame(list(self.rows))
+
     def figure(self, name: str | None = None) -> Any:
         """Draw a figure, by default the first. Raises SettingError with the names that there are."""
         if not self.figures:

@@ -1,6 +1,11 @@
 """Tables and the page of a diagnosed thruster map: what was wrong, how sure, what it does, what remains, what next."""
 
+from functools import partial
+
+from automarine_cli.report.figures import thruster_diagnosis as figures
+from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.report.thruster_tables import cells
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.verdict import WELL_ABOVE
@@ -16,6 +21,27 @@ SEEN = {
 }
 """How the smallest size that would have been seen is said."""
 VARIABLE = {"n": "control signal", "voltage": "voltage", "run-order": "run order"}
+
+
+@sections.register
+def _(result: ThrusterDiagnosis) -> Sections:
+    drawn = {
+        "where": partial(figures.where_figure, result),
+        "why": partial(figures.why_figure, result),
+        "before_after": partial(figures.before_after_figure, result),
+    }
+    files: dict[str, Content] = {
+        "diagnosis.json": result.to_json(),
+        "extended_model.json": result.extended_map,
+        "diagnosis.md": markdown(result),
+    }
+    rows = [
+        {"effect": effect.name, "confidence": effect.confidence, "parameter": name, **cells(parameter)}
+        for effect in result.effects
+        for name, parameter in effect.parameters.items()
+    ]
+    listed = (*files, *(f"{name}.png" for name in drawn))
+    return Sections([*sentences(result), *tables(result)], files, drawn, listed, rows)
 
 
 def tables(result: ThrusterDiagnosis) -> tuple[Table, ...]:

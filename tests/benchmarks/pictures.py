@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from pool_day import ARM, write_pool_day
 
+from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
@@ -21,7 +22,6 @@ from automarine_cli.report.figures.style import house_style
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.figures.yaw import drag_figure, half_turns_figure, inertia_figure
-from automarine_cli.workflows.diagnose import diagnose
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SAMPLES = ROOT / "sample_runs"
@@ -58,8 +58,8 @@ def of_what_is_hidden(folder: Path) -> Iterator[tuple[str, Figure]]:
     fit_yaw([HIDDEN], fit_to="whole-runs", out=fitted)
     yield "before", one_run(log, fitted / "yaw_model.json")
     result = diagnose([HIDDEN], model=fitted / "yaw_model.json", out=found)
-    for name in ("where", "why", "before-after"):
-        yield name.replace("-", "_"), result.plot(name)
+    for name in ("where", "why", "before_after"):
+        yield name, result.plot(name)
     yield "after", one_run(log, found / "extended_model.json")
 
 

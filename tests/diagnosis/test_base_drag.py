@@ -15,7 +15,7 @@ from automarine_cli.diagnosis.scores import law_of
 from automarine_cli.diagnosis.search import drag_right, without_idle_drag
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import STANDS, Trial
-from automarine_cli.report.diagnosis_tables import verdict_sentence
+from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 
 LINEAR = base_for("quadratic-drag")

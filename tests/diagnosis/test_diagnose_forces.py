@@ -16,7 +16,7 @@ from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, HEAVE, SURGE
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.diagnosis_tables import verdict_sentence
+from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 

@@ -27,7 +27,7 @@ from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, 
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.figures.diagnosis_where import where_panels
 from automarine_cli.report.figures.planar_diagnosis import why_figure
-from automarine_cli.report.planar_diagnosis_report import verdict_sentence, why
+from automarine_cli.report.planar_diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.planar_runs import load_planar
 
@@ -74,7 +74,7 @@ def test_a_gap_that_stands_out_and_has_no_name_is_unexplained() -> None:
     assert replace(found, where=SimpleNamespace(regions=())).verdict == "nothing-missing"  # type: ignore[arg-type]
     open_gap = replace(found, where=where)
     assert open_gap.verdict == "unexplained"
-    assert "where sway is 0.1 to 0.2 m/s" in why(open_gap) and "No candidate gains" in why(open_gap)
+    assert "where sway is 0.1 to 0.2 m/s" in open_gap.why and "No candidate gains" in open_gap.why
     most = Contender(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
     passed = replace(open_gap, rounds=(replace(found.rounds[0], tried=(most,)),))
     assert "gains 163 in deviance, but not in the mean of runs" in verdict_sentence(passed)

@@ -17,8 +17,8 @@ from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.pipeline.recipe import toml_text
-from automarine_cli.workflows.diagnose import FILES
 
+FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
 STRONG = 3.0
 """Times the usual start of an effect's size: it shows at once."""
 pytestmark = pytest.mark.slow

@@ -10,8 +10,7 @@ from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.diagnosis_page import escape, page
-from automarine_cli.report.diagnosis_page_tables import gap_table
+from automarine_cli.report.diagnosis_report import escape, gap_table, page
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
@@ -88,7 +87,7 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> N
     diagnosis = nothing
     assert diagnosis.verdict == "nothing-missing" and diagnosis.where.regions == ()
     text = page(nothing)
-    assert text.startswith("# Diagnosis") and "Nothing is missing that these runs could show" in text
+    assert text.startswith("# Diagnosis") and "Nothing missing that these runs could show" in text
     assert "## What these runs would have shown" in text and "| dead-band | width |" in text
     assert "Add two reversals" in text
 

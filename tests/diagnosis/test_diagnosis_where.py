@@ -12,7 +12,7 @@ from automarine_cli.diagnosis.variables import Column, columns, direction, edges
 from automarine_cli.diagnosis.where import find_where, gaps
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.diagnosis_page import general_advice
+from automarine_cli.report.diagnosis_report import general_advice
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate

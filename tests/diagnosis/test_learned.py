@@ -15,7 +15,8 @@ from made_learned import BASE, LAWS, campaign, true_curve, true_gap, written
 
 from automarine_cli import effects
 from automarine_cli.commands import automarine
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.commands.diagnose import diagnose
+from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
 from automarine_cli.diagnosis.learned import ties
 from automarine_cli.diagnosis.smooth import places, prior_of, smoothed
 from automarine_cli.diagnosis.study import Study
@@ -26,7 +27,6 @@ from automarine_cli.effects.learned import KNOTS, basis, roughness
 from automarine_cli.errors import ModelError
 from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.workflows.diagnose import YawDiagnosis, diagnose
 
 CLOSE = 1e-9
 """Of splines that should be exact."""
@@ -128,7 +128,7 @@ def few() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Path, YawDiagnosis]:
+def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Path, MotionDiagnosis]:
     """Logs of a campaign in which thrust follows the temperature, fitted and diagnosed into a folder."""
     folder = tmp_path_factory.mktemp("learned")
     logs = written(campaign("temperature"), folder / "logs")
@@ -137,7 +137,7 @@ def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Pat
 
 
 @pytest.fixture(scope="module")
-def folder(by_command: tuple[Path, YawDiagnosis]) -> Path:
+def folder(by_command: tuple[Path, MotionDiagnosis]) -> Path:
     """Its folder."""
     return by_command[0]
 

@@ -17,8 +17,7 @@ from automarine_cli.diagnosis.trials import WEAK, Compensating, Found, Rival
 from automarine_cli.diagnosis.verdict import split_by
 from automarine_cli.diagnosis.where import Region
 from automarine_cli.dofs import YAW
-from automarine_cli.report.diagnosis_tables import verdict_sentence
-from automarine_cli.report.figures.diagnosis_words import verdict
+from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 
 NAME, SMALL = "thrust-asymmetry", "gyro-drift"
@@ -48,7 +47,7 @@ def test_what_chance_reaches_now_and_then_is_suspected_and_not_added(monkeypatch
     found = diagnosed(campaign(SMALL), [], monkeypatch)
     assert found.verdict == "suspected" and [one.name for one in found.effects] == [SMALL]
     assert found.said.leaves is found.found.base and "Chance would gain as much" in found.said.why
-    assert found.said.why in verdict_sentence(found) and verdict(found) == f"suspected {SMALL}"
+    assert found.said.why in verdict_sentence(found) and found.words == f"suspected {SMALL}"
 
 
 def test_runs_that_contradict_a_name_take_it_back(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,6 @@ from automarine_cli.commands.check import check
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, read_column_map, read_log, whole_logs
 from automarine_cli.logs.columns import ColumnsOf, Join, matches
-from automarine_cli.workflows.command import inputs_of
 
 JOIN = Join("nav_*.csv", "cmd_*.csv")
 
@@ -104,8 +103,8 @@ def test_commands_in_a_file_are_no_log_of_their_own(tmp_path: Path) -> None:
     assert [run.run for run in found.runs] == ["nav_01", "nav_02"]
     assert any(note.startswith("joined to the clock of day/nav_01.csv") for note in found.runs[0].notes)
     # what is joined is an input all the same, also where only the log was named
-    asked = check.asked({"logs": [tmp_path / "day" / "nav_01.csv"], "columns": tmp_path / "columns.toml"})
-    assert [one.name for one in inputs_of(asked) if one.role == "log"] == ["cmd_01.csv", "nav_01.csv"]
+    settings = check.settings({"logs": [tmp_path / "day" / "nav_01.csv"], "columns": tmp_path / "columns.toml"})
+    assert [file.name for file in check.inputs(settings) if file.role == "log"] == ["cmd_01.csv", "nav_01.csv"]
 
 
 def test_which_files_belong_together(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import EARLY, LATE, fit_warnings
 from automarine_cli.models.store import yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.diagnosis_page import general_advice
+from automarine_cli.report.diagnosis_report import general_advice
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs

@@ -34,10 +34,10 @@ class Case(NamedTuple):
     figure: str
 
 
-REPORT, WORK = "automarine_cli.report", "automarine_cli.workflows"
+REPORT = "automarine_cli.report"
 CASES = {
     "fit-thrusters": Case(
-        "fit-thrusters pool/thrusters --thrusters-per-test 2", f"{WORK}.fit_thrusters.thruster_figure", "thrusters"
+        "fit-thrusters pool/thrusters --thrusters-per-test 2", f"{REPORT}.thruster_tables.thruster_figure", "thrusters"
     ),
     "fit-yaw": Case("fit-yaw pool/steps", f"{REPORT}.figures.yaw.drag_figure", "drag"),
     "fit-yaw, whole runs": Case(
@@ -58,7 +58,7 @@ CASES = {
         "why",
     ),
     "compare": Case("compare yaw driven", f"{REPORT}.compare_report.compare_figure", "comparison"),
-    "plan": Case("plan yaw/yaw_model.json", f"{WORK}.plan.plan_figure", "plan"),
+    "plan": Case("plan yaw/yaw_model.json", f"{REPORT}.plan_report.plan_figure", "plan"),
 }  # fmt: skip
 
 

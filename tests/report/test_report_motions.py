@@ -13,9 +13,9 @@ from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
 from automarine_cli.fits.yaw_fit import YawFit
-from automarine_cli.report import diagnosis_tables, yaw_report
+from automarine_cli.report import yaw_report
 from automarine_cli.report.campaign_page import alternatives
-from automarine_cli.report.diagnosis_page import page
+from automarine_cli.report.diagnosis_report import page, tables, verdict_sentence
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
@@ -122,8 +122,8 @@ def diagnosed(fits: dict[str, YawFit]) -> dict[str, Diagnosis]:
 def test_a_diagnosis_speaks_of_its_motion(diagnosed: dict[str, Diagnosis], name: str) -> None:
     diagnosis, dof = diagnosed[name], FORCES[name]
     refuse_strange(dof, page(diagnosis).splitlines())
-    refuse_strange(dof, [diagnosis_tables.verdict_sentence(diagnosis)])
-    refuse_strange(dof, [table.to_markdown() for table in diagnosis_tables.tables(diagnosis)])
+    refuse_strange(dof, [verdict_sentence(diagnosis)])
+    refuse_strange(dof, [table.to_markdown() for table in tables(diagnosis)])
     figures = (before_after_figure(diagnosis), where_figure(diagnosis), why_figure(diagnosis))
     for figure in figures:
         refuse_strange(dof, labels(figure))

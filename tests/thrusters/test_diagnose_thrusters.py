@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from repository import DATA
 
+from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.plain_data import schema_in
 from automarine_cli.report.thruster_diagnosis import sentences, tables
@@ -17,7 +18,6 @@ from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis, diagnose_thrus
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series, ThrusterLogs
-from automarine_cli.workflows import diagnose_thrusters as workflow
 
 TESTS = DATA / "thrusters"
 
@@ -207,9 +207,9 @@ def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     model = tmp_path / "thrusters.json"
     model.write_text(json.dumps(SQUARE.to_json()), encoding="utf-8")
     assert schema_in(model) == THRUSTER_MAP.schema and schema_in(log) != THRUSTER_MAP.schema
-    result = workflow.diagnose_thrusters([log], model=model, out=tmp_path / "one", jobs=1)
-    workflow.diagnose_thrusters([log], model=model, out=tmp_path / "two", jobs=2)
-    for name in (*workflow.FILES, "manifest.json"):
+    result = diagnose([log], model=model, out=tmp_path / "one", jobs=1)
+    diagnose([log], model=model, out=tmp_path / "two", jobs=2)
+    for name in ("diagnosis.json", "extended_model.json", "diagnosis.md", "why.png", "manifest.json"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
     written = json.loads((tmp_path / "one" / "diagnosis.json").read_text(encoding="utf-8"))
     assert written == json.loads(json.dumps(result.to_json()))
@@ -217,7 +217,7 @@ def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     assert set(written["gap"]["held_out_runs"]) == {"before_N", "after_N", "noise_floor_N"}
     assert str(tmp_path) not in (tmp_path / "one" / "diagnosis.md").read_text(encoding="utf-8")
     assert all(table.to_text() for table in tables(result))
-    held = workflow.diagnose_thrusters([log, other], model=model, hold_out=[other])
+    held = diagnose([log, other], model=model, hold_out=[other])
     assert held.held_out is not None and held.held_out.levels == 40 and names(held) == ["dead-band"]
     assert held.held_out_gap is not None and held.held_out_gap.after < 1.5 * NOISE
 
@@ -233,7 +233,7 @@ def on_table(tmp_path: Path, name: str, columns: str, volts: float | None = None
         source = tmp_path / "one.csv"
         with source.open("w", encoding="utf-8", newline="") as file:
             csv.writer(file).writerows([rows[0], *(row for row in rows[1:] if float(row[0]) == volts)])
-    return workflow.diagnose_thrusters([source], model=map_file, columns=column_file)
+    return diagnose([source], model=map_file, columns=column_file)
 
 
 COMMAND = '[columns]\nn = "cmd"\nforce_N = "force_n"\n'

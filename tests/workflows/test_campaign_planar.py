@@ -17,7 +17,7 @@ from automarine_cli.results.steps import STEPS
 def given(plan: dict[str, Any] | str) -> Mapping[str, Any]:
     """The settings of a plan."""
     assert not isinstance(plan, str)
-    return vars(plan["asked"]) if "asked" in plan else plan  # TODO until all commands are moved
+    return plan
 
 
 OWN = ["fit-planar", "validate-planar", "diagnose-planar"]

@@ -9,7 +9,7 @@ from automarine_cli.diagnosis.bins import SIZE, THRUST, Row, Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
-from automarine_cli.report.figures.diagnosis_words import BEFORE, MARK, in_words, verdict
+from automarine_cli.report.figures.diagnosis_words import BEFORE, MARK, in_words
 from automarine_cli.report.figures.style import PAGE_IN, house_style, new_figure
 
 MOST_PANELS = 12
@@ -18,7 +18,7 @@ COLUMNS = 4
 
 def where_figure(diagnosis: Diagnosis) -> Figure:
     """Small multiples, one a variable, most significant first, above a heat map of runs by time."""
-    return where_panels(diagnosis.where, verdict(diagnosis))
+    return where_panels(diagnosis.where, diagnosis.words)
 
 
 @house_style

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import SUSPECTED
-from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, verdict
+from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
 
 
@@ -22,7 +22,7 @@ def why_figure(diagnosis: Diagnosis) -> Figure:
     _evidence(grid[0, 0], diagnosis)
     figure.legend(handles=_handles(diagnosis), loc="outside lower center", ncols=4)
     what = "the innovations of driven runs" if diagnosis.study.driven else "the gap"
-    figure.suptitle(f"Which missing effect would explain {what}.\nVerdict: {verdict(diagnosis)}")
+    figure.suptitle(f"Which missing effect would explain {what}.\nVerdict: {diagnosis.words}")
     return figure
 
 

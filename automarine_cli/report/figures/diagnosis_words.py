@@ -1,8 +1,6 @@
-"""What the figures of a diagnosis share: colours, names of variables, the verdict in words."""
+"""What the figures of a diagnosis share: colours, and names of variables."""
 
 from automarine_cli.diagnosis.bins import Variable
-from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED
 from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.style import COLOURS
 
@@ -20,13 +18,3 @@ def in_words(variable: Variable, dof: Dof) -> str:
     name = variable.name if variable.logged else others.get(variable.name, variable.name.replace("-", " "))
     name += ", by run" if variable.of_the_run else ""
     return name + (f" [{variable.unit}]" if variable.unit else "")
-
-
-def verdict(diagnosis: Diagnosis) -> str:
-    """The verdict in a few words."""
-    names = " and ".join(diagnosis.found.final.added)
-    if diagnosis.verdict == NAMED:
-        return names
-    if diagnosis.verdict == SUSPECTED:
-        return f"suspected {names}"
-    return diagnosis.verdict.replace("-", " ")

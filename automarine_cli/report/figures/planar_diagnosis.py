@@ -9,7 +9,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch
-from automarine_cli.diagnosis.planar_candidates import Candidate
 from automarine_cli.diagnosis.planar_where import judged
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
@@ -26,21 +25,7 @@ RIVAL, TRIED, PROMISED = COLOURS["sky"], "0.55", "0.85"
 def where_figure(search: PlanarSearch, where: Where) -> Figure:
     """The gap against each variable, and a heat map."""
     ahead = judged(search.foretold[0][YAW.position]).horizon
-    return where_panels(where, in_words(search), "stretches of runs", f"predicted {ahead:g} s ahead")
-
-
-def in_words(search: PlanarSearch) -> str:
-    """The verdict in a few words."""
-    names = [label(one.candidate) for one in search.named or search.suspected]
-    if search.named:
-        return " and ".join(names)
-    return f"suspected {' and '.join(names)}" if names else search.verdict.replace("-", " ")
-
-
-def label(one: Candidate) -> str:
-    """A candidate with the letters of what it adds: cross-coupling N_v."""
-    letters = [name.rpartition(".")[2] for name in one.added]
-    return f"{one.name} {', '.join(letters)}"
+    return where_panels(where, search.words, "stretches of runs", f"predicted {ahead:g} s ahead")
 
 
 @house_style
@@ -64,7 +49,7 @@ def why_figure(search: PlanarSearch) -> Figure:
         ]
         place = np.arange(len(order))
         panel.barh(place, [gains[c.added] for c, _ in order], color=colours, height=0.72)
-        panel.set_yticks(place, [label(c) for c, _ in order], fontsize=6.5)
+        panel.set_yticks(place, [c.label for c, _ in order], fontsize=6.5)
         panel.axvline(HEAD_START, color=BEFORE, linewidth=1.2, linestyle="--")
         panel.axvline(0.0, color="0.3", linewidth=0.6)
         panel.set_xscale("symlog", linthresh=10.0, linscale=1.0)
@@ -80,7 +65,7 @@ def why_figure(search: PlanarSearch) -> Figure:
         Line2D([], [], linestyle="--", color=BEFORE, label="bar"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=5)
-    figure.suptitle(f"Which missing effect would explain the innovations. Verdict: {in_words(search)}")
+    figure.suptitle(f"Which missing effect would explain the innovations. Verdict: {search.words}")
     return figure
 
 
@@ -114,7 +99,7 @@ def before_after_figure(search: PlanarSearch) -> Figure:
     _sizes(figure.add_subplot(place[rows, :]), search, ahead)
     figure.suptitle(
         f"Predictions {ahead[0].horizon:g} s ahead, from filtered states, by the commands as they were logged.\n"
-        f"Added: {in_words(search) if search.named else 'nothing'}"
+        f"Added: {search.words if search.named else 'nothing'}"
     )
     handles, names = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=3)

@@ -1,0 +1,163 @@
+"""`diagnose`: where simulation and measurement disagree, which effect is missing, and the gap that it closes."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from automarine_cli.commands import options
+from automarine_cli.commands.command import command
+from automarine_cli.errors import RunError, SettingError
+
+if TYPE_CHECKING:
+    from automarine_cli.diagnosis.diagnose import MotionDiagnosis
+    from automarine_cli.diagnosis.planar import PlanarDiagnosis
+    from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+
+
+@command("diagnose", report="diagnosis_report", by_effects=True)
+@options.logs
+@options.model
+@options.hold_out
+@options.columns
+@options.thrusters
+@options.arm
+@options.channels
+@options.ending(options.strict, options.seed, options.jobs, options.cluster)
+def diagnose(
+    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], columns: Any, thrusters: Any, arm: float | None,
+    channels: str, strict: bool, seed: int, jobs: int, each: Any, progress: Any,
+) -> "MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis":  # fmt: skip
+    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+
+    Every effect of the library is tried on whole runs with everything refitted; an effect counts if it gains more
+    than chance would on the same runs. The verdict is a name (with the rivals that the runs cannot exclude), a
+    suspicion that the held-out runs do not confirm, nothing missing, or unexplained. What no effect explains is
+    learned as a curve over one variable or logged column. With a thruster map as the model, bollard tests are
+    diagnosed in the same way.
+
+    \b
+    Example:
+      automarine fit-yaw sample_runs/hidden_one --fit-to whole-runs -o out/hidden
+      automarine diagnose sample_runs/hidden_one --model out/hidden/yaw_model.json -o out/diagnosis
+    """
+    from automarine_cli.logs import given_columns
+    from automarine_cli.pipeline.plain_data import schema_in
+    from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
+    from automarine_cli.runs.channels import AUTO
+
+    names, execution = given_columns(columns), {"strict": strict, "progress": progress}
+    schema = schema_in(model)
+    if schema == THRUSTER_MAP.schema:
+        if thrusters is not None or arm is not None:
+            raise SettingError(
+                f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model; leave them out"
+            )
+        if channels != AUTO:
+            raise SettingError(f"{model.name} is a thruster map: --channels belongs to a motion; leave it out")
+        return _of_a_map(logs, model, hold_out, names, seed, **execution)
+    if schema == PLANAR_MODEL.schema:
+        if channels != AUTO:
+            raise SettingError(f"{model.name} is a planar model: every channel counts; leave --channels out")
+        drive = {"columns": names, "thrusters": thrusters, "arm": arm, "jobs": jobs}
+        return _of_the_plane(logs, model, hold_out, seed, **drive, **execution)
+    return _of_a_motion(logs, model, hold_out, names, thrusters, arm, channels, seed, jobs, each, **execution)
+
+
+def _of_a_motion(
+    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], names: Any, thrusters: Any, arm: float | None,
+    channels: str, seed: int, jobs: int, each: Any, *, strict: bool, progress: Any,
+) -> "MotionDiagnosis":  # fmt: skip
+    """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
+    import hashlib
+
+    from automarine_cli.diagnosis.diagnose import MotionDiagnosis, diagnose_runs, expected_seconds
+    from automarine_cli.fits.linear_mixed import in_words_of
+    from automarine_cli.models.store import load_yaw_models
+    from automarine_cli.pipeline.progress import foretell
+    from automarine_cli.runs.channels import wanted_channels
+    from automarine_cli.runs.checks import without_stuck, without_undriven
+    from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
+    from automarine_cli.runs.run import Run, SetAside, command_warnings
+    from automarine_cli.thrusters.moments import with_moments
+
+    stored = load_yaw_models(model)
+    dof = stored.dof
+    wanted_channels(channels, dof)
+    aside: list[SetAside] = []
+
+    def usable(files: Sequence[Any]) -> list[Run]:
+        """Runs that a diagnosis can use, with their moments, in the model's unit."""
+        campaign = load_runs(files, names, dof=dof, strict=strict, progress=progress, jobs=jobs)
+        runs = with_moments(campaign.runs, thrusters, arm, names, dof)
+        units = {run.moment_unit for run in runs if run.moment is not None}
+        if units - {stored.moment_unit}:
+            raise SettingError(
+                f"{stored.source} is a model of {dof.words.force}s in {stored.moment_unit}, the logs give "
+                f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
+                "--columns"
+            )
+        command_warnings(runs)  # refused where they cannot be of this map
+        driven, undriven = without_undriven(runs)
+        moving, stuck = without_stuck(driven)
+        aside.extend((*campaign.set_aside, *undriven, *stuck))
+        if strict and aside:
+            raise refused_by_strict(aside[0])
+        return moving
+
+    runs, held_out = usable(logs), usable(hold_out) if hold_out else None
+    foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))
+    with told_beside(aside), in_words_of(dof):
+        diagnosis = diagnose_runs(
+            runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, each=each, channels=channels
+        )
+    return MotionDiagnosis(diagnosis, stored, hashlib.sha256(model.read_bytes()).hexdigest(), tuple(aside))
+
+
+def _of_the_plane(
+    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, **settings: Any
+) -> "PlanarDiagnosis":
+    """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
+    import hashlib
+    from dataclasses import replace
+
+    from automarine_cli.diagnosis.diagnose import split_off
+    from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing
+    from automarine_cli.diagnosis.planar_where import find_planar_where
+    from automarine_cli.fits.planar_structure import observed
+    from automarine_cli.models.planar_store import load_planar_model
+    from automarine_cli.thrusters.planar_runs import load_planar
+
+    stored = load_planar_model(model)
+    campaign, other = load_planar(logs, **settings), load_planar(hold_out, **settings) if hold_out else None
+    runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, FEWEST_RUNS)
+    if not held_out:
+        raise SettingError(f"no run is held out: expected at least {FEWEST_RUNS} logs, or some given with --hold-out")
+    channels = observed(campaign.runs)
+    search = find_missing(stored, runs, held_out, channels)
+    search = replace(search, where=find_planar_where(search, seed))
+    aside = (*campaign.set_aside, *(other.set_aside if other else ()))
+    parent = hashlib.sha256(model.read_bytes()).hexdigest()
+    return PlanarDiagnosis(search, tuple(runs), tuple(held_out), channels, aside, parent)
+
+
+def _of_a_map(
+    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], names: Any, seed: int, *, strict: bool, progress: Any
+) -> "ThrusterDiagnosis":
+    """Diagnose a thruster map on bollard tests; without `hold_out` a quarter of the levels is held out."""
+    from automarine_cli.results.kinds import THRUSTER_MAP
+    from automarine_cli.thrusters.diagnosis import diagnose_thrusters
+    from automarine_cli.thrusters.map import ThrusterMap
+    from automarine_cli.thrusters.records import load_thruster_logs, thrusters_pulling
+
+    base, file = ThrusterMap.load(model), THRUSTER_MAP.read(model)
+    apart = {log.path.resolve() for log in hold_out}
+    if not (fitted := [log for log in logs if log.path.resolve() not in apart]):
+        raise RunError("every log is held out; give at least one that is not named with --hold-out")
+    loaded = load_thruster_logs(fitted, names, strict=strict, progress=progress)
+    held_out = load_thruster_logs(hold_out, names, strict=strict, progress=progress) if hold_out else None
+    progress("diagnosing", 0, 1)
+    result = diagnose_thrusters(
+        loaded, base, hold_out=held_out, thrusters=thrusters_pulling(None, names, max(file.thrusters_per_test or 1, 1)),
+        n_unit=loaded.n_unit, voltage="reference_V" in file.voltage_exponent, seed=seed,
+    )  # fmt: skip
+    progress("diagnosing", 1, 1)
+    return result

@@ -1,1 +1,0 @@
-"""One function a command, same file names as `cli/`; callable from Python, each returns its result object."""
