@@ -16,7 +16,7 @@ from automarine_cli.pipeline.staging import ADVICE
 PACKAGE = Path(automarine_cli.__file__).parent
 DATA = {"LogError", "RunError", "FitError", "OutputError", "Unclear"}
 """About logs and results: what to do is a clause of its own."""
-WRITTEN = {"SettingError", "ModelError", "UsageError", "BadParameter", "Refusal"}
+WRITTEN = {"SettingError", "ModelError", "UsageError", "Refusal"}
 """About what a person wrote, an option or a key: what is expected in its place says what to do."""
 OF_A_COLUMN_MAP = "logs/columns.py"  # a file that a person wrote, too
 PASSED_ON = {
