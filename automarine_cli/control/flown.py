@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.control.design import EXACT, crowds_of, nominal_of
-from automarine_cli.control.flight import fly, step_scores
-from automarine_cli.control.search import Crowd, Task, paced
+from automarine_cli.control.closed_loop import fly, step_scores
+from automarine_cli.control.design import EXACT, Crowd, Task, crowds_of, nominal_of, paced
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.tuning import Setup, set_up
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
@@ -265,7 +264,6 @@ def _part(
     run: Run, reference: Floats, part: slice, start: Floats | float, target: Target, gains: Mapping[str, float],
     crowds: Sequence[Crowd],
 ) -> _Part:  # fmt: skip
-    """The samples `part` of a run, less `start`."""
     time = run.time[part] - run.time[part][0]
     turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if run.dof.wraps else 0.0
     read = run.position - 2.0 * np.pi * turns

@@ -11,14 +11,11 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.authority import authority
-from automarine_cli.control.design import Designed, Outcome, design
-from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, is_diagnosis, read_knowledge
-from automarine_cli.control.members import Bend
-from automarine_cli.control.param_file import present_gains
-from automarine_cli.control.search import Task
+from automarine_cli.control.design import Designed, Outcome, Task, design
+from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, authority, is_diagnosis, read_knowledge
 from automarine_cli.control.targets import get
-from automarine_cli.control.targets.base import Design, Target
+from automarine_cli.control.targets.base import Design, Target, present_gains
+from automarine_cli.control.vehicles import Bend
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.attempts import Attempt, attempted

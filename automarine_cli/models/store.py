@@ -118,7 +118,6 @@ def _models(file: ModelFile, codec: Codec) -> StoredModels:
 
 
 def _force_unit(file: ModelFile, codec: Codec) -> str:
-    """The unit of moment or force: said by the file, or told by the unit of an inertia."""
     dof, unit = file.dof, file.force_unit
     if unit is None:
         units = (one.inertia.unit for one in file.models.values() if one is not None and one.inertia is not None)
@@ -158,7 +157,6 @@ def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place,
 def _effects(
     entries: Sequence[AddedEffect], codec: Codec, place: Place, dof: Dof
 ) -> list[tuple[str, tuple[float, ...]]]:
-    """Name and values of each effect of the file."""
     found = []
     for i, entry in enumerate(entries):
         at = (*place, i)
