@@ -204,7 +204,8 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
         if key not in keys:
             close = difflib.get_close_matches(str(key), keys, n=1)
             hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(keys)}"
-            raise SettingError(f"{section}: unknown key {told(key)}; {hint}".removeprefix(": "))
+            place = f"{section}: " if section else ""
+            raise SettingError(f"{place}unknown key {told(key)}; {hint}")
         expected, fits = EXPECTED.get(where) or EXPECTED.get(key) or ("", lambda value: True)
         if not fits(value):
             raise SettingError(f"{where}: found {told(value)}, expected {expected}")
