@@ -152,7 +152,7 @@ class Command(click.Command):
             for name in logs:
                 if values[name] or name == "logs":
                     values[name] = whole_logs(find_logs(values[name]), columns)
-        return self.complete(values)
+        return values
 
     def convert(self, name: str, value: object) -> Any:
         """Convert one setting. Raises SettingError, which begins with its name for a value of the wrong kind."""
