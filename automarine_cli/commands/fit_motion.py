@@ -179,13 +179,26 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         seldom=True, help=options.CHANNELS_HELP,
     )  # fmt: skip
 
+    def check_effects(names: tuple[str, ...]) -> None:
+        if names:
+            from automarine_cli.fits.driven import wanted_effects
+
+            wanted_effects(names, dof)
+
+    with_effects = option(
+        "--with", "with_effects", default="", type=options.Checked(check_effects, options.Names()), metavar="EFFECTS",
+        seldom=True,
+        help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven "
+        "ones.",
+    )  # fmt: skip
+
     def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":
         return _fit(dof, jobs=jobs, progress=progress, **settings)
 
     fit.__doc__ = HELP[dof.name]
     declared = options.together(
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
-        options.with_effects, options.known, options.ending(options.strict, options.jobs),
+        with_effects, options.known, options.ending(options.strict, options.jobs),
     )  # fmt: skip
     return command(f"fit-{dof.name}", report="yaw_report")(declared(fit))
 

@@ -109,6 +109,7 @@ def test_a_section_has_the_settings_of_its_command(tmp_path: Path) -> None:
     ('force = "guessed"', r'heave\.force: found "guessed", expected "logged" or "thrusters"'),
     ("tail = [1.0]", r"heave\.tail is \[1\.0\]; expected a float"), ('tail = "far"', r"heave\.tail is 'far'; "),
     ('fit_to = "half-turns"', r"heave\.fit_to is 'half-turns'; 'half-turns' is not one of"),
+    ('with_effects = "nothing"', r"heave\.with_effects: with is 'nothing'; expected effects such as"),
     ("taill = 1.0", 'heave: unknown key "taill"; did you mean "tail"'), ("steps = 'heave'", r"heave\.steps: found"),
     ('steps = ["no"]', "heave.steps"), ("tail = -1.0", r"heave\.tail is -1; expected metres above 0"),
 ])  # fmt: skip
