@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"cli", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "workflows": 7166, "fits": 7176, "report": 5784, "logs": 4621, "diagnosis": 4552, "runs": 3297, "thrusters": 3944,
+    "workflows": 7166, "fits": 7176, "report": 5784, "logs": 4610, "diagnosis": 4552, "runs": 3287, "thrusters": 3944,
     "control": 2743, "link": 2743, "effects": 2308, "simulation": 2397, "planning": 2283, "exports": 2259,
     "pipeline": 2103, "cli": 1780, "models": 1227, "comparison": 1293, "filters": 1071, "results": 686, "dofs": 672,
     "top": 550, "guide": 212,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 60425
+MOST_LINES_IN_ALL = 60404
 MOST_FILES = 429
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
