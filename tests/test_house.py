@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"cli", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "workflows": 6986, "fits": 7174, "report": 5782, "logs": 5023, "diagnosis": 4552, "runs": 3997, "thrusters": 3942,
+    "workflows": 6986, "fits": 7174, "report": 5782, "logs": 5023, "diagnosis": 4552, "runs": 3999, "thrusters": 3942,
     "control": 2743, "link": 2769, "effects": 2308, "simulation": 2276, "planning": 2283, "exports": 2259,
-    "pipeline": 986, "cli": 1740, "models": 1225, "comparison": 1293, "filters": 1071, "results": 723, "dofs": 672,
+    "pipeline": 994, "cli": 1740, "models": 1225, "comparison": 1293, "filters": 1071, "results": 723, "dofs": 672,
     "top": 550, "guide": 212,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 60148
+MOST_LINES_IN_ALL = 60158
 MOST_FILES = 442
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -16,7 +16,7 @@ from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, r
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.logs.find import in_parcels
 from automarine_cli.logs.formats import format_of
-from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
@@ -138,7 +138,9 @@ def _gathered(
     aside: list[SetAside] = []
     np.empty(FREED, dtype=np.uint8)
     jobs = _paying(files, jobs)
-    for good, bad in chain(*ordered_map(read, in_parcels(files), jobs, progress=progress, stage="reading logs")):
+    for good, bad in chain.from_iterable(
+        ordered_stream(read, in_parcels(files), jobs, progress=progress, stage="reading logs")
+    ):
         kept += good
         aside += bad
     if strict and aside:
