@@ -34,7 +34,7 @@ class Case(NamedTuple):
     figure: str
 
 
-REPORT, WORK = "automarine_cli.report", "automarine_cli.workflows"
+REPORT = "automarine_cli.report"
 CASES = {
     "fit-thrusters": Case(
         "fit-thrusters pool/thrusters --thrusters-per-test 2", f"{REPORT}.thruster_tables.thruster_figure", "thrusters"
