@@ -217,7 +217,7 @@ class MotionDiagnosis(Shown):
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [effect.to_json() for effect in diagnosis.effects],
-            "where": [region.to_json(dof) for region in diagnosis.where.regions],
+            "where": [region.to_json(dof.units.key) for region in diagnosis.where.regions],
             "gap": {name: gap and gap.to_json(dof) for name, (gap, _) in sets.items()},
             **({} if diagnosis.outlook is None else {**cycle, "prediction": prediction}),
             "candidates": [

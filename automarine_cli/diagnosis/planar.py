@@ -359,7 +359,7 @@ class PlanarDiagnosis(Shown):
             "verdict": search.verdict,
             **({"why": search.why} if search.why else {}),
             "effects": [self._effect_json(*one) for one in listed or [(suspect, ()) for suspect in search.suspected]],
-            "where": [region.to_json(YAW) for region in search.where.regions] if search.where else [],
+            "where": [region.to_json(YAW.units.key) for region in search.where.regions] if search.where else [],
             "gap": {name: self._gap_json(outlook) for name, outlook in outlooks.items()},
             "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
             "candidates": [

@@ -18,9 +18,9 @@ from automarine_cli.planning.limits import Limits, read_limits
 from automarine_cli.planning.prior_results import PriorResults, read_prior_results
 from automarine_cli.planning.vehicle import Drive, consumption, drive_of
 from automarine_cli.results.kinds import PLAN
+from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.moments import map_and_arm
-from automarine_cli.thrusters.records import Series, load_thruster_logs
 
 LARGEST_NU = 1.0
 """Largest moment of a normalised model where the limits do not say."""

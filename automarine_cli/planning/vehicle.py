@@ -19,9 +19,9 @@ from automarine_cli.logs.canonical import CANONICAL
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.command_range import FAR_BEYOND
+from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import Series
 
 ROUND_DOWN = 1e-6
 FEWEST = 6

@@ -13,7 +13,7 @@ from automarine_cli.simulation.planar_campaign import PlanarMade
 from automarine_cli.simulation.planar_specification import PlanarSpecification
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Specification
-from automarine_cli.thrusters.records import bollard_columns
+from automarine_cli.thrusters.map import bollard_columns
 
 TRUTH = "truth.json"
 SCHEMA = "automarine/simulation-truth/1"

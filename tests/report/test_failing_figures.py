@@ -58,7 +58,7 @@ CASES = {
         "why",
     ),
     "compare": Case("compare yaw driven", f"{REPORT}.compare_report.compare_figure", "comparison"),
-    "plan": Case("plan yaw/yaw_model.json", f"{WORK}.plan.plan_figure", "plan"),
+    "plan": Case("plan yaw/yaw_model.json", f"{REPORT}.plan_report.plan_figure", "plan"),
 }  # fmt: skip
 
 
