@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 7176, "report": 6819, "logs": 5062, "diagnosis": 4820, "runs": 3534, "commands": 3310, "thrusters":
-    3186, "control": 3030, "link": 2841, "planning": 2497, "exports": 2373, "effects": 2308, "simulation": 2274,
+    "fits": 7176, "report": 6820, "logs": 5062, "diagnosis": 4820, "runs": 3509, "commands": 3307, "thrusters":
+    3186, "control": 3030, "link": 2841, "planning": 2497, "exports": 2360, "effects": 2308, "simulation": 2274,
     "pipeline": 2078, "comparison": 1576, "models": 1227, "filters": 1071, "results": 757, "dofs": 672, "guide":
     212, "top": 113,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 56936
+MOST_LINES_IN_ALL = 56896
 MOST_FILES = 370
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -10,6 +10,7 @@ import errno
 import os
 import sys
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,6 +18,9 @@ from automarine_cli.commands.options import verbosity
 from automarine_cli.commands.terminal import Refusal, WrongUsage, versions
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline import interrupts
+
+if TYPE_CHECKING:
+    from automarine_cli.commands.command import Command
 
 COMMANDS = {
     "Start here": {
@@ -69,11 +73,12 @@ def names() -> list[str]:
     return [name for group in COMMANDS.values() for name in group]
 
 
-def load(name: str) -> click.Command:
+def load(name: str) -> "Command":
     """Import the command of that name."""
-    place = MODULES.get(name, name.replace("-", "_"))
-    module = import_module(f"automarine_cli.commands.{place}")
-    return next(value for value in vars(module).values() if isinstance(value, click.Command) and value.name == name)
+    from automarine_cli.commands.command import Command
+
+    module = import_module(f"{__name__}.{MODULES.get(name, name.replace('-', '_'))}")
+    return next(value for value in vars(module).values() if isinstance(value, Command) and value.name == name)
 
 
 def in_python() -> dict[str, str]:

@@ -9,12 +9,10 @@ import glob
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import load
-from automarine_cli.commands.command import Command
 from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError, SettingError
@@ -26,7 +24,6 @@ if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
     from automarine_cli.results.steps import Step
 
-FIGURES = ("png", "svg")  # for a person, and for the report
 KINDS = {
     "thrusters": "thruster tests", "steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs",
     "runs": "runs",
@@ -130,7 +127,7 @@ class Campaign:
 
     def plan(self, step: "Step", out: Path) -> dict[str, Any] | str:
         """Complete the settings of a step's command, with results in `out`; or say why it has nothing to do."""
-        work, section = command_of(step.command), self.sections.get(step.section, {})
+        work, section = load(step.command), self.sections.get(step.section, {})
         given = {key: value for key, value in section.items() if key not in KEYS.get(step.section, ())}
         if step.section == "thrusters" and "per_test" in section:
             given["thrusters_per_test"] = section["per_test"]
@@ -201,7 +198,7 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
     """The keys of a section with converted values. Raises SettingError with the key's path."""
     if not isinstance(table, Mapping):
         raise SettingError(f"{section}: found {told(table)}, expected a table")
-    work = command_of(COMMANDS[section]) if section in COMMANDS else None
+    work = load(COMMANDS[section]) if section in COMMANDS else None
     keys = [*KEYS[section], *(work.names - GIVEN if work else ()), *(() if section else (key for key in KEYS if key))]
     for key, value in table.items():
         where = f"{section}.{key}".removeprefix(".")
@@ -215,9 +212,9 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
         if key == "map":
             yield key, home / value
         elif key in ("seed", "strict"):
-            yield key, _converted(command_of("validate"), key, value, where)
+            yield key, _converted(load("validate"), key, value, where)
         elif key == "per_test":
-            yield key, _converted(command_of("fit-thrusters"), "thrusters_per_test", value, where)
+            yield key, _converted(load("fit-thrusters"), "thrusters_per_test", value, where)
         elif work is not None and key not in KEYS[section]:
             yield key, _converted(work, key, home / value if key in work.files and _is_text(value) else value, where)
         else:
@@ -244,6 +241,8 @@ def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:
         raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
     if thrusters.get("map") and logs.get("thrusters"):
         raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")
+    if "tune" in sections and not sections["tune"].get("target"):
+        raise SettingError("tune.target is missing; give the controller, such as ardusub")
     for name, key in ((YAW.name, "moment"), (PLANAR.name, "force")):
         if sections.get(name, {}).get(key) == "thrusters" and arm is None:
             raise SettingError(f'{name}.{key} is "thrusters", which needs vehicle.arm_m; give it in metres')
@@ -251,11 +250,3 @@ def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:
         raise SettingError(
             'yaw.moment is "thrusters", which needs logs.thrusters (bollard tests) or thrusters.map; give one of them'
         )
-
-
-@cache
-def command_of(name: str) -> Command:
-    """Return the command of that name."""
-    command = load(name)
-    assert isinstance(command, Command)
-    return command

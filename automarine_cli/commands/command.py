@@ -74,7 +74,7 @@ class Command(click.Command):
     Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
     `each` is a map on the processes asked for. `report` names the modules that show the result (none: `finish` does
     it). A command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow
-    from others, `finish` ends the command on the terminal.
+    from others and refuses what contradicts, before logs are looked for; `finish` ends the command on the terminal.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Command(click.Command):
             for name in logs:
                 if values[name] or name == "logs":
                     values[name] = whole_logs(find_logs(values[name]), columns)
-        return self.complete(values)
+        return values
 
     def convert(self, name: str, value: object) -> Any:
         """Convert one setting. Raises SettingError, which begins with its name for a value of the wrong kind."""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from automarine_cli.commands import options
-from automarine_cli.commands.campaign import FIGURES, Campaign, command_of, read_campaign
+from automarine_cli.commands import load, options
+from automarine_cli.commands.campaign import Campaign, read_campaign
 from automarine_cli.commands.command import argument, command, option
 from automarine_cli.commands.terminal import echo_warnings, end_with
 from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 RESULTS = "results"
 """The folder beside the campaign file that takes the results of who names none."""
+FIGURES = ("png", "svg")  # for a person, and for the report
 NO_PAGE = "no step has a result to show"
 
 
@@ -177,7 +178,7 @@ def _do(
         gone = remove_results(folder, step.command)
         return did, why + ("; its former result was removed" if gone and did == "skipped" else "")
 
-    folder, work = out / step.folder, command_of(step.command)
+    folder, work = out / step.folder, load(step.command)
     settings = campaign.plan(step, out)
     if isinstance(settings, str):
         return without_result("skipped", settings)

@@ -65,6 +65,9 @@ class LeftOut:
     name: str
     why: str
 
+    def __str__(self) -> str:
+        return f"Left out: {self.name}: {self.why}."
+
 
 @dataclass(frozen=True)
 class Origin:
@@ -218,6 +221,11 @@ class Target:
     planar: Planar | None = None
 
 
+def in_ascii(text: str) -> str:
+    """Text with escapes for all letters but those of ASCII."""
+    return text.encode("ascii", "backslashreplace").decode("ascii")
+
+
 def plain(text: str) -> str:
     """Powers in letters of ASCII."""
     return text.replace("²", "^2").replace("³", "^3")
@@ -260,8 +268,8 @@ def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) 
         unit, words = subject.model.moment_unit, subject.dof.words
         rate = f"{words.speed} {subject.rate_unit}"
         lines.append(f"Units: {words.force} {unit}, {rate}, {words.inertia} {subject.unit}.")
-        lines += [f"Left out: {one.name}: {one.why}." for one in subject.left_out]
-    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in (*lines, *notes)]
+        lines += map(str, subject.left_out)
+    return [in_ascii(line) for line in (*lines, *notes)]
 
 
 def commented(lines: Iterable[str], sign: str) -> str:

@@ -81,14 +81,12 @@ class Exported:
         return self.written.text
 
     @property
-    def missing(self) -> tuple[str, ...]:
-        """A sentence for each effect that the file leaves out."""
-        return tuple(f"Left out: {effect.name}: {effect.why}." for effect in self.left_out)
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What the reader must not miss: effects left out, and the notes that warn."""
-        return (*self.missing, *(note for note in self.written.notes if note.startswith(("Warning", "Left out"))))
+        return (
+            *map(str, self.left_out),
+            *(note for note in self.written.notes if note.startswith(("Warning", "Left out"))),
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Schema automarine/export/1."""
@@ -111,7 +109,7 @@ def _(result: Exported) -> Sections:
     if result.place is None:
         return Sections(())  # the text itself is printed
     held = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
-    return Sections((held, *result.missing, *result.written.notes))
+    return Sections((held, *map(str, result.left_out), *result.written.notes))
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,11 @@ import numpy as np
 from automarine_cli import __version__
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, LeftOut, Origin, Settings, number
+from automarine_cli.exports.base import FRAMES, LeftOut, Origin, Settings, in_ascii, number
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
-from automarine_cli.models.yaw_model import Term
 from automarine_cli.quantities import Floats
 
 LINEAR, QUADRATIC, CONSTANT = "linear-drag", "quadratic-drag", "bias-moment"
-CARRIED = frozenset({LINEAR, QUADRATIC, CONSTANT})
 SIDES = np.array([1.0, -1.0, -1.0])
 """What a velocity or force is multiplied by from one frame to the other."""
 
@@ -59,9 +57,9 @@ class PlanarSubject:
             "Equation: M nu' + C(nu) nu + D(nu) nu = tau, nu = (u, v, r) through the water: surge, sway, yaw.",
             f"Frame: {FRAMES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
             "M is rigid and added inertia together; C follows from it, the Munk moment among it.",
-            *(f"Left out: {one.name}: {one.why}." for one in self.left_out),
+            *map(str, self.left_out),
         ]
-        return [line.encode("ascii", "backslashreplace").decode("ascii") for line in lines]
+        return [in_ascii(line) for line in lines]
 
     def about_water(self) -> tuple[str, ...]:
         """The note on the current of the runs, which is no part of the vehicle."""
@@ -79,21 +77,20 @@ def planar_subject(
     linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
     left: list[LeftOut] = []
     for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
+        places = {CONSTANT: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
         for term in terms:
-            if term.name not in CARRIED:
-                left.append(LeftOut(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
-            elif term.name == CONSTANT:
-                constant[i] += term.values[0]
-            elif term.name == LINEAR:
-                linear[i, i] += term.values[0]
+            if term.name in places:
+                places[term.name][0] += term.values[0]
             else:
-                quadratic[i, i, i] += term.values[0]
+                left.append(LeftOut(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
     for term in model.cross:
-        _add(term, linear, quadratic)
+        force, _, letters = term.name.partition("_")
+        along = tuple(VELOCITIES.index(letter) for letter in letters)
+        (linear if len(along) == 1 else quadratic)[FORCES.index(force), *along] += term.values[0]
     if left and not settings.allow_partial:
-        told = "; ".join(f"{one.name} ({one.why})" for one in left)
+        terms_left = "; ".join(f"{term.name} ({term.why})" for term in left)
         raise SettingError(
-            f"{origin.file}: {target} cannot represent {told}; give --allow-partial to write the file without"
+            f"{origin.file}: {target} cannot represent {terms_left}; give --allow-partial to write the file without"
         )
     side = SIDES if frame == "ENU" else np.ones(3)
     both = np.outer(side, side)
@@ -101,14 +98,6 @@ def planar_subject(
         origin, frame, form, settings, both * model.inertia.matrix, both * linear, both[:, None] * quadratic,
         side * constant, model.water, tuple(left),
     )  # fmt: skip
-
-
-def _add(term: Term, linear: Floats, quadratic: Floats) -> None:
-    """A cross drag into its matrix."""
-    force, _, letters = term.name.partition("_")
-    i, *along = (FORCES.index(force), *(VELOCITIES.index(one) for one in letters))
-    matrix = linear if len(along) == 1 else quadratic
-    matrix[(i, *along)] += term.values[0]
 
 
 def rigid_of(subject: PlanarSubject) -> Inertia:

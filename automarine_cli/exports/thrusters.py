@@ -71,16 +71,19 @@ def write(subject: MapSubject) -> Written:
     if subject.form.endswith("table"):
         n, force = table(subject.map, n_max)
         return _text(subject, notes, {"n": row(n), "force": row(force)}, n_max)
-    if subject.form == "gz-thruster":
-        return _gz(subject, notes, n_max)
-    bands = subject.form != "constants"
-    ahead, astern = (
-        square_side(curve, n_max, with_dead_band=bands) for curve in (subject.map.forward, subject.map.backward)
-    )
+    gazebo = subject.form == "gz-thruster"
+    if gazebo and subject.settings.lag is not None:
+        raise SettingError("--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out")
+    curves, bands = (subject.map.forward, subject.map.backward), subject.form not in ("constants", "gz-thruster")
+    ahead, astern = (square_side(curve, n_max, with_dead_band=bands) for curve in curves)
+    if gazebo:
+        both = [side.k for side, curve in zip((ahead, astern), curves) if curve]
+        ahead = astern = Side(float(np.mean(both)), 0.0, n_max)
     notes += _error(subject, lambda n: ahead.thrust(np.maximum(n, 0)) - astern.thrust(np.maximum(-n, 0)), n_max)
     values = {
         "k_pos": number(ahead.k), "k_neg": number(astern.k), "upper": number(ahead.d), "lower": number(-astern.d),
         "n_pos": number(ahead.limit), "n_neg": number(-astern.limit),
+        "coefficient": number(ahead.k / (DENSITY * DIAMETER**4)),
     }  # fmt: skip
     return _text(subject, notes, values, max(ahead.limit, astern.limit))
 
@@ -90,24 +93,8 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
     off, full = worst(subject.map, law, n_max), top(subject.map, n_max)
     if off < CLOSE * full:
         return []
-    wrong = f"wrong by up to {off:.2g} N ({100 * off / full:.2g} % of {full:.3g} N)"
-    if not subject.settings.allow_partial:
-        raise SettingError(
-            f"{subject.origin.file}: {subject.form} cannot follow a map of the form {subject.map.form}: its thrust "
-            f"would be {wrong}; give --form {TABLES[subject.form]}, which follows any map, or --allow-partial"
-        )
-    return [f"Warning: the thrust of this file is {wrong}, for the map has the form {subject.map.form}."]
-
-
-def _gz(subject: MapSubject, notes: list[str], n_max: float) -> Written:
-    """Gazebo's law has one coefficient; with two it would need another plugin."""
-    if subject.settings.lag is not None:
-        raise SettingError("--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out")
-    sides = [square_side(c, n_max, with_dead_band=False) for c in (subject.map.forward, subject.map.backward) if c]
-    side = Side(float(np.mean([one_way.k for one_way in sides])), 0.0, n_max)
-    off, full = worst(subject.map, lambda n: np.sign(n) * side.thrust(np.abs(n)), n_max), top(subject.map, n_max)
     wrong = f"{off:.2g} N ({100 * off / full:.2g} % of {full:.3g} N)"
-    if off >= CLOSE * full:
+    if subject.form == "gz-thruster":  # has one coefficient; with two it would need another plugin
         if not subject.settings.symmetrise:
             ahead, astern = force_of(subject.map, np.array([n_max, -n_max]))
             raise SettingError(
@@ -115,9 +102,14 @@ def _gz(subject: MapSubject, notes: list[str], n_max: float) -> Written:
                 f"the square, but at n = {n_max:.4g} this thruster gives {ahead:.3g} N ahead and {-astern:.3g} N "
                 f"astern: its thrust would be wrong by up to {wrong}; give --symmetrise to take that"
             )
-        notes.append(f"Warning: symmetrised; the thrust of this file is wrong by up to {wrong}.")
-    coefficient = side.k / (DENSITY * DIAMETER**4)
-    return _text(subject, notes, {"coefficient": number(coefficient)}, n_max)
+        return [f"Warning: symmetrised; the thrust of this file is wrong by up to {wrong}."]
+    if not subject.settings.allow_partial:
+        raise SettingError(
+            f"{subject.origin.file}: {subject.form} cannot follow a map of the form {subject.map.form}: its thrust "
+            f"would be wrong by up to {wrong}; give --form {TABLES[subject.form]}, which follows any map, or "
+            "--allow-partial"
+        )
+    return [f"Warning: the thrust of this file is wrong by up to {wrong}, for the map has the form {subject.map.form}."]
 
 
 def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_max: float) -> Written:

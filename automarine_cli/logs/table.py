@@ -270,10 +270,10 @@ def require_motion(table: LogTable) -> None:
     """Refuse a table that is no log of its motion: time, position (or velocity, which can be summed up), and a moment
     or force or every thruster command."""
     dof = table.dof
-    is_rate = is_velocity_only(table) or (
-        _guess(table, dof.position) is None and _guess(table, dof.velocity) is not None
-    )
-    measured = dof.velocity if is_rate and dof.position not in table.columns else dof.position
+    measured = dof.position
+    if dof.position not in table.columns:
+        by_name = _guess(table, dof.position) is None and _guess(table, dof.velocity) is not None
+        measured = dof.velocity if is_velocity_only(table) or by_name else dof.position
     if is_commanded(table):
         require(table, ("time", measured))
     elif any(quantity in table.columns for quantity in dof.thrusters):

@@ -159,20 +159,15 @@ def limit_of(law: Law, several: Sequence[Commanded], unit: str) -> AllocationLim
     )
 
 
-def limits_in(asked: Mapping[int, Commanded], unit: str) -> tuple[Law | None, AllocationLimit | None]:
-    """The allocation of one degree of freedom in runs by their number, and what these ask beyond its limits."""
-    several = list(asked.values())
-    law = law_of(several) if several else None
-    return law, None if law is None else limit_of(law, several, unit)
-
-
 def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
     """The runs of one campaign driven by what their thrusters gave, where that is not what was commanded, which the
     notes of each tell; and what all of them together asked beyond the limits."""
     kept, found = list(runs), []
     for dof in DOFS.values():
         asked = {i: one for i, run in enumerate(runs) for one in commanded(run) if one.dof is dof}
-        law, whole = limits_in(asked, runs[0].moment_unit if dof is runs[0].dof else dof.units.forces[1])
+        law = law_of([*asked.values()]) if asked else None
+        unit = runs[0].moment_unit if dof is runs[0].dof else dof.units.forces[1]
+        whole = None if law is None else limit_of(law, [*asked.values()], unit)
         if law is None or whole is None:
             continue
         found.append(whole)

@@ -1,7 +1,7 @@
 """What can be said of one run or one thruster test without fitting anything: what `check` and `init` show."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -11,7 +11,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
 from automarine_cli.logs.formats import stem_of
-from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
+from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, law_of, limit_of
 from automarine_cli.runs.command_range import undirected
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none
 from automarine_cli.runs.load import runs_of_table, unreadable
@@ -59,6 +59,13 @@ def kind_of(run: Run) -> RunKind:
 
 Indices = NDArray[np.int64]
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
+NO_KEYS = ("dof", "commanded", "limits")  # of a run in check.json
+
+
+def _keyed(record: "StepSeen | RunSeen", keys: Mapping[str, str]) -> dict[str, object]:
+    """The fields of a record under their keys, in order."""
+    names = (one.name for one in fields(record) if one.name not in NO_KEYS)
+    return {keys.get(name, name): getattr(record, name) for name in names}
 
 
 @dataclass(frozen=True)
@@ -81,22 +88,10 @@ class StepSeen:
     why: str | None
 
     def to_json(self, dof: Dof) -> dict[str, object]:
-        """Its form in check.json."""
+        """Return its form in check.json."""
         words, units = dof.words, dof.units
-        return {
-            words.force: self.moment,
-            "switch_from_s": self.switch_from_s,
-            "switch_to_s": self.switch_to_s,
-            "ends_s": self.ends_s,
-            "from_rest": self.from_rest,
-            f"start_{words.position}_{units.log}": self.start,
-            "kept_samples": self.kept_samples,
-            "kept_s": self.kept_s,
-            f"{words.gone_key}_{units.key}": self.gone,
-            "cut_by": self.cut_by,
-            "steady": self.steady,
-            "why": self.why,
-        }
+        start, gone = f"start_{words.position}_{units.log}", f"{words.gone_key}_{units.key}"
+        return _keyed(self, {"moment": words.force, "start": start, "gone": gone})
 
 
 @dataclass(frozen=True)
@@ -124,37 +119,21 @@ class RunSeen:
     why: str | None
     columns: list[str]
     notes: list[str]
-    asked: list[Commanded] = field(default_factory=list, repr=False)
+    commanded: list[Commanded] = field(default_factory=list, repr=False)
     limits: list[AllocationLimit] = field(default_factory=list)
 
     def to_json(self) -> dict[str, object]:
-        """Its form in check.json."""
-        words, half_turn = self.dof.words, self.half_turn
-        return {
-            "file": self.file,
-            "run": self.run,
-            "samples": self.samples,
-            "begins_s": self.begins_s,
-            "duration_s": self.duration_s,
-            "rate_hz": self.rate_hz,
-            "jitter_ms": self.jitter_ms,
-            "longest_step_s": self.longest_step_s,
+        """Return its form in check.json."""
+        words, dof = self.dof.words, self.dof
+        noise, unit = f"{words.position}_noise_{dof.units.key}", f"{words.force}_unit"
+        keys = {"noise": noise, "extent": words.range_key, "moment_unit": unit, "half_turn": dof.step_key}
+        limits = {"allocation_limits": [limit.to_json() for limit in self.limits]} if self.limits else {}
+        return _keyed(self, keys) | {
             "counts": dict(self.counts),
-            f"{words.position}_noise_{self.dof.units.key}": self.noise,
-            words.range_key: self.extent,
-            f"{words.force}_unit": self.moment_unit,
-            "levels": self.levels,
-            "steps": [step.to_json(self.dof) for step in self.steps],
-            self.dof.step_key: None if half_turn is None else half_turn.to_json(self.dof),
-            "why": self.why,
-            "columns": self.columns,
-            "notes": self.notes,
-            **({"allocation_limits": [one.to_json() for one in self.limits]} if self.limits else {}),
+            "steps": [step.to_json(dof) for step in self.steps],
+            dof.step_key: None if self.half_turn is None else self.half_turn.to_json(dof),
+            **limits,
         }
-
-    def with_limit(self, limit: AllocationLimit) -> "RunSeen":
-        """The same with what it asks beyond the limits of the thrusters."""
-        return replace(self, limits=[*self.limits, limit], notes=[*self.notes, limit.sentence])
 
 
 @dataclass(frozen=True)
@@ -223,22 +202,23 @@ def look_at_run(run: Run) -> RunSeen:
         why=None if best is not None else why_none(driven, turns),
         columns=sorted(run.extras),
         notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)],
-        asked=commanded(run),
+        commanded=commanded(run),
     )
 
 
-def with_limits(seen: Sequence[RunSeen]) -> list[RunSeen]:
-    """The runs of one campaign, each with what it asks of its thrusters beyond their limits, as all of them show
-    these."""
-    found = list(seen)
-    for own, dof in {(run.dof, one.dof): None for run in seen for one in run.asked}:
-        asked = {i: one for i, run in enumerate(seen) if run.dof is own for one in run.asked if one.dof is dof}
-        unit = seen[next(iter(asked))].moment_unit if dof is own else dof.units.forces[1]
-        law, _ = limits_in(asked, unit)
+def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
+    """Tell of each run of a campaign what it asks of its thrusters beyond their limits, as all runs show these."""
+    runs = list(runs)
+    for run_dof, dof in {(run.dof, one.dof): None for run in runs for one in run.commanded}:
+        asked = {i: one for i, run in enumerate(runs) if run.dof is run_dof for one in run.commanded if one.dof is dof}
+        unit = runs[next(iter(asked))].moment_unit if dof is run_dof else dof.units.forces[1]
+        law = law_of([*asked.values()])
         for i, one in asked.items():
             limit = None if law is None else limit_of(law, [one], unit)
-            found[i] = found[i] if limit is None else found[i].with_limit(limit)
-    return found
+            if limit is not None:
+                notes = [*runs[i].notes, limit.sentence]
+                runs[i] = replace(runs[i], limits=[*runs[i].limits, limit], notes=notes)
+    return runs
 
 
 def _step_seen(turn: HalfTurn) -> StepSeen:

@@ -77,6 +77,17 @@ class ThrusterLogs:
         return replace(self, records=tuple(r for r in self.records if r.part == part), by="", asked=False, set_aside=())
 
 
+def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
+    """Return how many equal thrusters pulled together: `count`, else the column map's default, else the usual number.
+
+    Raises SettingError for what is no such number.
+    """
+    value = columns.defaults.get("thrusters_per_test", usual) if count is None else count
+    if isinstance(value, str) or value != int(value) or value < 1:
+        raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
+    return int(value)
+
+
 def load_thruster_logs(
     logs: Logs, columns: ColumnMap, *, strict: bool = False, progress: Progress = silent
 ) -> ThrusterLogs:

@@ -22,6 +22,7 @@ OF_A_COLUMN_MAP = "logs/columns.py"  # a file that a person wrote, too
 PASSED_ON = {
     "{str(problem)}", "{where}: {problem}", "{run.source}, run {run.name}: {error}",
     "{printable(self.path.name)}: logs.{kind}: {problem}",
+    "{problem.format_message()}", "{name} is {value}; {problem.message}",  # those of click, and of our types
     "the vehicle refuses: {printable(str(data.get('error')))[:600]}",
     "{self.silenced}",  # which ends: start `automarine serve` again
     "no usable run in {files} log{'s' * (files != 1)}: {reasons}{more}",

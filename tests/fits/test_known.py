@@ -163,7 +163,7 @@ def test_the_command_tells_it_everywhere(tmp_path: Path) -> None:
     assert model["3"]["I_r"]["known"] is True and "known" not in model["3"]["k_rr"]
     assert model["2"]["k_r"]["value"] == 0.1 and model["2"]["k_r"]["known"] is True
     options = json.loads((tmp_path / "out" / "manifest.json").read_text())["options"]
-    assert options["known"]["parameters"] == {"I_r": {"value": 1.0, "stderr": 0.05}, "k_r": {"value": 0.1}}
+    assert options["known"] == ["I_r=1.0±0.05,k_r=0.1"]
 
 
 def test_python_takes_a_mapping() -> None:

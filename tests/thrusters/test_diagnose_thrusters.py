@@ -120,7 +120,9 @@ def test_voltage_is_named_where_it_was_varied() -> None:
     assert sum(len(names(result)) > 1 for result in found) <= 1
     for result in found:
         assert value(result, "p") == pytest.approx(1.2, abs=0.05)
-        assert any(region.variable == "voltage" for region in result.where.regions)
+        region = next(region for region in result.where.regions if region.variable == "voltage")
+        keys = {"variable", "from", "to", "unit", "gap_N", "p_value", "runs"}
+        assert keys <= set(region.to_json("N")) and region.runs == ("test.csv",)
         assert result.extended_map["voltage_exponent"] == {"p": result.final.power, "reference_V": 14.0}
 
 
@@ -145,6 +147,20 @@ def test_a_gap_that_no_effect_closes_is_unexplained() -> None:
     assert result.verdict == "unexplained" and result.effects == ()
     assert result.gap.before == result.gap.after > 3 * result.gap.floor
     assert "correlated along the control signal" in sentences(result)[0]
+
+
+def test_a_tie_is_suspected_and_not_added() -> None:
+    """A dead-band of a quarter of the lowest level: these readings do not tell it from another exponent."""
+
+    def narrow(n: np.ndarray) -> np.ndarray:
+        return square(np.sign(n) * np.maximum(np.abs(n) - 0.0125, 0.0))
+
+    result = diagnose_thrusters(logs(narrow, 5), SQUARE)
+    (effect,) = result.effects
+    assert result.verdict == "suspected" and result.extended_map["form"] == "square"
+    assert {effect.name, *(rival.name for rival in effect.rivals)} == {"dead-band", "thrust-exponent"}
+    assert effect.confidence < 0.5 and sentences(result)[0].startswith("Suspected, not named: ")
+    assert " at n = " in effect.rivals[0].split_by
 
 
 def test_mirrored_data_say_the_same() -> None:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from automarine_cli.commands.campaign import command_of, read_campaign
+from automarine_cli.commands import load
+from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.report import report
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.control import design
@@ -27,7 +28,7 @@ def test_a_campaign_ends_with_gains_and_its_report_shows_them(
     first = run_campaign(campaign, out=out, until="fit-yaw")
     assert "tune" not in {one.step for one in first.steps}
     planned, (step,) = read_campaign(campaign), (step for step in STEPS if step.name == "tune")
-    settings, tune = planned.plan(step, out), command_of("tune")
+    settings, tune = planned.plan(step, out), load("tune")
     assert not isinstance(settings, str) and planned.has(step)
     tune.run(settings, out=out / "tune", overwrite=False, jobs=1, progress=silent, figure_formats=("png",))
     assert tune.why_again(settings, out / "tune", ("png",)) is None
