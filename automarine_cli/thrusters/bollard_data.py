@@ -130,17 +130,6 @@ def load_thruster_logs(
     return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked), rule)
 
 
-def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
-    """Return how many equal thrusters pulled together: `count`, else the column map's default, else the usual number.
-
-    Raises SettingError for what is no such number.
-    """
-    value = columns.defaults.get("thrusters_per_test", usual) if count is None else count
-    if isinstance(value, str) or value != int(value) or value < 1:
-        raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
-    return int(value)
-
-
 def _require_parts(table: LogTable, columns: ColumnMap) -> None:
     """Raise LogError where the column that the map names with `by` is not in the table."""
     if BY in columns.columns and table.parts is None:
