@@ -8,8 +8,7 @@ import numpy as np
 
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.entries import number_at
-from automarine_cli.pipeline.codec import Codec, Place
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Place, Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Given
@@ -17,7 +16,7 @@ from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.results.models import CurveEntry
 from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.settings import Bollard
+from automarine_cli.simulation.specification import Bollard
 from automarine_cli.simulation.streams import normal, uniform
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 
