@@ -16,9 +16,9 @@ from click.core import augment_usage_errors
 
 from automarine_cli.commands.terminal import echo_result, terminal_progress
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document
+from automarine_cli.results.shown import Shown
 
 EXECUTION = ("out", "overwrite", "jobs", "cluster", "as_json")
 """Options that change no result."""
@@ -175,7 +175,7 @@ class Command(click.Command):
         with ExitStack() as stack:
             folder = None
             if out is not None and self.saves:
-                from automarine_cli.pipeline.outputs import result_folder
+                from automarine_cli.pipeline.results_folder import result_folder
 
                 folder = stack.enter_context(result_folder(
                     out, command=str(self.name), options=self.recorded(settings, figure_formats),
@@ -202,7 +202,7 @@ class Command(click.Command):
 
     def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
         """Say why the result in a folder is not what these settings would make; None if it is."""
-        from automarine_cli.pipeline.reuse import why_made_again
+        from automarine_cli.pipeline.manifest import why_made_again
 
         return why_made_again(
             folder, command=str(self.name), options=self.recorded(settings, figure_formats), seed=self.seed(settings),

@@ -10,7 +10,7 @@ from automarine_cli.errors import RunError, SettingError
 if TYPE_CHECKING:
     from automarine_cli.diagnosis.diagnose import MotionDiagnosis
     from automarine_cli.diagnosis.planar import PlanarDiagnosis
-    from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+    from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 
 
 @command("diagnose", report="diagnosis_report", by_effects=True)
@@ -40,7 +40,7 @@ def diagnose(
       automarine diagnose sample_runs/hidden_one --model out/hidden/yaw_model.json -o out/diagnosis
     """
     from automarine_cli.logs import given_columns
-    from automarine_cli.pipeline.plain_data import schema_in
+    from automarine_cli.pipeline.records import schema_in
     from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
     from automarine_cli.runs.channels import AUTO
 
@@ -143,10 +143,10 @@ def _of_a_map(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], names: Any, seed: int, *, strict: bool, progress: Any
 ) -> "ThrusterDiagnosis":
     """Diagnose a thruster map on bollard tests; without `hold_out` a quarter of the levels is held out."""
+    from automarine_cli.diagnosis.thruster_map import diagnose_thrusters
     from automarine_cli.results.kinds import THRUSTER_MAP
-    from automarine_cli.thrusters.diagnosis import diagnose_thrusters
+    from automarine_cli.thrusters.bollard_data import load_thruster_logs, thrusters_pulling
     from automarine_cli.thrusters.map import ThrusterMap
-    from automarine_cli.thrusters.records import load_thruster_logs, thrusters_pulling
 
     base, file = ThrusterMap.load(model), THRUSTER_MAP.read(model)
     apart = {log.path.resolve() for log in hold_out}

@@ -58,9 +58,8 @@ def fit_thrusters(
 
     from automarine_cli.logs import given_columns
     from automarine_cli.runs.load import told_beside
-    from automarine_cli.thrusters.fit_records import fit_records
-    from automarine_cli.thrusters.records import load_thruster_logs, thrusters_pulling
-    from automarine_cli.thrusters.result import ONE_PULLED
+    from automarine_cli.thrusters.bollard_data import load_thruster_logs, thrusters_pulling
+    from automarine_cli.thrusters.result import ONE_PULLED, fit_records
 
     column_map = given_columns(columns)
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)

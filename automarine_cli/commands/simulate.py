@@ -11,8 +11,7 @@ from automarine_cli.commands.command import argument, command, option
 if TYPE_CHECKING:
     from automarine_cli.pipeline.progress import Progress
     from automarine_cli.report.simulation_tables import PlanarSimulation, Simulation
-    from automarine_cli.simulation.planar_specification import PlanarSpecification
-    from automarine_cli.simulation.specification import Specification
+    from automarine_cli.simulation.specification import PlanarSpecification, Specification
 
 
 @command("simulate", report="simulation_tables", figures=False)
@@ -36,9 +35,8 @@ def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> 
       automarine simulate sample_runs/campaign.toml -o out/campaign
     """
     from automarine_cli.report.simulation_tables import PlanarSimulation, Simulation
-    from automarine_cli.simulation.campaign import make_campaign
-    from automarine_cli.simulation.planar_campaign import make_planar
-    from automarine_cli.simulation.planar_specification import PlanarSpecification
+    from automarine_cli.simulation.campaign import make_campaign, make_planar
+    from automarine_cli.simulation.specification import PlanarSpecification
 
     spec = _read(specification)
     if isinstance(spec, PlanarSpecification):
@@ -59,10 +57,9 @@ def _read(specification: Any) -> "Specification | PlanarSpecification":
     """The specification in a file, of one motion or of motion in the plane. Raises SettingError."""
     if not isinstance(specification, Path):
         return specification
-    from automarine_cli.pipeline.recipe import read_mapping
+    from automarine_cli.pipeline.records import read_mapping
     from automarine_cli.pipeline.words import printable
-    from automarine_cli.simulation.planar_specification import is_planar, planar_specification_from
-    from automarine_cli.simulation.specification import specification_from
+    from automarine_cli.simulation.specification import is_planar, planar_specification_from, specification_from
 
     mapping, name = read_mapping(specification), printable(specification.name)
     return planar_specification_from(mapping, name) if is_planar(mapping) else specification_from(mapping, name)

@@ -1,36 +1,37 @@
-"""From what is known of a vehicle to a verdict: gains with their margins, the present ones kept, or no promise."""
+"""Gains as fast and as stiff as the margin allows to all vehicles that a model allows, and the verdict on them.
+
+First design numbers are spread over the space of gains and their disk margins worked out on three vehicles of every
+explanation; all that keep the margin are flown, for no figure of a linear loop says how soon a step settles. The best
+are looked at again nearby, ever nearer, and the last few are judged on the whole crowd.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.control.actuators import dead_time, lag_of
-from automarine_cli.control.flight import Flight, Scores, scores, step_and_load
-from automarine_cli.control.knowledge import Knowledge
-from automarine_cli.control.margins import Margins
-from automarine_cli.control.members import Bend, Vehicles, crowd
-from automarine_cli.control.plant import sensor_lag
-from automarine_cli.control.search import (
-    FINE,
-    ROUGH,
-    SHARE,
-    Crowd,
-    Task,
-    all_margins,
-    brief,
-    flown,
-    grid_for,
-    paced,
-    picked,
-    screened,
-    searched,
+from automarine_cli.control import vehicles as plant
+from automarine_cli.control.closed_loop import (
+    TILT,
+    Flight,
+    Margins,
+    Scores,
+    disk_margin,
+    frequencies,
+    margins,
+    scores,
+    stable_along,
+    step_and_load,
 )
+from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.targets.base import Gains, Nominal, Target
+from automarine_cli.control.vehicles import Bend, Vehicles, crowd, dead_time, lag_of, output_slope, sensor_lag
 from automarine_cli.models.yaw_model import steady_rate
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import Complexes, Floats
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
 CROWD, PRESENT, JUDGED = 180, 60, 12
@@ -43,6 +44,70 @@ DEAREST = 2.0
 LONG_DELAY = 0.14
 """Spread of delays [s], between their quarters, from which on it is asked what knowing them would be worth: that of
 delays anywhere within 0.3 s."""
+SHARE = 0.95
+"""Of the crowd that has to keep the margin, and to settle."""
+FIRST, NEAR, ELITE, FLOWN, MOST = 1500, 200, 8, 160, 40
+"""Sets of gains: spread over their space, near the best so many, flown for a further explanation, found at last."""
+FEW, NEARLY = 40, 0.95
+"""Vehicles on which flown sets have to keep the margin; share of it that three probes have to keep before."""
+NEVER = 1e6
+"""What not settling costs, in lengths of a flight."""
+WIDTH = 0.3
+"""Of the neighbourhood of good gains, in design numbers between 0 and 1."""
+ROUGH, LONGEST = 0.1, 0.02
+"""Loops of flights that gains are looked for with, in shares of all that is slow in the loop; and the longest loops
+and steps of a vehicle in flights that are not promised [s]."""
+LONG, LEAST = 5.0, 6.0
+"""Flights that gains are looked for with, in settling times and at least [s]."""
+COARSE, FINE = 180, 500
+"""Frequencies of the first look and of the margins that are told."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What gains are for: `step` of the reference and `band` within which it counts as settled [base units], `load` in
+    shares of the whole output, disk `margin` to keep, how long a flight takes [s]."""
+
+    step: float
+    band: float
+    load: float
+    margin: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """Vehicles that one explanation allows, the first as its model says."""
+
+    name: str
+    vehicles: Vehicles
+
+    def first(self, count: int) -> "Crowd":
+        """Keep the first `count` vehicles."""
+        return Crowd(self.name, self.vehicles.pick(slice(0, count)))
+
+    @cached_property
+    def probes(self) -> Vehicles:
+        """The first, one that is late and lively, and one that is sluggish."""
+        reach = output_slope(self.vehicles) / self.vehicles.theta[:, 0]
+        late = dead_time(self.vehicles) + lag_of(self.vehicles) + 1e-3
+        lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
+        place = int(SHARE * (len(reach) - 1))
+        return self.vehicles.pick(np.array([0, lively[place], sluggish[place]]))
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Sets of gains with the design numbers they came from, and what they cost on a crowd, (C,)."""
+
+    numbers: Floats
+    gains: dict[str, Floats]
+    cost: Floats
+
+    def first(self, count: int) -> "Candidates":
+        """Keep the cheapest, in order."""
+        order = np.argsort(self.cost, kind="stable")[:count]
+        return Candidates(self.numbers[order], select(self.gains, order), self.cost[order])
 
 
 @dataclass(frozen=True)
@@ -55,7 +120,7 @@ class Outcome:
     flight: Flight
 
     def share_with(self, margin: float) -> float:
-        """Share of the crowd that keeps a disk margin."""
+        """Return the share of the crowd that keeps a disk margin."""
         return float(np.mean(self.margins.disk >= margin))
 
 
@@ -78,48 +143,169 @@ class Designed:
 
 
 def nominal_of(vehicles: Vehicles, step: float) -> Nominal:
-    """The first of several vehicles as a designer sees it."""
-    one, full, dof = vehicles.pick(slice(0, 1)), vehicles.full, vehicles.model.dof
-    linear, quadratic = vehicles.model.with_theta(one.theta[0]).drag()
-    lag = float((dead_time(one) + lag_of(one) + sensor_lag(one))[0])
+    """Describe the first of several vehicles as a designer sees it, for a `step` of the reference [base unit]."""
+    first, full, dof = vehicles.pick(slice(0, 1)), vehicles.full, vehicles.model.dof
+    linear, quadratic = vehicles.model.with_theta(first.theta[0]).drag()
+    lag = float((dead_time(first) + lag_of(first) + sensor_lag(first))[0])
     fastest = float(steady_rate(full, linear, max(quadratic, 1e-9 * full)))
     return Nominal(
-        dof, float(one.theta[0, 0]) / full, linear / full, quadratic / full, lag, fastest, step, full,
+        dof, float(first.theta[0, 0]) / full, linear / full, quadratic / full, lag, fastest, step, full,
         vehicles.model.moment_unit, vehicles.bend,
     )  # fmt: skip
 
 
-def seconds_for(nominal: Nominal) -> float:
-    """How long a flight is to take [s]: seven times the shortest turn, and the delays many times over."""
-    shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
-    return float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
-
-
 def crowds_of(known: Knowledge, full: float, bend: Bend | None, seed: int, count: int = CROWD) -> tuple[Crowd, ...]:
-    """Vehicles of every explanation, the same count of each."""
-    rng = np.random.default_rng(seed)
-    each = max(count // len(known.explanations), 40)
+    """Draw vehicles of every explanation, the same count of each."""
+    rng, size = np.random.default_rng(seed), max(count // len(known.explanations), 40)
     return tuple(
-        Crowd(one.name, crowd(one.model, replace(known.spread, covariance=one.covariance), full, bend, each, rng))
-        for one in known.explanations
+        Crowd(e.name, crowd(e.model, replace(known.spread, covariance=e.covariance), full, bend, size, rng))
+        for e in known.explanations
     )
+
+
+def select(gains: Mapping[str, Floats], which: NDArray[np.int64]) -> dict[str, Floats]:
+    """Select some of several sets of gains (C,)."""
+    return {name: value[which] for name, value in gains.items()}
+
+
+def paced(target: Target, nominal: Nominal, share: float) -> Target:
+    """Give the same stack fewer loops a second, where those of the firmware are far shorter than all that is slow:
+    `share` of it, 0.02 s at most."""
+    slow = nominal.lag + target.own_lag({})
+    return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
+
+
+def grid_for(target: Target, crowds: Sequence[Crowd], count: int) -> Floats:
+    """Return `count` frequencies [rad/s] that matter to a target on these vehicles."""
+    late = max(float(np.max(dead_time(part.vehicles))) for part in crowds)
+    return frequencies(min(np.pi / target.period, 60.0 / max(late, 1e-3)), count)
+
+
+def _unbent(target: Target, vehicles: Vehicles) -> Vehicles:
+    """The vehicles without a map where the target makes up for it."""
+    return replace(vehicles, bend=None) if target.linear else vehicles
+
+
+def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats) -> Margins:
+    """Return margins of every vehicle (S,) under gains (S, 1), or the same for all (1, 1), from frequencies (W,)."""
+
+    def loop(s: Complexes) -> Complexes:
+        of_position, of_velocity = target.paths(gains, s)
+        position, velocity = plant.response(_unbent(target, vehicles), s)
+        return of_position * position + of_velocity * velocity
+
+    return margins(loop, omega, plant.poles(vehicles), 1)
+
+
+def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> Floats:
+    """Return disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable."""
+    linear, columns = _unbent(target, vehicles), {name: value[:, None] for name, value in gains.items()}
+    poles, lines = plant.poles(linear), (omega * (1j - TILT), 1j * omega)
+    paths = [(*target.paths(columns, s), *plant.response(linear, s)) for s in lines]
+    disk = np.zeros((len(next(iter(gains.values()))), len(linear)))
+    for k in range(len(linear)):
+        tilted, ratio = (x * position[k] + v * velocity[k] for x, v, position, velocity in paths)
+        disk[:, k] = np.where(stable_along(tilted, poles[k : k + 1], 1), disk_margin(ratio), 0.0)
+    return disk
+
+
+def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> tuple[Floats, Scores]:
+    """Fly sets of gains (C,) on some vehicles (V) and return their cost (C, V), and the scores (C V,).
+
+    The cost is log settling + log largest error under load + 1/4 log what is left of it: half the time is worth as much
+    as half the error; and 4 for each share of the step by which it is overshot, beyond a tenth.
+    """
+    sets, count = len(next(iter(gains.values()))), len(vehicles)
+    repeated: Gains = {name: np.repeat(value, count)[:, None] for name, value in gains.items()}
+    many = vehicles.pick(np.tile(np.arange(count), sets))
+    flight = step_and_load(target, repeated, many, task.step, task.load, task.seconds, longest=LONGEST)
+    result = scores(flight, task.step, task.band)
+    settling = np.log(np.where(result.settles, result.settling, NEVER * task.seconds))
+    load = np.log(np.maximum(result.error, 1e-6)) + 0.25 * np.log(result.end + task.band)
+    cost = settling + load + 4.0 * np.maximum(result.overshoot - 0.1, 0.0)
+    return cost.reshape(sets, count), result
+
+
+def spread_numbers(count: int, size: int) -> Floats:
+    """Return points (count, size) that fill the unit cube evenly: the R-sequence (Roberts 2018)."""
+    root = 2.0
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (size + 1))
+    steps = (1.0 / root) ** np.arange(1, size + 1)
+    return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
+
+
+def brief(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> Task:
+    """Shorten the flights to what it takes to tell good gains from bad: `LONG` times what the best of a few takes to
+    settle, on the first vehicle."""
+    gains = target.propose(spread_numbers(FIRST // 5, target.numbers), nominal)
+    first = crowds[0].vehicles.pick(slice(0, 1))
+    good = np.flatnonzero(screened(target, gains, first, grid_for(target, crowds, COARSE))[:, 0] >= task.margin)
+    if not len(good):
+        return task
+    settling = flown(paced(target, nominal, ROUGH), select(gains, good), first, task)[1].settling.min()
+    return replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds)))
+
+
+def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, rounds: int) -> Candidates:
+    """Find the best sets of gains that keep the margin on some vehicles of all crowds, cheapest first; none where none
+    does. Margins are those of the target's own loops, flights are rough."""
+    omega = grid_for(target, crowds, COARSE)
+    result = _tried(target, nominal, crowds, task, omega, spread_numbers(FIRST, target.numbers))
+    near = (spread_numbers(NEAR, target.numbers) - 0.5).reshape(ELITE, -1, target.numbers)
+    for turn in range(1, rounds):
+        best = result.first(ELITE).numbers
+        around = np.clip(best[:, None, :] + WIDTH / turn * near[: len(best)], 0.0, 1.0).reshape(-1, target.numbers)
+        more = _tried(target, nominal, crowds, task, omega, around)
+        result = Candidates(
+            np.concatenate([result.numbers, more.numbers]),
+            {name: np.concatenate([value, more.gains[name]]) for name, value in result.gains.items()},
+            np.concatenate([result.cost, more.cost]),
+        )
+    return result.first(MOST)
+
+
+def _tried(
+    target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, omega: Floats, numbers: Floats
+) -> Candidates:
+    gains, places = target.propose(numbers, nominal), np.arange(len(numbers))
+    for part in crowds:
+        disk = screened(target, select(gains, places), part.probes, omega)
+        places = places[np.all(disk >= NEARLY * task.margin, axis=1)]
+    quick, cost = paced(target, nominal, ROUGH), np.zeros(len(places))
+    for part in crowds:  # what is dear for the first explanation need not be flown for the others
+        if len(places):
+            cost = np.maximum(cost, flown(quick, select(gains, places), part.probes, task)[0].max(axis=1))
+        best = np.argsort(cost, kind="stable")[:FLOWN]
+        places, cost = places[best], cost[best]
+    for part in crowds:
+        disk = screened(target, select(gains, places), part.vehicles.pick(slice(0, FEW)), omega)
+        good = np.mean(disk >= task.margin, axis=1) >= SHARE
+        places, cost = places[good], cost[good]
+    return Candidates(numbers[places], select(gains, places), cost)
 
 
 def design(
     target: Target, known: Knowledge, full: float, bend: Bend | None, task: Task, present: Mapping[str, float] | None,
     seed: int,
 ) -> Designed:  # fmt: skip
-    """The verdict of a target on a vehicle; `present` gains by name, None where there are none."""
+    """Reach the verdict of a target on a vehicle; `present` gains by name, None where there are none.
+
+    A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
+    margin and do not settle in time.
+    """
     crowds = crowds_of(known, full, bend, seed)
     nominal = nominal_of(crowds[0].vehicles, task.step)
     if known.settled is not None:
         why, effect = known.settled
         run = _run(known, effect)
         return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, effect, run, known.notes)
+    shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
+    seconds = float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
     for longer in (1.0, 2.0):
-        found = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds_for(nominal)), present)
-        if found is not None:
-            return found
+        result = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds), present)
+        if result is not None:
+            return result
     why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles"
     why = f"{why} that the model allows. {_more(target)}"
     return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, "", "", known.notes)
@@ -130,100 +316,91 @@ def _designed(
     present: Mapping[str, float] | None,
 ) -> Designed | None:  # fmt: skip
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
-    some = [one.first(PRESENT // len(crowds)) for one in crowds]
+    some = [part.first(PRESENT // len(crowds)) for part in crowds]
     exact = paced(target, nominal, EXACT)
     old = None if present is None else outcome(target, present, some, task, exact)
 
-    def said(verdict: Verdict, why: str, new: Outcome | None = None, left: str = "") -> Designed:
-        run = _run(known, left) if left else ""
-        return Designed(verdict, why, target, task, nominal, crowds, new, old, left, run, known.notes)
+    def verdict(word: Verdict, why: str, new: Outcome | None = None, effect: str = "") -> Designed:
+        run = _run(known, effect) if effect else ""
+        return Designed(word, why, target, task, nominal, crowds, new, old, effect, run, known.notes)
 
     if old is not None and _keeps(old, some, task):
-        return said("leave", _kept(old, task))
+        return verdict("leave", _leave(old, task))
     short = brief(target, nominal, crowds, task)
     chosen = _chosen(target, nominal, crowds, short)
     dear = _price(target, nominal, known, crowds, short, chosen)
-    if chosen is None and not dear:
-        where = "" if target.beyond or not target.firmware else " within the documented ranges"
-        return said("cannot-promise", f"No gains{where} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the "
-                                      f"vehicles that the model allows. {_more(target)}")  # fmt: skip
-    if dear:
-        return said("cannot-promise", dear[0], left=dear[1])
-    assert chosen is not None
+    if dear is not None:
+        return verdict("cannot-promise", dear[0], effect=dear[1])
+    if chosen is None:
+        within = "" if target.beyond or not target.firmware else " within the documented ranges"
+        why = f"No gains{within} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the vehicles"
+        return verdict("cannot-promise", f"{why} that the model allows. {_more(target)}")
     new = outcome(target, chosen, crowds, task, exact)
-    if _is_late(new, task) and _keeps(new, crowds, task):
+    # too little is seen after the vehicles settled: in a dead-band a loop may rest for a while and swing out again
+    late = np.mean(new.scores.settling > 0.5 * task.seconds) > 1.0 - SHARE
+    if late and _keeps(new, crowds, task):
         task = replace(task, seconds=2.0 * task.seconds)
         new = outcome(target, chosen, crowds, task, exact)
         old = None if present is None else outcome(target, present, some, task, exact)
     if not _keeps(new, crowds, task):
         return None
     if old is not None and (_keeps(old, some, task) or _no_worse(old, new, task)):
-        return said("leave", _kept(old, task))
-    return said("gains", _why(new, old, task), new)
+        return verdict("leave", _leave(old, task))
+    share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
+    before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
+    return verdict("gains", f"They keep a disk margin of {task.margin:g} for {share}{before}.", new)
 
 
-def outcome(
-    target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task, paced: Target | None = None
-) -> Outcome:
-    """What gains do over all crowds, flown with the loops of `paced` where that is given."""
-    own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
+def outcome(target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task, paced: Target) -> Outcome:
+    """Work out what gains do over all crowds, flown with the loops of `paced`."""
+    arrays: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega = grid_for(target, crowds, FINE)
-    found = [all_margins(target, own, one.vehicles, omega) for one in crowds]
-    flights = [step_and_load(paced or target, own, one.vehicles, task.step, task.load, task.seconds) for one in crowds]
-    flight = Flight(
-        flights[0].time, *(np.concatenate([getattr(f, k) for f in flights]) for k in ("position", "output"))
-    )
+    parts = [all_margins(target, arrays, part.vehicles, omega) for part in crowds]
+    flights = [step_and_load(paced, arrays, part.vehicles, task.step, task.load, task.seconds) for part in crowds]
+    joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
+    flight = Flight(flights[0].time, *joined)
     names = ("disk", "gain", "phase", "delay", "stable")
-    whole = Margins(*(np.concatenate([getattr(one, name) for one in found]) for name in names))
-    return Outcome(dict(gains), whole, scores(flight, task.step, task.band), flight)
+    every = Margins(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return Outcome(dict(gains), every, scores(flight, task.step, task.band), flight)
 
 
-def _keeps(found: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
+def _keeps(result: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
     """Whether every explanation's vehicles keep the margin and settle, all but a twentieth."""
-    good = (found.margins.disk >= task.margin) & found.scores.settles
-    ends = np.cumsum([len(one.vehicles) for one in crowds])[:-1]
+    good = (result.margins.disk >= task.margin) & result.scores.settles
+    ends = np.cumsum([len(part.vehicles) for part in crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
 def _no_worse(old: Outcome, new: Outcome, task: Task) -> bool:
-    """Whether old gains are as good as new ones in all that is told of them."""
+    def figures(result: Outcome) -> list[float]:
+        s = result.scores
+        least = [-result.share_with(task.margin), -float(s.settles.mean()), -float(np.median(result.margins.disk))]
+        return [*least, *(float(np.median(x)) for x in (s.overshoot, s.settling, s.rms, s.error))]
 
-    def told(one: Outcome) -> list[float]:
-        own = one.scores
-        least = [-one.share_with(task.margin), -float(own.settles.mean()), -float(np.median(one.margins.disk))]
-        return [*least, *(float(np.median(x)) for x in (own.overshoot, own.settling, own.rms, own.error))]
-
-    return all(before <= after for before, after in zip(told(old), told(new)))
+    return all(before <= after for before, after in zip(figures(old), figures(new)))
 
 
-def _kept(old: Outcome, task: Task) -> str:
+def _leave(old: Outcome, task: Task) -> str:
     share = f"{old.share_with(task.margin):.0%} of the vehicles that the model allows"
     return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle."
 
 
-def _is_late(found: Outcome, task: Task) -> bool:
-    """Whether too little of the flights is seen after the vehicles settled: in a dead-band a loop may rest for a while
-    and then swing out again."""
-    return bool(np.mean(found.scores.settling > 0.5 * task.seconds) > 1.0 - SHARE)
-
-
 def _chosen(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> dict[str, float] | None:
-    """The best gains that all crowds can live with; looked for with more margin on the probes where that fails."""
+    """The best gains that all crowds can live with; looked for with more margin on the probes where that fails.
+
+    Of several sets it is the one whose cost is least for all but a tenth of the vehicles.
+    """
     omega = grid_for(target, crowds, FINE // 2)
     for more in (1.0, 1.12, 1.3):
-        found = searched(target, nominal, crowds, replace(task, margin=more * task.margin), ROUNDS)
-        kept = [screened(target, found.gains, one.vehicles, omega) >= task.margin for one in crowds]
-        able = np.flatnonzero(np.min([one.mean(axis=1) for one in kept], axis=0) >= SHARE)[:LAST]
+        gains = searched(target, nominal, crowds, replace(task, margin=more * task.margin), ROUNDS).gains
+        good = [screened(target, gains, part.vehicles, omega) >= task.margin for part in crowds]
+        able = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
         if len(able):
-            return _steadiest(paced(target, nominal, STEADY), picked(found.gains, able), crowds, task)
+            gains, quick = select(gains, able), paced(target, nominal, STEADY)
+            costs = [flown(quick, gains, part.vehicles.pick(slice(0, JUDGED)), task)[0] for part in crowds]
+            best = int(np.argmin(np.quantile(np.concatenate(costs, axis=1), 0.9, axis=1)))
+            return {name: float(value[best]) for name, value in gains.items()}
     return None
-
-
-def _steadiest(quick: Target, gains: dict[str, Floats], crowds: Sequence[Crowd], task: Task) -> dict[str, float]:
-    """Of several sets the one whose cost is least for all but a tenth of the vehicles."""
-    each = [flown(quick, gains, one.vehicles.pick(slice(0, JUDGED)), task)[0] for one in crowds]
-    best = int(np.argmin(np.quantile(np.concatenate(each, axis=1), 0.9, axis=1)))
-    return {name: float(value[best]) for name, value in gains.items()}
 
 
 def _price(
@@ -232,7 +409,7 @@ def _price(
 ) -> tuple[str, str] | None:  # fmt: skip
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
     quick = paced(target, nominal, ROUGH)
-    parts = list(zip(crowds, [one.instead for one in known.explanations])) if len(crowds) > 1 else []
+    parts = list(zip(crowds, [e.instead for e in known.explanations])) if len(crowds) > 1 else []
     late = dead_time(crowds[0].vehicles)
     early, later = np.quantile(late, [0.25, 0.75])
     if later - early >= LONG_DELAY:
@@ -248,7 +425,7 @@ def _price(
         settling = flown(quick, both, part.vehicles.pick(slice(0, 1)), task)[1].settling
         mine, ours = settling[0], np.inf if chosen is None else settling[1]
         if ours > DEAREST * mine:
-            settled = effect or next((one.instead for one in known.explanations if one.instead), "input-delay")
+            settled = effect or next((e.instead for e in known.explanations if e.instead), "input-delay")
             what = "no gains" if not np.isfinite(ours) else f"gains that settle in {ours:.1f} s"
             open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
             return (
@@ -260,17 +437,9 @@ def _price(
 
 
 def _run(known: Knowledge, effect: str) -> str:
-    """The run that settles what is open."""
     return known.splits.get(effect) or effects.get(effect).card(known.model.dof).separated_by
 
 
 def _more(target: Target) -> str:
-    """What may be tried where nothing is open."""
     wider = "" if target.beyond or not target.firmware else "--beyond-range or "
     return f"Try {wider}a smaller --margin, or a smaller --step."
-
-
-def _why(new: Outcome, old: Outcome | None, task: Task) -> str:
-    share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
-    before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
-    return f"They keep a disk margin of {task.margin:g} for {share}{before}."

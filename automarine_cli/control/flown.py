@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.control.design import EXACT, crowds_of, nominal_of
-from automarine_cli.control.flight import fly, step_scores
-from automarine_cli.control.search import Crowd, Task, paced
+from automarine_cli.control.closed_loop import fly, step_scores
+from automarine_cli.control.design import EXACT, Crowd, Task, crowds_of, nominal_of, paced
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.tuning import Setup, set_up
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
@@ -20,12 +19,11 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
-from automarine_cli.pipeline.outputs import json_document
-from automarine_cli.pipeline.plain_data import Document, Source, read_plain
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, Source, json_document, read_plain
 from automarine_cli.quantities import Floats
 from automarine_cli.results.kinds import TUNING
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
@@ -265,7 +263,6 @@ def _part(
     run: Run, reference: Floats, part: slice, start: Floats | float, target: Target, gains: Mapping[str, float],
     crowds: Sequence[Crowd],
 ) -> _Part:  # fmt: skip
-    """The samples `part` of a run, less `start`."""
     time = run.time[part] - run.time[part][0]
     turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if run.dof.wraps else 0.0
     read = run.position - 2.0 * np.pi * turns

@@ -1,17 +1,18 @@
-"""What is known of a vehicle from a model's file or a diagnosis, and what both leave open."""
+"""What is known of a vehicle from a model's file or a diagnosis, what both leave open, what the whole output gives."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.actuators import needs_columns
-from automarine_cli.control.members import UNKNOWN, Spread
-from automarine_cli.errors import ModelError
+from automarine_cli.control.targets.base import Target
+from automarine_cli.control.vehicles import Bend, Spread
+from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid
@@ -20,6 +21,7 @@ from automarine_cli.planning.prior_results import NO_RIVALS, NOISE_DEG, SCATTER,
 from automarine_cli.planning.rivals import closest, with_effect
 from automarine_cli.quantities import Floats
 from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.thrusters.map import ThrusterMap
 
 LATE = ("input-delay", "thruster-lag", "sensor-lag")
 """Effects that make a vehicle answer late."""
@@ -35,9 +37,17 @@ OWN_LAWS = 0.03
 """Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
 FAINT = 0.5
 """Largest standard error of an effect, as a share of its size: of what is less sure a diagnosis says nothing."""
+UNKNOWN = 0.1
+"""Standard error, as a share, of a parameter of which the file tells none."""
 EXTENDED = "extended_model.json"
 SUPPLY = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
+ROUNDING, POINTS = 1.02, 401
+"""How far beyond the whole output moments of a log may seem to go; outputs at which a map is read."""
+UNDIAGNOSED = (
+    "How late the vehicle answers is not known, and an unknown delay inflates the fitted inertia. Diagnose the logs "
+    "(automarine diagnose) and tune its diagnosis.json, or give --delay."
+)
 
 
 @dataclass(frozen=True)
@@ -66,32 +76,38 @@ class Knowledge:
 
     @property
     def model(self) -> YawModel:
-        """The model as it was named."""
+        """Model as it was named."""
         return self.explanations[0].model
 
 
 def is_diagnosis(source: Source) -> bool:
-    """Whether a file is a diagnosis."""
+    """Tell whether a file is a diagnosis."""
     return read_plain(source, "JSON", ModelError).get("schema") == DIAGNOSIS.schema
 
 
 def read_knowledge(
     model: Source, diagnosis: Source | None, delay: float | None, supply: tuple[float, float]
 ) -> Knowledge:
-    """What the files say; `delay` [s] is the longest that the logs cannot show, where the user knows better.
+    """Read the files; `delay` [s] is the longest that the logs cannot show, where the user knows better.
 
     Raises ModelError for a file that is none, for drag that drives, and for an effect that no controller can be
     designed with.
     """
     data = read_plain(model, "JSON", ModelError)
     known = read_prior_results(model, diagnosis)
-    name = printable(model.name)
     said = {} if diagnosis is None else read_plain(diagnosis, "JSON", ModelError)
-    _refuse(known.model, name, known)
+    symbols, (linear, quadratic) = known.model.dof.symbols, known.model.drag()
+    for symbol, value in ((symbols.linear, linear), (symbols.quadratic, quadratic)):
+        if value < 0:
+            raise ModelError(
+                f"{printable(model.name)}: {symbol} is {value:.4g}, drag that drives the vehicle; expected zero or "
+                "more: fit again with more runs, or prefer another of the file's models"
+            )
     main = Explanation(known.model, _covariance(known, known.model, data, said), "the model as it was named")
     bare = known.stored.models[known.stored.preferred]
     largest = _largest(data)
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
+    named = {term.name for term in known.model.terms}
     if len(bare.terms) < len(known.model.terms):
         names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
         others.append(
@@ -101,36 +117,47 @@ def read_knowledge(
     late, unknown, note = _late(known.model, said, delay)
     logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
-    scatter = SCATTER if known.scatter is None else known.scatter
-    heavy = 0.0 if any(term.name in LATE for term in known.model.terms) else _inflated(known.model, largest or 1.0)
-    spread = Spread(np.zeros((0, 0)), scatter, late, volts, _noise(known), heavy)
-    without = (
-        f"Without {effect}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
-        for effect, column in needs_columns([term.name for term in bare.terms])
-    )
+    # a delay that no model has inflates the inertia of steps by sqrt(k tau)/ln 2 a second, to first order, tau half the
+    # largest moment
+    inflated = float(np.sqrt(quadratic * 0.5 * (largest or 1.0)) / np.log(2.0))
+    # noise as the fit found it; of a position of which the file does not say, one of the units that people read
+    unit = float(known.model.dof.shown(1.0))
+    noise = ((known.noise_deg or NOISE_DEG) / unit, (known.rate_noise_deg_s or 0.0) / unit)
+    spread = Spread(
+        np.zeros((0, 0)), SCATTER if known.scatter is None else known.scatter, late, volts, noise,
+        0.0 if named & set(LATE) else inflated,
+    )  # fmt: skip
+    without = [
+        f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
+        for term in bare.terms
+        for column in [name for name in effects.get(term.name).columns if name != "voltage"][:1]
+    ]
     told = (note for note in (*known.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
-    have = {term.name for term in known.model.terms} | ({LATE[0]} if delay is not None else set())
+    have = named | ({LATE[0]} if delay is not None else set())
     proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
-    settled = _proposed(proposed) or _unsettled_thrust(known, data) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
-    return Knowledge(known.stored, (main, *others), spread, largest, _splits(said), (*without, *told), settled)
+    if proposed:
+        asks = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
+        why = f"The fit's own evidence asks for {asks}, which the model lacks. Fit it with --with {','.join(proposed)}"
+        settled: tuple[str, str] | None = f"{why}, and tune that model.", next(iter(proposed))
+    else:
+        settled = _unsettled_thrust(known, data) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
+    splits = {
+        str(rival.get("name")): str(rival.get("split_by", ""))
+        for entry in _listed(said.get("effects"))
+        for rival in entry.get("rivals") or ()
+    }
+    return Knowledge(known.stored, (main, *others), spread, largest, splits, (*without, *told), settled)
 
 
-UNDIAGNOSED = (
-    "How late the vehicle answers is not known, and an unknown delay inflates the fitted inertia. Diagnose the logs "
-    "(automarine diagnose) and tune its diagnosis.json, or give --delay."
-)
+def _listed(entries: object) -> list[Any]:
+    return entries if isinstance(entries, list) else []
 
 
-def _proposed(proposed: Mapping[str, float]) -> tuple[str, str] | None:
-    """What the fit's own evidence asks for beside the model."""
-    if not proposed:
-        return None
-    names = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
-    why = (
-        f"The fit's own evidence asks for {names}, which the model lacks. Fit it with --with {','.join(proposed)}, and "
-        "tune that model."
-    )
-    return why, next(iter(proposed))
+def _smallest_visible(said: Mapping[str, object], names: Sequence[str]) -> list[float]:
+    """The smallest sizes that a diagnosis would have seen, of those of these effects that it names."""
+    sizes = said.get("smallest_visible")
+    known = [sizes.get(name) for name in names] if isinstance(sizes, Mapping) else []
+    return [float(size) for size in known if isinstance(size, int | float)]
 
 
 def _unsettled_thrust(known: PriorResults, data: Mapping[str, object]) -> tuple[str, str] | None:
@@ -146,10 +173,8 @@ def _unsettled_thrust(known: PriorResults, data: Mapping[str, object]) -> tuple[
         return None
     named = {term.name for term in known.model.terms}
     effect = next((name for name in CURVE if name not in named), CURVE[0])
-    return f"{why}. Such a vehicle may hunt for ever: {_REMEDY}", effect
-
-
-_REMEDY = "diagnose its logs, with runs of small commands among them."
+    remedy = "diagnose its logs, with runs of small commands among them."
+    return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
 
 
 def _idle(main: Explanation, said: Mapping[str, object], largest: float) -> list[Explanation]:
@@ -158,9 +183,7 @@ def _idle(main: Explanation, said: Mapping[str, object], largest: float) -> list
     names = {term.name for term in main.model.terms}
     if "thrust-exponent" not in names or "dead-band" in names:
         return []
-    seen = said.get("smallest_visible")
-    width = seen.get("dead-band") if isinstance(seen, Mapping) else None
-    width = min(float(width), IDLE * largest) if isinstance(width, int | float) else IDLE * largest
+    width = min([*_smallest_visible(said, ["dead-band"]), IDLE * largest])
     model = main.model.with_effect("dead-band", (width, 0.0, 0.5))
     covariance = np.zeros((len(model.theta), len(model.theta)))
     there = [model.parameter_names.index(name) for name in main.model.parameter_names]
@@ -168,42 +191,20 @@ def _idle(main: Explanation, said: Mapping[str, object], largest: float) -> list
     return [Explanation(model, covariance, f"a dead-band of {width:.2g}, which the logs allow", "dead-band")]
 
 
-def _inflated(model: YawModel, largest: float) -> float:
-    """By how much a delay that no model has inflates the inertia of steps, per second of it: sqrt(k tau)/ln 2 to first
-    order, tau half the largest moment."""
-    _, quadratic = model.drag()
-    return float(np.sqrt(quadratic * 0.5 * largest) / np.log(2.0))
-
-
-def _noise(known: PriorResults) -> tuple[float, float]:
-    """Noise of the readings of position and velocity [base units]: as the fit found it; of a position of which the file
-    does not say, one of the units that people read."""
-    sizes = (known.noise_deg or NOISE_DEG, known.rate_noise_deg_s or 0.0)
-    unit = float(known.model.dof.shown(1.0))
-    return sizes[0] / unit, sizes[1] / unit
-
-
-def _refuse(model: YawModel, name: str, known: PriorResults) -> None:
-    linear, quadratic = model.drag()
-    own = model.dof.symbols
-    for symbol, value in ((own.linear, linear), (own.quadratic, quadratic)):
-        if value < 0:
-            raise ModelError(
-                f"{name}: {symbol} is {value:.4g}, drag that drives the vehicle; expected zero or more: fit again with "
-                "more runs, or prefer another of the file's models"
-            )
-
-
 def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object], said: Mapping[str, object]) -> Floats:
     """Covariance of theta (p, p): the file's own, and standard errors where it says no more."""
-    names, size = model.short_names, len(model.theta)
+    size = len(model.theta)
     found = np.diag([_error(known, model, k) ** 2 for k in range(size)])
-    held = _stored_covariance(data, known.stored.preferred)
-    if held is not None:
-        order, matrix = held
-        there = [k for k, one in enumerate(names) if one in order]
-        rows = [order.index(names[k]) for k in there]
-        found[np.ix_(there, there)] = matrix[np.ix_(rows, rows)]
+    stored: Any = data
+    for key in ("models", known.stored.preferred, "output_error", "covariance"):
+        stored = stored.get(key) if isinstance(stored, Mapping) else None
+    order = stored.get("parameters") if isinstance(stored, Mapping) else None
+    if isinstance(order, list):
+        matrix = np.array(stored.get("matrix"), dtype=np.float64)
+        if matrix.shape == (len(order), len(order)):
+            there = [k for k, name in enumerate(model.short_names) if name in order]
+            rows = [order.index(model.short_names[k]) for k in there]
+            found[np.ix_(there, there)] = matrix[np.ix_(rows, rows)]
     added = [name.partition(".")[0] in known.stored.effects for name in model.parameter_names]
     free = np.count_nonzero(np.diagonal(found)[added])
     most = np.where(added, (_faint(said) if free == 1 else FAINT) * _sizes(model), np.inf)
@@ -219,33 +220,19 @@ def _faint(said: Mapping[str, object]) -> float:
     effects, threshold, tried = (said.get(key) for key in ("effects", "threshold", "candidates"))
     if not (isinstance(effects, list) and isinstance(tried, list) and isinstance(threshold, float)):
         return FAINT
-    names = [one.get("name") for one in effects]
-    gain = max((float(one["gain"]) for one in tried if [one["name"]] == names), default=0.0)
+    names = [effect.get("name") for effect in effects]
+    gain = max((float(trial["gain"]) for trial in tried if [trial["name"]] == names), default=0.0)
     return min(FAINT, (threshold / gain) ** 0.5) if gain > 0.0 else FAINT
 
 
 def _error(known: PriorResults, model: YawModel, place: int) -> float:
-    """Standard error of one parameter of theta."""
     value = float(model.theta[place])
     label = model.parameter_names[place].partition(".")[2]
     effect = model.parameter_names[place].partition(".")[0]
-    one = known.now.get(label) or known.now.get(f"{effect} {label}")
-    if one is not None and one.stderr >= 0:
-        return one.stderr
+    estimate = known.now.get(label) or known.now.get(f"{effect} {label}")
+    if estimate is not None and estimate.stderr >= 0:
+        return estimate.stderr
     return UNKNOWN * abs(value) if place < 3 and effect == model.dof.name else 0.0
-
-
-def _stored_covariance(data: Mapping[str, object], number: str) -> tuple[list[str], Floats] | None:
-    """Names and matrix as the file has them, or None."""
-    here: object = data
-    for key in ("models", number, "output_error", "covariance"):
-        here = here.get(key) if isinstance(here, Mapping) else None
-    if not isinstance(here, Mapping):
-        return None
-    names, matrix = here.get("parameters"), np.array(here.get("matrix"), dtype=np.float64)
-    if not isinstance(names, list) or matrix.shape != (len(names), len(names)):
-        return None
-    return [str(one) for one in names], matrix
 
 
 def _rival(known: PriorResults, main: Explanation, effect: str, rival: str, largest: float) -> Explanation:
@@ -266,16 +253,11 @@ def _rival(known: PriorResults, main: Explanation, effect: str, rival: str, larg
     return Explanation(model, covariance, f"{rival} in the place of {effect}", rival)
 
 
-def _nothing(model: YawModel) -> Floats:
-    """Values of theta (p,) at which its effects do nothing."""
-    own = [parameter.off for term in model.terms for parameter in effects.get(term.name).parameters]
-    return np.nan_to_num(np.array([0.0, *own]), posinf=0.0, neginf=0.0)
-
-
 def _sizes(model: YawModel) -> Floats:
     """How far the values of theta (p,) are from doing nothing; zero for what is not fitted."""
-    held = [parameter.held for term in model.terms for parameter in effects.get(term.name).parameters]
-    return np.where([False, *held], 0.0, np.abs(model.theta - _nothing(model)))
+    parameters = [parameter for term in model.terms for parameter in effects.get(term.name).parameters]
+    off = np.nan_to_num(np.array([0.0, *(p.off for p in parameters)]), posinf=0.0, neginf=0.0)
+    return np.where([False, *(p.held for p in parameters)], 0.0, np.abs(model.theta - off))
 
 
 def _late(model: YawModel, said: Mapping[str, object], delay: float | None) -> tuple[float, bool, str]:
@@ -284,27 +266,72 @@ def _late(model: YawModel, said: Mapping[str, object], delay: float | None) -> t
         return delay, False, f"Delays up to {delay:g} s beyond the model's are allowed for, as asked."
     if any(term.name in LATE for term in model.terms):
         return 0.0, False, ""
-    seen = said.get("smallest_visible")
-    sizes = [seen.get(name) for name in LATE[:2]] if isinstance(seen, Mapping) else []
-    known = [float(one) for one in sizes if isinstance(one, int | float)]
-    if known:
-        late = max(known)
+    sizes = _smallest_visible(said, LATE[:2])
+    if sizes:
+        late = max(sizes)
         return late, False, f"Delays up to {late:.2g} s are allowed for: longer ones the diagnosis would have seen."
     return 0.0, True, ""
 
 
 def _largest(data: Mapping[str, object]) -> float | None:
-    """Largest moment or force of the logs."""
     held = data.get("valid_range")
     ends = next(iter(held.values()), None) if isinstance(held, Mapping) else None
     return max(abs(float(end)) for end in ends) if isinstance(ends, list) and ends else None
 
 
-def _splits(said: Mapping[str, object]) -> dict[str, str]:
-    """The run that tells each rival apart, by rival."""
-    found: dict[str, str] = {}
-    effects = said.get("effects")
-    for entry in effects if isinstance(effects, list) else ():
-        for rival in entry.get("rivals") or ():
-            found[str(rival.get("name"))] = str(rival.get("split_by", ""))
-    return found
+def authority(
+    target: Target, known: Knowledge, full: float | None, drive: tuple[ThrusterMap, float] | None
+) -> tuple[float, Bend | None]:
+    """Return the moment or force at the whole output in the model's unit, and the map from output to it where one is
+    given.
+
+    Raises ModelError where the model's unit is none that the target can use, or the map contradicts the model, and
+    SettingError for a map of one direction.
+    """
+    unit, source, dof = known.stored.moment_unit, known.stored.source, known.model.dof
+    bend, most = (None, None) if drive is None else turning(*drive)
+    if full is None and most is not None and unit != "nu":
+        full = most
+    if full is None and unit == "nu":
+        if known.largest is not None and known.largest > ROUNDING:
+            raise ModelError(
+                f"{source}: its {dof.words.force}s reach {known.largest:g} nu, which is no output of {target.name}, "
+                f"from -1 to 1; give --full with the {dof.words.force} [nu] of the whole output"
+            )
+        full = 1.0
+    if full is None:
+        also = " or --thrusters MAP.json and --arm METRES" if dof.levered else ""
+        raise ModelError(
+            f"{source}: its {dof.words.force}s are in {unit}, and {target.name} commands outputs from -1 to 1; give "
+            f"--full with the {dof.words.force} [{unit}] of the whole output{also}"
+        )
+    if known.largest is not None and full < known.largest / 1.25:
+        what = "the thruster map gives" if most is not None and full == most else "--full is"
+        raise ModelError(
+            f"{source}: it was fitted to {dof.words.force}s up to {known.largest:.4g} {unit}, and {what} {full:.4g} "
+            f"{unit} at the whole output; give the map and the arm of the thrusters of these logs"
+        )
+    if most is not None and unit != "nu" and abs(full / most - 1.0) > 0.1:
+        raise ModelError(
+            f"{source}: --full is {full:.4g} {unit}, and the thruster map gives {most:.4g} {unit} at the whole output; "
+            "leave out one of them"
+        )
+    return full, bend
+
+
+def turning(known: ThrusterMap, arm: float) -> tuple[Bend, float]:
+    """Return how the moment of two thrusters `arm` [m] off the centre line, one ahead and one astern, grows with the
+    output, and the largest one [N m]. Raises SettingError for a map that cannot say.
+
+    The whole output is a control signal of 1, or the largest that the map tells of where that is more: pulses, percent.
+    """
+    ahead, astern = known.both_ways
+    most = max(known.largest or 1.0, 1.0)
+    output = np.linspace(0.0, 1.0, POINTS)
+    thrust = ahead.thrust(most * output) + astern.thrust(most * output)
+    if not thrust[-1] > 0:
+        raise SettingError(
+            "the thruster map gives no thrust at the whole output; give a map whose control signal goes from -1 to 1, "
+            "or that says how far it was measured (fit it again)"
+        )
+    return Bend(output, np.asarray(thrust / thrust[-1])), float(arm * thrust[-1])

@@ -91,9 +91,9 @@ def of_samples(
 
 
 def of_runs(
-    column: Column, gain: Floats, mirrored: Floats, size: Floats, drawn: Floats
+    column: Column, gain: Floats, mirrored: Floats, size: Floats, drawn: Floats, unit: str = "%"
 ) -> tuple[Variable, Floats] | None:
-    """Bin runs; compare the bins' mean gain, and size of the gap, with those of runs drawn in another order."""
+    """Bin runs; compare the bins' mean gain [unit], and size of the gap, with those of runs drawn in another order."""
     have = np.isfinite(column.values)
     values, count = column.values[have], int(have.sum())
     cut = edges(values, int(np.clip(count // 4, 4, MOST_BINS)))
@@ -106,7 +106,7 @@ def of_runs(
     enough = (number >= FEWEST_IN_A_BIN) & (number < count)
     orders = np.argsort(drawn[:, have], axis=1)
     rows, chance = [], np.zeros(len(drawn))
-    looks = ((THRUST, False, "%", gain), (THRUST, True, "%", gain * mirrored), (SIZE, False, "log", size))
+    looks = ((THRUST, False, unit, gain), (THRUST, True, unit, gain * mirrored), (SIZE, False, "log", size))
     for kind, directed, unit, look in looks:
         centred = look[have] - look[have].mean()
         error = max(float(centred.std(ddof=1)), 1e-12) / np.sqrt(np.maximum(number, 1.0))

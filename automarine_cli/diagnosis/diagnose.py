@@ -33,12 +33,11 @@ from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.driven import stepped
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.parallel import Each, alone
-from automarine_cli.pipeline.plain_data import Document
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import Run, SetAside
 
@@ -217,7 +216,7 @@ class MotionDiagnosis(Shown):
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [effect.to_json() for effect in diagnosis.effects],
-            "where": [region.to_json(dof) for region in diagnosis.where.regions],
+            "where": [region.to_json(dof.units.key) for region in diagnosis.where.regions],
             "gap": {name: gap and gap.to_json(dof) for name, (gap, _) in sets.items()},
             **({} if diagnosis.outlook is None else {**cycle, "prediction": prediction}),
             "candidates": [

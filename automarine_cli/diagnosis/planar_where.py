@@ -61,6 +61,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
         part,
         gain[r],
         floor,
+        shown=YAW.shown,
     )
     looked = look([replace(one, values=np.where(part, one.values[r], np.nan)) for one in columns], pieces, gap, seed)
     kept = {one.name: one for one in columns}

@@ -20,7 +20,6 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 
@@ -59,7 +58,7 @@ class NamedEffect:
     name: str
     law: str
     says: str
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Any]  # Estimate, or a thruster curve's Parameter
     confidence: float
     p_value: float
     rivals: tuple[NamedRival, ...]

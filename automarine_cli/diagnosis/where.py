@@ -7,7 +7,7 @@ against the largest that chance gives. Variables that belong to a whole run are 
 gain and the size of its gap, by permuting the runs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -34,7 +34,7 @@ ODD_RUN = 2.0
 
 @dataclass(frozen=True)
 class Region:
-    """A stretch of one variable in which the gap stands out; `gap` [rad] is the mean that repeats from run to run.
+    """A stretch of one variable in which the gap stands out; `gap` is the mean that repeats from run to run, as shown.
 
     `seen_in` says which gap shows it: that of the position, of the moment or force, of "thrust" (a run's own gain) or
     its "size". `share` is the part
@@ -51,12 +51,12 @@ class Region:
     share: float
     seen_in: str
 
-    def to_json(self, dof: Dof) -> dict[str, object]:
-        """The contract's form, in the unit in which people see positions."""
+    def to_json(self, unit: str) -> dict[str, object]:
+        """The contract's form; `unit` ends the key of the gap."""
         return {
             "variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit,
-            f"gap_{dof.units.key}": float(dof.shown(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
-            "share": self.share, "seen_in": self.seen_in,
+            f"gap_{unit}": self.gap, "p_value": self.p_value, "runs": list(self.runs), "share": self.share,
+            "seen_in": self.seen_in,
         }  # fmt: skip
 
 
@@ -87,7 +87,7 @@ class Where:
 @dataclass(frozen=True)
 class Gap:
     """What is left of R runs at N samples, as in `Where`; `raw` (R, N) is what is left if every run has the same
-    thrust."""
+    thrust. `shown` turns it into the unit in which people see it."""
 
     names: tuple[str, ...]
     residual: Floats
@@ -96,6 +96,8 @@ class Gap:
     seen: NDArray[np.bool_]
     gain: Floats
     floor: float
+    gain_unit: str = "%"
+    shown: Callable[[float], float] = float
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap
     for column in of:
         if column.of_the_run:
             mirrored = np.sign(gap.sign.sum(axis=1))
-            looked = of_runs(column, gap.gain, mirrored, _size(gap.residual, gap.seen), drawn)
+            looked = of_runs(column, gap.gain, mirrored, _size(gap.residual, gap.seen), drawn, gap.gain_unit)
         else:
             looked = of_samples(column, kinds, gap.sign, np.where(drawn < 0.5, -1.0, 1.0))
         if looked is not None:
@@ -139,7 +141,7 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
         THRUST: (dof.units.shown, dof.shown(raw)),
         dof.words.force: (study.base.moment_unit, moment),
     }
-    gap = Gap(batch.names, residual, raw, sign, batch.seen, gain, study.floor)
+    gap = Gap(batch.names, residual, raw, sign, batch.seen, gain, study.floor, shown=dof.shown)
     looked = look(columns(study, fitted), kinds, gap, seed)
     pushed = [run.command[run.command != 0] for run in study.runs]
     return Where(
@@ -234,7 +236,7 @@ def _region(
     taking = inside.any(axis=1) & ((mean > ODD_RUN * gap.floor / np.sqrt(samples)) | rough)
     share = excess / max(float((square * gap.seen).sum()), 1e-300)
     return Region(
-        variable.name, *ends, variable.unit, size, variable.p_value,
+        variable.name, *ends, variable.unit, float(gap.shown(size)), variable.p_value,
         tuple(name for name, part in zip(gap.names, taking) if part),
         float(np.clip(share, 0.0, 1.0)), kind,
     )  # fmt: skip

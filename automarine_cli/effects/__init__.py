@@ -113,7 +113,6 @@ def get(name: str) -> Effect:
 
 @cache
 def _of_library(name: str) -> Effect:
-    """An effect of the library, or one that was learned."""
     if name.startswith(PREFIX):
         return learned(name)
     module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")

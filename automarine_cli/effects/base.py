@@ -204,7 +204,6 @@ class Effect:
 
     @property
     def motions(self) -> tuple[str, ...]:
-        """Names of the motions in which it may act."""
         return tuple(name for name, dof in DOFS.items() if self.acts_in(dof))
 
     def card(self, dof: Dof, force_unit: str = "") -> Card:

@@ -51,7 +51,6 @@ class InputDelay(Effect):
 
 
 def _late(commands: Commands, values: tuple[Floats, ...]) -> Floats:
-    """All of it late by t_d."""
     delay = values[0]
     shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, delay.shape)
     rows = (shape[0] * shape[1], shape[2])

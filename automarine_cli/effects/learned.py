@@ -62,7 +62,6 @@ def variable_of(name: str) -> Variable:
 
 
 def _own(name: str) -> Variable | None:
-    """A variable that needs no column of the log."""
     if name == TIME:
         return Variable(name, "s", lambda state: state.time, code="state.time")
     if name == CLOCK:

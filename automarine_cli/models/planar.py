@@ -69,7 +69,6 @@ class Inertia:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3)."""
         return _matrices(np.array([astuple(self)]))[0]
 
     def refuse_unless_positive(self, where: str) -> None:
@@ -131,7 +130,6 @@ class PlanarModel:
 
     @property
     def motion(self) -> Motion:
-        """Surge, sway and yaw."""
         return PLANAR
 
     @property
@@ -146,7 +144,6 @@ class PlanarModel:
 
     @property
     def theta(self) -> Floats:
-        """Parameter vector, (p,)."""
         return np.array([*astuple(self.inertia), *self._values(), *(self.water or ())])
 
     def with_theta(self, theta: ArrayLike) -> "PlanarModel":
@@ -172,11 +169,9 @@ class PlanarModel:
         )
 
     def inertia_matrix(self, theta: Floats) -> Floats:
-        """Inertia for theta (P, p), (P, 3, 3)."""
         return _matrices(theta)
 
     def forces(self, theta: Floats) -> list[Bound]:
-        """Each term's effect with its columns of theta (P, p) as arrays of shape (P, 1)."""
         column, found = len(PLACES), []
         for place, effect, term in self._effects():
             count = len(term.values)
@@ -185,11 +180,9 @@ class PlanarModel:
         return found
 
     def current(self, theta: Floats) -> Floats | None:
-        """Velocity of the water north and east [m/s], (2, P, 1); None for still water."""
         return None if self.water is None else theta[:, -2:].T[..., None]
 
     def _alone(self) -> Iterator[tuple[Dof, tuple[Term, ...]]]:
-        """The terms of the library by degree of freedom."""
         yield from zip(PLANAR.dofs, (self.surge, self.sway, self.yaw))
 
     def _effects(self) -> Iterator[tuple[int, Effect, Term]]:

@@ -30,8 +30,7 @@ from automarine_cli.models.planar import (
     parameters_of,
 )
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.pipeline.codec import Codec
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Source, read_plain, told
 from automarine_cli.pipeline.words import LONGEST, printable
 from automarine_cli.results.kinds import PLANAR_MODEL
 
@@ -102,7 +101,6 @@ def _derivative_unit(name: str) -> str:
 
 
 def _model(values: Mapping[str, float], codec: Codec) -> PlanarModel:
-    """The model that has these parameters."""
     left = dict(values)
     inertia = _inertia(left, codec)
     water = [left.pop(name) for name in CURRENT if name in left]
@@ -130,7 +128,6 @@ def _model(values: Mapping[str, float], codec: Codec) -> PlanarModel:
 
 
 def _inertia(left: dict[str, float], codec: Codec) -> Inertia:
-    """The inertia, taken out of what is left to read."""
     sizes = [dof.parameter("inertia") for dof in PLANAR.dofs]
     for name in sizes:
         if name not in left:
@@ -177,7 +174,6 @@ def _own(dof: Dof, rest: str, left: dict[str, float], codec: Codec) -> Term | No
 
 
 def _cross(dof: Dof, rest: str, name: str, codec: Codec) -> str:
-    """A derivative by another's velocity, checked."""
     letter = FORCES[PLANAR.index(dof)]
     try:
         derivative(rest)
@@ -189,7 +185,6 @@ def _cross(dof: Dof, rest: str, name: str, codec: Codec) -> str:
 
 
 def _unknown(name: str) -> str:
-    """The sentence for a name that means nothing."""
     own = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
     known = [*own, *(f"{PLANAR.name}.{one}" for one in inertia_names()[3:]), *CURRENT]
     close = difflib.get_close_matches(name[:LONGEST], known, n=1, cutoff=0.8)

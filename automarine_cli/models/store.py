@@ -9,8 +9,7 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import number_at
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
-from automarine_cli.pipeline.codec import Codec, Place, key_of
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Place, Source, key_of, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.results.estimate import Given
 from automarine_cli.results.kinds import MODELS
@@ -118,7 +117,6 @@ def _models(file: ModelFile, codec: Codec) -> StoredModels:
 
 
 def _force_unit(file: ModelFile, codec: Codec) -> str:
-    """The unit of moment or force: said by the file, or told by the unit of an inertia."""
     dof, unit = file.dof, file.force_unit
     if unit is None:
         units = (one.inertia.unit for one in file.models.values() if one is not None and one.inertia is not None)
@@ -158,7 +156,6 @@ def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place,
 def _effects(
     entries: Sequence[AddedEffect], codec: Codec, place: Place, dof: Dof
 ) -> list[tuple[str, tuple[float, ...]]]:
-    """Name and values of each effect of the file."""
     found = []
     for i, entry in enumerate(entries):
         at = (*place, i)

@@ -32,17 +32,14 @@ class Tied:
 
     @property
     def motion(self) -> Motion:
-        """That of the model."""
         return self.model.motion
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Qualified names of the entries of theta."""
         return self.free
 
     @property
     def theta(self) -> Floats:
-        """The free parameters' values, (f,)."""
         return self.model.theta[[self._places[name] for name in self.free]]
 
     @cached_property
@@ -61,19 +58,15 @@ class Tied:
         return np.asarray(theta, dtype=float) @ self.spread.T + fixed
 
     def with_theta(self, theta: Sequence[float] | Floats) -> "Tied":
-        """The same with other values of the free parameters."""
         return Tied(self.model.with_theta(self.whole(theta)), self.free, self.ties)
 
     def inertia_matrix(self, theta: Floats) -> Floats:
-        """Inertia for theta (P, f), (P, 3, 3)."""
         return self.model.inertia_matrix(self.whole(theta))
 
     def forces(self, theta: Floats) -> list[Bound]:
-        """Each term's effect with its values for theta (P, f)."""
         return self.model.forces(self.whole(theta))
 
     def current(self, theta: Floats) -> Floats | None:
-        """Velocity of the water for theta (P, f), (2, P, 1); None for still water."""
         return self.model.current(self.whole(theta))
 
     @cached_property

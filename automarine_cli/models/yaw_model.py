@@ -105,7 +105,6 @@ class YawModel:
 
     @property
     def theta(self) -> Floats:
-        """Parameter vector, shape (p,)."""
         return np.array([self.inertia, *(value for term in self.terms for value in term.values)])
 
     def with_theta(self, theta: ArrayLike) -> "YawModel":
@@ -131,15 +130,12 @@ class YawModel:
 
     @property
     def motion(self) -> Motion:
-        """The one degree of freedom as a motion."""
         return alone(self.dof)
 
     def inertia_matrix(self, theta: Floats) -> Floats:
-        """Inertia for theta (P, p), (P, 1, 1)."""
         return theta[:, :1, None]
 
     def forces(self, theta: Floats) -> list[Bound]:
-        """Each term's effect with its columns of theta (P, p) as arrays of shape (P, 1)."""
         column, found = 1, []
         for term in self.terms:
             count = len(term.values)

@@ -52,12 +52,12 @@ class Candidate:
         return float(sum(seconds for _, seconds in self.commands))
 
     def at(self, *, start_heading: float, clock: float) -> "Candidate":
-        """The same run from another start heading [degrees], at another time [s] of the campaign's clock."""
+        """Move the run to another start heading [degrees] and time [s] of the campaign's clock."""
         return replace(self, start_heading=start_heading, clock=clock)
 
 
 def levels(limits: Limits, largest: float) -> tuple[float, ...]:
-    """Sizes of moment, smallest first: even in the root, hence in the yaw rate under quadratic drag."""
+    """Return sizes of moment, smallest first: even in the root, hence in the yaw rate under quadratic drag."""
     count = limits.moments.levels
     low = LOW**0.5
     return tuple(
@@ -67,36 +67,31 @@ def levels(limits: Limits, largest: float) -> tuple[float, ...]:
 
 
 def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
-    """Every run that the limits allow, in a fixed order, both sides of each."""
-    wanted = limits.runs.kinds
-    half_turns = limits.runs.fit == "half-turns"
-    made = [
-        one
-        for kind, make in MAKERS.items()
-        if kind in wanted and (kind == "step" or not half_turns)
-        for one in make(model, limits, largest)
-        if one.driven <= LONGEST_S
-    ]
+    """List every run that the limits allow, in a fixed order, both sides of each."""
     unique: dict[str, Candidate] = {}
-    for one in made:
-        unique.setdefault(one.label, one)
+    for kind, make in MAKERS.items():
+        if kind in limits.runs.kinds and (kind == "step" or limits.runs.fit != "half-turns"):
+            for candidate in make(model, limits, largest):
+                if candidate.driven <= LONGEST_S:
+                    unique.setdefault(candidate.label, candidate)
     return tuple(unique.values())
 
 
 def mirrors(found: Sequence[Candidate]) -> list[int]:
-    """The place of the same run to the other side, of each candidate; its own where it has no sides."""
+    """Return the place of the same run to the other side, of each candidate; its own where it has no sides."""
     places = {(one.kind, one.commands, one.voltage): i for i, one in enumerate(found)}
     turned = (tuple((-moment, seconds) for moment, seconds in one.commands) for one in found)
     return [places.get((one.kind, other, one.voltage), i) for i, (one, other) in enumerate(zip(found, turned))]
 
 
 def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
-    """The step that turns as far as steps may."""
+    """Make the step that turns as far as steps may."""
     return _step(model, moment, _furthest(limits))
 
 
 def paper_grid(model: YawModel, largest: float) -> tuple[Candidate, ...]:
-    """The paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half a turn each."""
+    """Make the paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half a turn
+    each."""
     sizes = [largest * i / 12.0 for i in range(1, 13)]
     return tuple(_step(model, side * size, 180.0) for _ in range(2) for size in sizes for side in (1, -1))
 
@@ -149,7 +144,8 @@ def _reversals(model: YawModel, limits: Limits, largest: float) -> Iterator[Cand
 
 
 def _ramps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    for size in (levels(limits, largest)[0], levels(limits, largest)[len(levels(limits, largest)) // 2]):
+    sizes = levels(limits, largest)
+    for size in (sizes[0], sizes[len(sizes) // 2]):
         for side in (1, -1):
             stairs = [side * size * (2.0 * (i + 0.5) / STAIRS - 1.0) for i in range(STAIRS)]
             commands = tuple((round(stair, 6), RAMP_S / STAIRS) for stair in stairs)
@@ -204,12 +200,12 @@ class Supply:
 
 
 def wait_after(candidate: Candidate, limits: Limits) -> float:
-    """How long the water needs after a run [s]."""
+    """Return how long the water needs after a run [s]."""
     return limits.pool.wait_after_long_turn_s if candidate.turns else limits.pool.wait_s
 
 
 def costs(candidates: Sequence[Candidate], limits: Limits, supply: Supply) -> Floats:
-    """Minutes (wait included), runs, motion [s] and charge [Ah] of each candidate, (K, 4)."""
+    """Return minutes (wait included), runs, motion [s] and charge [Ah] of each candidate, (K, 4)."""
     rows = []
     for one in candidates:
         still = limits.runs.rest_before_s + wait_after(one, limits)
@@ -218,7 +214,7 @@ def costs(candidates: Sequence[Candidate], limits: Limits, supply: Supply) -> Fl
 
 
 def allowance(limits: Limits) -> Floats:
-    """What all runs together may cost, (4,), in the units of `costs`; the last run needs no wait."""
+    """Return what all runs together may cost, (4,), in the units of `costs`; the last run needs no wait."""
     charge = limits.battery.charge_Ah * (1.0 - limits.battery.reserve_percent / 100.0)
     motion = np.inf if limits.pool.motion_s is None else limits.pool.motion_s
     return np.array([limits.pool.minutes + limits.pool.wait_s / 60.0, float(limits.pool.runs), motion, charge])
@@ -246,7 +242,7 @@ class Slot:
 
 
 def in_order(chosen: Sequence[Candidate], check: Candidate | None, seed: int) -> list[Candidate]:
-    """The runs in random order, those at another voltage last; with `check`, that run first and last."""
+    """Put the runs in random order, those at another voltage last; with `check`, that run first and last."""
     rest = list(chosen)
     if check is not None:
         for _ in range(2):
@@ -257,7 +253,7 @@ def in_order(chosen: Sequence[Candidate], check: Candidate | None, seed: int) ->
 
 
 def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tuple[Slot, ...]:
-    """The runs one after the other, start headings in turn; times to the tenth of a second."""
+    """Lay the runs out one after the other, start headings in turn; times to the tenth of a second."""
     headings, rest = limits.pool.start_headings_deg, limits.runs.rest_before_s
     clock, left, slots = 0.0, limits.battery.charge_Ah, list[Slot]()
     for i, one in enumerate(runs):

@@ -1,30 +1,54 @@
-"""Fisher information of runs that are not yet made, and the intervals that a fit to them would report.
+"""What runs that are not yet made would tell: the likelihood of `fit-yaw` or of `diagnose` on them, its Fisher
+information, and the intervals that a fit to them would report.
 
-About the model, run i adds  J_i' R_i^-1 J_i  to the information on the parameters, with J_i the derivatives of its
-headings and R_i = s² 1 + V_i D_i V_i' the covariance of its noise and of all that differs from run to run: start
-heading, gain of the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs a measurement, and it
-adds up over runs (Fedorov 1972, Theory of Optimal Experiments, chapter 2).
+Noise, scatter and what differs from run to run are those that the fits estimate; here they are given. About the model,
+run i adds  J_i' R_i^-1 J_i  to the information on the parameters, with J_i the derivatives of its headings and
+R_i = s² 1 + V_i D_i V_i' the covariance of its noise and of all that differs from run to run: start heading, gain of
+the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs a measurement, and it adds up over runs
+(Fedorov 1972, Theory of Optimal Experiments, chapter 2).
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.dofs import Dof
+from automarine_cli.filters.course import make_course
 from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.driven import driven_problem, starts_near
+from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.influence import runs_that_carry
+from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.output_error import ENOUGH_RUNS
-from automarine_cli.fits.run_effects import SWITCHES
+from automarine_cli.fits.run_effects import GAIN, SWITCHES
+from automarine_cli.fits.step_problem import step_problem
+from automarine_cli.fits.step_response import step_data
+from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
+from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.fitting import Fitting, alike
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import WINDOW, Batch, make_batch
+from automarine_cli.simulation.rollout import Start, simulate, step_for
 
+Fit = Literal["whole-runs", "half-turns", "diagnosis"]
+
+HELD_OUT = 0.25
+"""Share of the runs that `diagnose` does not fit, where no others are given to be held out."""
+QUIET = 1e-5
+"""Disturbance moment of a pool, as a factor of the fits: none."""
 OFFSET = "switch offset"
 ANGLE = "inertial turn angle"
 FEWEST = 3
@@ -36,13 +60,207 @@ LOOSE = 3.0
 zero."""
 
 
+@dataclass(frozen=True)
+class Logger:
+    """What a log on paper looks like: `rate` [Hz], `rest` [s] of zero moment first, `unit` of the moment, `voltage` [V]
+    of the supply or None where the logs have no such column; of `channels` only a velocity is a column of its own."""
+
+    dof: Dof
+    unit: str
+    rate: float
+    rest: float
+    voltage: float | None
+    channels: tuple[str, ...] | None
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Columns beside position and command."""
+        return () if self.voltage is None else ("voltage",)
+
+    def run(self, candidate: Candidate) -> Run:
+        """Make the run that the logger would bring home; its heading, still to be measured, stands still.
+
+        A command shows from the first sample at or after its instant, as in simulated campaigns.
+        """
+        lengths = [self.rest, *(seconds for _, seconds in candidate.commands)]
+        ends = np.round(np.cumsum(lengths) * self.rate).astype(int)
+        moment = np.zeros(int(ends[-1]))
+        for (level, _), begin, end in zip(candidate.commands, ends[:-1], ends[1:]):
+            moment[begin:end] = level
+        time = candidate.clock + np.arange(len(moment)) / self.rate
+        heading = np.full(len(moment), np.deg2rad(candidate.start_heading))
+        volts = candidate.voltage if candidate.voltage is not None else self.voltage
+        extras = {} if volts is None else {"voltage": np.full(len(moment), volts)}
+        if self.dof.velocity in (self.channels or ()):
+            extras[self.dof.velocity] = np.zeros(len(moment))
+        return Run(candidate.label, "plan", time, heading, moment, self.unit, extras, dof=self.dof)
+
+
+def alike(candidates: Sequence[Candidate]) -> dict[str, list[int]]:
+    """Group the places of the candidates by kind: laid out together, none is padded to the length of a slow ramp."""
+    groups: dict[str, list[int]] = {}
+    for place, candidate in enumerate(candidates):
+        groups.setdefault(candidate.kind, []).append(place)
+    return groups
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """A model, the fit that its parameters are wanted from, and what is known of the logs.
+
+    `noise` of the heading [rad], `scatter` of the thrust from run to run, `rate` [Hz] of the logger, `rest` [s] before
+    each run, `voltage` [V] of the supply where the logs have that column. `frame` is the drag about which runs are laid
+    out, by default the model's own: given, it is the same for models that are tried one after the other. `rate_noise`
+    [per s] is that of a velocity sensor, None where the logs have none. Where something is `random` (disturbance, noise
+    of the thrust: by the names of driven fits, in base units), runs are fitted by the innovations of a filter.
+    """
+
+    model: YawModel
+    fit: Fit
+    noise: float
+    scatter: float
+    rate: float = 10.0
+    rest: float = 3.0
+    voltage: float | None = None
+    frame: YawModel | None = None
+    rate_noise: float | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def channels(self) -> tuple[str, ...] | None:
+        return None if self.rate_noise is None else self.model.dof.channels
+
+    @cached_property
+    def base(self) -> YawModel:
+        """The model's drag alone, which every fit has."""
+        return self.frame or replace(self.model, terms=self.model.terms[: len(BASE_TERMS[self.number])])
+
+    @cached_property
+    def number(self) -> str:
+        """ "1", "2" or "3", by the drag terms that the model begins with."""
+        names = tuple(term.name for term in self.model.terms)
+        return max((n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n]))
+
+    @property
+    def fitted(self) -> float:
+        """Share of the runs that is fitted: `diagnose` holds a quarter out to judge by."""
+        return 1.0 - HELD_OUT if self.fit == "diagnosis" else 1.0
+
+    @cached_property
+    def logger(self) -> Logger:
+        """How the runs will be logged."""
+        model = self.model
+        return Logger(model.dof, model.moment_unit, self.rate, self.rest, self.voltage, self.channels)
+
+    def problem(self, candidates: Sequence[Candidate]) -> Problem:
+        """Set up the likelihood of the candidates' runs; theta ends with the common instant of the switches."""
+        if self.fit == "half-turns":
+            return self._half_turns(candidates)
+        if self.fit == "diagnosis":
+            drag = (self.base.inertia, self.base.terms)
+            return _study(tuple(candidates), drag, self.logger).problem(self.model)
+        runs = [self.logger.run(candidate) for candidate in candidates]
+        largest = max(float(np.abs(run.command).max()) for run in runs)
+        batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.channels)
+        return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
+
+    def driven(self, candidates: Sequence[Candidate]) -> tuple[DrivenProblem, Floats]:
+        """Set up the likelihood of the candidates' runs where something is random, and its phi; the readings are one
+        draw of it, for a filter learns from what it did not expect too."""
+        dof, runs = self.model.dof, [self.logger.run(candidate) for candidate in candidates]
+        largest, drawn = max(float(np.abs(run.command).max()) for run in runs), np.random.default_rng(0)
+        batch = make_batch(runs, min(0.1, step_for(self.model, largest)), self.logger.signals)
+        shown = simulate(self.model, batch, start=self._drawn(batch, drawn))
+        states = dict(zip(dof.channels, (shown.position[0], shown.velocity[0])))
+        sizes, noisy = dict(zip(dof.channels, (self.noise, self.rate_noise or 0.0))), []
+        for i, run in enumerate(runs):
+            read = {
+                name: states[name][i, : len(run)] + sizes[name] * drawn.standard_normal(len(run))
+                for name in self.channels or (dof.position,)
+            }
+            noisy.append(replace(run, position=read.pop(dof.position), extras={**run.extras, **read}))
+        at_rest = np.array([starts_at_rest(run) for run in runs])
+        course = make_course(noisy, at_rest, self.logger.signals, channels=self.channels)
+        problem = driven_problem(self.model, course)
+        return problem, problem.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
+
+    def _drawn(self, batch: Batch, drawn: np.random.Generator) -> Start:
+        """What differs from run to run, drawn by the sizes of what is `random`, held over the batch's windows."""
+        size, lasting, thrust = (
+            self.random.get(f"{self.model.dof.name}.{name}", least)
+            for name, least in (("disturbance", 0.0), ("disturbance-time", 1.0), ("thrust-noise", 0.0))
+        )
+        runs, windows = len(batch.names), batch.windows
+        held = batch.length[..., None] * (batch.window[..., None] == np.arange(windows))
+        pushed = np.einsum("rm,rmw->rw", np.abs(batch.force[0]), held) / np.maximum(held.sum(axis=1), 1e-9)
+        keep = np.exp(-WINDOW / lasting)
+        fresh = size * drawn.standard_normal((runs, windows))
+        for w in range(1, windows):
+            fresh[:, w] = keep * fresh[:, w - 1] + np.sqrt(1.0 - keep**2) * fresh[:, w]
+        uneven = thrust * pushed / np.sqrt(WINDOW) * drawn.standard_normal((runs, windows))
+        return Start(
+            batch.position[:, 0],
+            log_gain=self.scatter * drawn.standard_normal((1, runs)),
+            disturbance=(self.model.inertia * fresh + uneven)[None],
+        )
+
+    def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
+        """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
+        drag = self.model.drag()
+        names, moments, intervals = list[str](), list[float](), list[float]()
+        times, headings, velocities = list[Floats](), list[Floats](), list[Floats]()
+        for candidate in candidates:
+            run, moment = self.logger.run(candidate), candidate.commands[0][0]
+            first = int(np.argmax(run.command != 0))
+            time = np.asarray((np.arange(len(run)) - first + 0.5) / self.rate)
+            heading, velocity = response(time, moment, self.model.inertia, *drag)
+            inside = np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise
+            inside &= np.arange(len(run)) >= first - MOST_REST
+            names.append(candidate.label)
+            times.append(time[inside])
+            headings.append(heading[inside])
+            velocities.append(velocity[inside])
+            moments.append(moment)
+            intervals.append(1.0 / self.rate)
+        data = step_data(names, times, headings, moments, intervals, self.model.dof)
+        return step_problem(data if self.rate_noise is None else data.rated(velocities), self.number)
+
+    @cached_property
+    def on_log(self) -> tuple[bool, ...]:
+        """Which parameters, and the switches' instant after them, are searched and told on the logarithm."""
+        return tuple(bool(positive) for positive in self.problem([Candidate("step", "any", ((1.0, 3.0),))]).positive)
+
+    def phi(self, problem: Problem) -> Floats:
+        """Return where the likelihood is looked at: the model's parameters in the search's coordinates, switches in the
+        middle of their intervals."""
+        return problem.search(np.append(self.model.theta, 0.0))
+
+    def variances(self, problem: Problem) -> Floats:
+        """Return logarithms of noise and factors, as the linear half of the mixed model takes them."""
+        own = problem.effects
+        factors = {GAIN: max(self.scatter, own.limits[own.factor_names.index(GAIN)][0]), SWITCHES: 1.0}
+        for name in varying_terms(self.model):
+            amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
+            largest = float(own.of(own.scale, name).max())
+            factors[name] = max(amplitude / (np.sqrt(2.0) * largest), QUIET)
+        noises = [self.noise] if self.rate_noise is None else [self.noise, self.rate_noise]
+        return np.log([*noises, *(factors.get(name, QUIET) for name in own.factor_names)])
+
+
+@lru_cache(maxsize=64)
+def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> Study:
+    base = YawModel(*drag, logger.unit, logger.dof)
+    runs = tuple(logger.run(one) for one in candidates)
+    return Study(runs, base, False, logger.signals, channels=logger.channels)
+
+
 def names_of(fitting: Fitting) -> tuple[str, ...]:
-    """Names of the parameters that the fit is free to choose, the common instant of the switches last."""
+    """Name the parameters that the fit is free to choose, the common instant of the switches last."""
     return tuple(name for name, free in zip((*labels(fitting), OFFSET), free_in(fitting)) if free)
 
 
 def labels(fitting: Fitting) -> tuple[str, ...]:
-    """Names of all parameters: those of an effect beside the drag begin with the effect's."""
+    """Name all parameters: those of an effect beside the drag begin with the effect's."""
     dof = fitting.model.dof
     own = [dof.symbols.inertia]
     for i, term in enumerate(fitting.model.terms):
@@ -52,13 +270,20 @@ def labels(fitting: Fitting) -> tuple[str, ...]:
 
 
 def free_in(fitting: Fitting) -> NDArray[np.bool_]:
-    """Which entries of theta, and the offset after them, are fitted."""
+    """Tell which entries of theta, and the offset after them, are fitted."""
     held = [h for term in fitting.model.terms for h in effects.get(term.name).held(term.values)]
     return ~np.array([False, *held, False])
 
 
+def loose_information(fitting: Fitting) -> Floats:
+    """Return next to no information (p, p) on the free parameters: of each its own size, `LOOSE` times over."""
+    values = np.append(fitting.model.theta, 0.3)
+    sizes = np.where(fitting.on_log, 1.0, np.maximum(np.abs(values), 1e-3))[free_in(fitting)]
+    return np.diag(1.0 / (LOOSE * sizes) ** 2)
+
+
 def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
-    """Information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
+    """Return the information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
 
     Where a share of the runs is held out of the fit, each counts for what it tells on average.
     """
@@ -75,14 +300,13 @@ def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
 def _by_innovations(fitting: Fitting, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
     """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
     these (the efficient score), so that it adds up over runs."""
-    own, each = len(fitting.model.theta), []
+    size, runs = len(fitting.model.theta), np.zeros(0)
     for places in alike(candidates).values():
         problem, phi = fitting.driven([candidates[i] for i in places])
         (slopes,) = problem.slopes(phi[None])
-        each.append((places, slopes.information))
-    runs = np.zeros((len(candidates), *each[0][1].shape[1:]))
-    for places, told in each:
-        runs[places] = told
+        if not len(runs):
+            runs = np.zeros((len(candidates), *slopes.information.shape[1:]))
+        runs[places] = slopes.information
     names = [problem.names[i] for i in problem.free]
     at = [names.index(name) for name in (*fitting.model.parameter_names, SWITCH) if name in names]
     rest = [i for i in range(len(names)) if i not in at]
@@ -91,9 +315,9 @@ def _by_innovations(fitting: Fitting, candidates: Sequence[Candidate], free: NDA
     back = np.zeros((len(at), len(names)))
     back[np.arange(len(at)), at] = 1.0
     back[:, rest] = project
-    natural = phi[: own + 1].copy()
+    natural = phi[: size + 1].copy()
     natural[-1] = 1.0
-    positive = np.append(problem.positive[:own], False)
+    positive = np.append(problem.positive[:size], False)
     scale = np.where(np.array(fitting.on_log) & ~positive, natural, 1.0)[free]
     back *= scale[:, None]
     found = back @ runs @ back.T
@@ -105,13 +329,12 @@ def _of_problem(problem: Problem, fitting: Fitting, free: NDArray[np.int64]) -> 
     variances, phi = fitting.variances(problem), fitting.phi(problem)
     if fitting.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
         return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
-    weights = WEIGHTS / WEIGHTS.sum()
-    places = []
-    for node in NODES:
+    total = np.zeros(())
+    for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum()):
         b = np.zeros_like(problem.effects.scale)
         problem.effects.of(b, SWITCHES)[...] = node
-        places.append(b * (problem.effects.scale > 0))
-    return np.asarray(sum(w * _at(problem, phi, b, variances, free) for w, b in zip(weights, places)))
+        total = total + weight * _at(problem, phi, b * (problem.effects.scale > 0), variances, free)
+    return total
 
 
 def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:
@@ -121,7 +344,7 @@ def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArr
 
 
 def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
-    """How far each run turns from its start heading at most [rad], (K,)."""
+    """Return how far each run turns from its start heading at most [rad], (K,)."""
     found = np.zeros(len(candidates))
     for places in alike(candidates).values():
         problem = fitting.problem([candidates[i] for i in places])
@@ -133,7 +356,7 @@ def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
 
 
 def reported_covariance(per_run: Floats) -> Floats:
-    """Covariance (p, p) that a fit to runs of these informations (R, p, p) reports, on average.
+    """Return the covariance (p, p) that a fit to runs of these informations (R, p, p) reports, on average.
 
     From ENOUGH_RUNS on fits report the jackknife over runs: run i moves the solution by (A - A_i)^-1 g_i, and g_i at
     the solution has covariance A_i - A_i A^-1 A_i, so that on average it is  (R - 1)/R sum (A - A_i)^-1 A_i A^-1.
@@ -154,7 +377,7 @@ def reported_covariance(per_run: Floats) -> Floats:
 
 
 def predicted(fitting: Fitting, per_run: Floats) -> dict[str, Estimate]:
-    """The estimates that a fit would report: the model's values, with the intervals of these runs (R, p, p)."""
+    """Predict the estimates that a fit would report: the model's values, with the intervals of these runs (R, p, p)."""
     per_run = moving(per_run)
     covariance = reported_covariance(per_run)
     dof = {}
@@ -165,12 +388,12 @@ def predicted(fitting: Fitting, per_run: Floats) -> dict[str, Estimate]:
 
 
 def moving(per_run: Floats) -> Floats:
-    """Without the runs that say nothing of the parameters: fits set rest records aside."""
+    """Drop the runs that say nothing of the parameters: fits set rest records aside."""
     return per_run[np.any(per_run != 0.0, axis=(1, 2))]
 
 
 def directions(fitting: Fitting) -> dict[str, Floats]:
-    """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and inertia over
+    """Return what is wanted, each as a direction (p,) of the search's coordinates: every parameter, and inertia over
     quadratic drag."""
     names = names_of(fitting)
     axes = np.eye(len(names))
@@ -182,7 +405,8 @@ def directions(fitting: Fitting) -> dict[str, Floats]:
 
 
 def relative_directions(fitting: Fitting) -> dict[str, Floats]:
-    """The same, in shares of the parameter's value where it is not told on the logarithm (in ones where it is zero)."""
+    """Return `directions`, in shares of the parameter's value where it is not told on the logarithm (in ones where it
+    is zero)."""
     values, logarithms, _ = _parameters(fitting)
     return {
         name: direction if logarithms[name] else direction / (abs(values[name]) or 1.0)
@@ -191,7 +415,7 @@ def relative_directions(fitting: Fitting) -> dict[str, Floats]:
 
 
 def estimates_of(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
-    """Estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
+    """Make estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
     values, logarithms, units = _parameters(fitting)
     found = {}
     for name, direction in directions(fitting).items():
@@ -216,7 +440,7 @@ def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], di
 
 
 def stderr_along(covariance: Floats, direction: Floats) -> float:
-    """Standard error along a direction (p,)."""
+    """Return the standard error along a direction (p,)."""
     return float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
 
 
@@ -224,16 +448,16 @@ class Objective(ABC):
     """What a campaign is for. Worth is that of `counts` (K,), how often each candidate is run."""
 
     @abstractmethod
-    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
-        """Worth of the campaign with one more run, each of `extras` (B,) in turn, (B,)."""
-
-    @abstractmethod
-    def score(self, counts: Floats) -> float:
-        """Worth of the campaign."""
+    def scores(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
+        """Return the worth of the campaign with one more run, each of `extras` (B,) in turn, (B,); as it is, (1,)."""
 
     @abstractmethod
     def reached(self, counts: Floats) -> bool:
-        """Whether nothing more is wanted."""
+        """Tell whether nothing more is wanted."""
+
+    def score(self, counts: Floats) -> float:
+        """Return the worth of the campaign."""
+        return float(self.scores(counts, None)[0])
 
 
 @dataclass(frozen=True)
@@ -250,21 +474,16 @@ class Intervals(Objective):
     wanted: Floats
     goal: float | None = None
 
-    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
-        return self._worth(self._spread(counts, extras))
-
-    def score(self, counts: Floats) -> float:
-        return float(self._worth(self._spread(counts, None))[0])
+    def scores(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
+        spread = self._spread(counts, extras)
+        unit = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+        shape = np.linalg.slogdet(spread / unit[:, :, None] / unit[:, None, :])[1]
+        return np.asarray(-(np.log(unit).sum(axis=1) + 0.5 * shape) / self.wanted.shape[1])
 
     def reached(self, counts: Floats) -> bool:
         if self.goal is None:
             return False
         return bool(np.all(np.sqrt(np.diagonal(self._spread(counts, None)[0])) <= self.goal))
-
-    def _worth(self, spread: Floats) -> Floats:
-        unit = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
-        shape = np.linalg.slogdet(spread / unit[:, :, None] / unit[:, None, :])[1]
-        return np.asarray(-(np.log(unit).sum(axis=1) + 0.5 * shape) / self.wanted.shape[1])
 
     def _spread(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
         """Covariance (B, m, m) of the wanted directions as the jackknife over runs tells it: see
@@ -274,10 +493,8 @@ class Intervals(Objective):
         whole = base + more
         inverse = np.linalg.inv(whole)
         ran = np.flatnonzero(counts)
-        told = inverse @ self.known
-        each = np.linalg.inv(whole[:, None] - self.information[ran]) @ self.information[ran]
-        told = told + np.tensordot(each, counts[ran], axes=((1,), (0,)))
-        told = told + np.linalg.inv(whole - more) @ more
-        covariance = told @ inverse
+        moves = np.linalg.inv(whole[:, None] - self.information[ran]) @ self.information[ran]
+        total = inverse @ self.known + np.tensordot(moves, counts[ran], axes=((1,), (0,)))
+        covariance = (total + np.linalg.inv(whole - more) @ more) @ inverse
         covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
         return np.asarray(self.wanted.T @ covariance @ self.wanted)

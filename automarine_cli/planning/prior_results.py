@@ -11,14 +11,20 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError
 from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
-from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import ANGLE, LOOSE, OFFSET, labels, names_of, relative_directions
+from automarine_cli.planning.information import (
+    ANGLE,
+    OFFSET,
+    Fitting,
+    labels,
+    loose_information,
+    names_of,
+    relative_directions,
+)
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate, Given
 from automarine_cli.results.kinds import DIAGNOSIS
-from automarine_cli.results.models import ModelFile
 
 NOISE_DEG, SCATTER = 1.0, 0.03
 """Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""
@@ -64,23 +70,27 @@ class Diagnosed:
 
 
 def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
-    """What the files say. Raises ModelError with file and key."""
+    """Read the files. Raises ModelError with file and key."""
     name = printable(model.name)
     file, stored = file_and_models(read_plain(model, "JSON", ModelError), name)
     chosen = stored.models[stored.preferred]
-    now, spread = _stored_estimates(file), file.gain_scatter.value if file.gain_scatter else None
+    entry, symbols = file.chosen, file.dof.symbols
+    drag = {symbols.inertia: entry.inertia, symbols.quadratic: entry.quadratic, symbols.linear: entry.linear}
+    added = {f"{effect.name} {n}": given for effect in file.effects for n, given in effect.parameters.items()}
+    now = _some({**drag, ANGLE: entry.ratio or file.ratio, **added})
+    spread = file.gain_scatter.value if file.gain_scatter else None
     notes: tuple[str, ...] = ()
     doubts: tuple[Doubt, ...] = ()
     if diagnosis is not None:
         found = _read_diagnosis(diagnosis, stored)
-        added = [(effect, values) for effect, values in found.effects if effect not in stored.effects]
-        if added and found.base:
+        named = [(effect, values) for effect, values in found.effects if effect not in stored.effects]
+        if named and found.base:
             at = [found.base[n].value if n in found.base else v for n, v in zip(chosen.short_names, chosen.theta)]
             chosen = chosen.with_theta(at)
-        for effect, values in added:
+        for effect, values in named:
             chosen = chosen.with_effect(effect, values)
-        now = {**now, **(found.base if added else {}), **found.estimates}
-        if added:
+        now = {**now, **(found.base if named else {}), **found.estimates}
+        if named:
             now.pop(ANGLE, None)
         doubts = tuple(one for one in found.doubts if not lacking(one.rival))
         notes = tuple(
@@ -104,8 +114,8 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
-    """Covariance of the search's coordinates as the model's file tells it, (p, p) with the offset left open; None
-    where a parameter has no standard error.
+    """Return the covariance of the search's coordinates as the model's file tells it, (p, p) with the offset left open;
+    None where a parameter has no standard error.
 
     Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
     """
@@ -126,12 +136,9 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
 
 
 def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) -> Floats:
-    """Information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else next to
-    none."""
-    values = np.append(fitting.model.theta, 0.3)
-    free = dict(zip((*labels(fitting), OFFSET), zip(values, fitting.on_log)))
-    sizes = [1.0 if on else max(abs(value), 1e-3) for value, on in (free[name] for name in names_of(fitting))]
-    loose = np.diag(1.0 / (LOOSE * np.array(sizes)) ** 2)
+    """Return the information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else
+    next to none."""
+    loose = loose_information(fitting)
     loose[-1, -1] = 1.0
     covariance = covariance_now(fitting, now) if use else None
     if covariance is not None:
@@ -140,7 +147,8 @@ def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) ->
 
 
 def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
-    """The directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every parameter.
+    """Return the directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every
+    parameter.
 
     Raises ModelError for another name.
     """
@@ -152,7 +160,7 @@ def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
 
 
 def lacking(effect: str) -> list[str]:
-    """Columns that an effect needs and planned runs do not have."""
+    """List the columns that an effect needs and planned runs do not have."""
     return [need for need in effects.get(effect).columns if need != "voltage"]
 
 
@@ -164,15 +172,6 @@ def _some(found: Mapping[str, Given | None]) -> dict[str, Estimate]:
     """Those of which the interval is known; a file written by hand may have none."""
     known = {name: given.estimate for name, given in found.items() if given is not None}
     return {name: one for name, one in known.items() if one is not None}
-
-
-def _stored_estimates(file: ModelFile) -> dict[str, Estimate]:
-    """Estimates of the preferred model by label."""
-    entry, own = file.chosen, file.dof.symbols
-    found = {own.inertia: entry.inertia, own.quadratic: entry.quadratic, own.linear: entry.linear}
-    found[ANGLE] = entry.ratio or file.ratio
-    added = {f"{one.name} {name}": given for one in file.effects for name, given in one.parameters.items()}
-    return _some(found | added)
 
 
 def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:

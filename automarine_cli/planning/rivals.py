@@ -19,8 +19,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.fitting import Fitting, alike
-from automarine_cli.planning.information import LOOSE, Objective, free_in
+from automarine_cli.planning.information import LOOSE, Fitting, Objective, alike, free_in, loose_information
 from automarine_cli.planning.prior_results import PriorResults
 from automarine_cli.quantities import Floats
 
@@ -68,7 +67,8 @@ class Contest:
     ridge: Floats
 
     def misfit(self, counts: Floats) -> Floats:
-        """Misfit of the other explanation to campaigns, `counts` (B, K) how often each holds each candidate; (B,)."""
+        """Return the misfit of the other explanation to campaigns, `counts` (B, K) how often each holds each candidate;
+        (B,)."""
         square, gradient = counts @ self.square, counts @ self.gradient
         hessian = np.tensordot(counts, self.hessian, axes=1) + self.ridge
         solved = np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0]
@@ -83,22 +83,17 @@ class Splitting(Objective):
     contests: tuple[Contest, ...]
     enough: Floats
 
-    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
-        return self._worth(counts + np.eye(len(counts))[extras])
-
-    def score(self, counts: Floats) -> float:
-        return float(self._worth(counts[None])[0])
+    def scores(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
+        runs = counts[None] if extras is None else counts + np.eye(len(counts))[extras]
+        shares = [np.minimum(pair.misfit(runs) / enough, 1.0) for pair, enough in zip(self.contests, self.enough)]
+        return np.asarray(np.sum(shares, axis=0))
 
     def reached(self, counts: Floats) -> bool:
         return self.score(counts) >= len(self.contests) - 1e-9
 
-    def _worth(self, counts: Floats) -> Floats:
-        shares = [np.minimum(one.misfit(counts) / enough, 1.0) for one, enough in zip(self.contests, self.enough)]
-        return np.asarray(np.sum(shares, axis=0))
-
 
 def pairs_of(known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
-    """Each doubt both ways, (true, other): the rival as it would look like the effect named on the runs of `grid`.
+    """Pair each doubt both ways, (true, other): the rival as it would look like the effect named on the runs of `grid`.
 
     A rival that could imitate only by vanishing is asked for one way alone.
     """
@@ -116,7 +111,7 @@ def pairs_of(known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], l
 
 
 def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) -> list[Fitting]:
-    """The model with one more effect, at each place from which its fit may start; `largest` moment."""
+    """Add one more effect to the model, at each place from which its fit may start; `largest` moment."""
     effect = effects.get(name)
     options = []
     for parameter in effect.parameters:
@@ -142,7 +137,7 @@ NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
-    """The pair on every candidate, `other` linearised about its parameters."""
+    """Compare the pair on every candidate, `other` linearised about its parameters."""
     free = np.flatnonzero(free_in(other))
     count = len(candidates)
     square, gradient = np.zeros(count), np.zeros((count, len(free)))
@@ -159,12 +154,12 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
         square[places] = other.fitted * weighted.square
         gradient[places] = other.fitted * weighted.gradient
         hessian[places] = other.fitted * weighted.hessian
-    sizes = np.where(other.on_log, 1.0, np.maximum(np.abs(np.append(other.model.theta, 0.3)), 1e-3))[free]
-    return Contest(square, gradient, hessian, np.diag(1.0 / (LOOSE * sizes) ** 2))
+    return Contest(square, gradient, hessian, loose_information(other))
 
 
 def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
-    """`other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that stays.
+    """Return `other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that
+    stays.
 
     Gauss-Newton within the parameters' bounds, steps halved until the misfit falls.
     """
@@ -212,7 +207,7 @@ def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
 
 
 def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
-    """Of several starts the one whose fit comes closest: the best that the other explanation can do."""
+    """Return of several starts the one whose fit comes closest: the best that the other explanation can do."""
     rough, few = [], candidates[:: max(1, len(candidates) // FEW)]
     for other in others:
         here, now = _about(true, other, few)
@@ -223,7 +218,8 @@ def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candi
 
 
 def splits(pairs: Sequence[Pair], candidates: Sequence[Candidate]) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
-    """What a campaign is expected to say of each pair (true, other), and the pairs with the other at its best."""
+    """Return what a campaign is expected to say of each pair (true, other), and the pairs with the other at its
+    best."""
     found, moved = [], []
     for true, other in pairs:
         best, misfit = fitted(true.fitting, other.fitting, candidates)
@@ -234,17 +230,18 @@ def splits(pairs: Sequence[Pair], candidates: Sequence[Candidate]) -> tuple[tupl
 
 
 def head_start(true: Explanation, other: Explanation, runs: int) -> float:
-    """What the penalties for parameters give `true` over `other` before any run, in deviance."""
-    return _penalty(other, runs) - _penalty(true, runs)
+    """Return what the penalties for parameters give `true` over `other` before any run, in deviance."""
+
+    def cost(explanation: Explanation) -> float:
+        values = next(term.values for term in explanation.fitting.model.terms if term.name == explanation.name)
+        return penalty(fitted_parameters(explanation.name, values), runs)
+
+    return cost(other) - cost(true)
 
 
 def shows(one: Explanation, candidates: Sequence[Candidate]) -> bool:
-    """Whether the effect is seen at all on these runs: what can imitate another only by vanishing is no rival of it."""
+    """Tell whether the effect is seen at all on these runs: what can imitate another only by vanishing is no rival of
+    it."""
     model = one.fitting.model
     without = replace(model, terms=tuple(term for term in model.terms if term.name != one.name))
     return fitted(one.fitting, replace(one.fitting, model=without), candidates)[1] > SEEN
-
-
-def _penalty(one: Explanation, runs: int) -> float:
-    values = {term.name: term.values for term in one.fitting.model.terms}
-    return penalty(fitted_parameters(one.name, values[one.name]), runs)

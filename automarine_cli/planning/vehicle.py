@@ -17,11 +17,10 @@ from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.logs.canonical import CANONICAL
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
-from automarine_cli.quantities import Floats
 from automarine_cli.runs.command_range import FAR_BEYOND
+from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import Series
 
 ROUND_DOWN = 1e-6
 FEWEST = 6
@@ -60,7 +59,7 @@ class Drive:
         return float(f"{floor(largest / unit) * unit:.3g}")
 
     def forces(self, moment: float) -> tuple[float, float]:
-        """Thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
+        """Return the thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
         wanted = abs(moment) * self.unit / self.arm
         if self.equal_thrust:
             return wanted / 2.0, wanted / 2.0
@@ -68,7 +67,7 @@ class Drive:
         return self._thrust(self.ahead, n), self._thrust(self.astern, n)
 
     def commands(self, moment: float) -> tuple[float, float]:
-        """Control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
+        """Return control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
         if moment == 0.0:
             return 0.0, 0.0
         if self.equal_thrust:
@@ -92,7 +91,8 @@ class Drive:
 
 
 def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: bool, unit: float) -> Drive:
-    """The drive of a map. Raises SettingError for a map of one direction, and where the largest signal is not known."""
+    """Make the drive of a map. Raises SettingError for a map of one direction, and where the largest signal is not
+    known."""
     ahead, astern = known.both_ways
     largest = known.largest if most is None else most
     if largest is None:
@@ -123,23 +123,27 @@ class Consumption:
     astern: float
 
     def power(self, force: float) -> float:
-        """Power [W] that the thrust `force` [N] takes, without the idle share."""
+        """Return the power [W] that the thrust `force` [N] takes, without the idle share."""
         return (self.ahead if force > 0 else self.astern) * abs(force) ** POWER_LAW
 
 
 def consumption(records: Sequence[Series], per_test: int, volts: float) -> Consumption:
-    """Least squares over all rows with a power or a current, none of the three below zero; `per_test` equal thrusters
-    pulled together, `volts` of the supply where a current was logged without a voltage.
+    """Fit by least squares over all rows with a power or a current, none of the three below zero; `per_test` equal
+    thrusters pulled together, `volts` of the supply where a current was logged without a voltage.
 
     Raises RunError where no test has such a column, or too few rows.
     """
     force, power = [], []
-    for one in records:
-        drawn = _power(one, volts)
-        if drawn is not None:
-            good = np.isfinite(drawn)
-            force.append(one.force[good] / per_test)
-            power.append(drawn[good] / per_test)
+    for series in records:
+        if "power_W" in series.extras:
+            drawn = series.extras["power_W"]
+        elif "current_A" in series.extras:
+            drawn = series.extras["current_A"] * (volts if series.voltage is None else series.voltage)
+        else:
+            continue
+        good = np.isfinite(drawn)
+        force.append(series.force[good] / per_test)
+        power.append(drawn[good] / per_test)
     count = sum(map(len, force))
     if count < FEWEST:
         raise RunError(
@@ -153,15 +157,6 @@ def consumption(records: Sequence[Series], per_test: int, volts: float) -> Consu
     return Consumption(float(idle), float(ahead or astern), float(astern or ahead))
 
 
-def _power(one: Series, volts: float) -> Floats | None:
-    """Power [W] of all pulling thrusters, (N,), or None."""
-    if "power_W" in one.extras:
-        return one.extras["power_W"]
-    if "current_A" not in one.extras:
-        return None
-    return one.extras["current_A"] * (volts if one.voltage is None else one.voltage)
-
-
 @dataclass(frozen=True)
 class CommandTable:
     """What is commanded in a run: from each time [s since the log's start] on, a value for each of the `names`, which
@@ -173,12 +168,13 @@ class CommandTable:
     rows: tuple[tuple[float, tuple[float, ...]], ...]
 
     def held(self, values: Sequence[float]) -> list[float]:
-        """The values in the vehicle's own units."""
+        """Convert values to the vehicle's own units."""
         return [rule.written(value, factor) for rule, value, factor in zip(self.rules, values, self.factors)]
 
 
 def command_table(candidate: Candidate, rest: float, unit: str, drive: Drive | None, names: ColumnMap) -> CommandTable:
-    """The moment, or `n_port` and `n_stbd` where a `drive` makes it, after a rest [s] and neutral at the end."""
+    """Tabulate the moment, or `n_port` and `n_stbd` where a `drive` makes it, after a rest [s] and neutral at the
+    end."""
     columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
     rules = tuple(names.columns.get(name, ColumnRule(name)) for name in columns)
     rules = tuple(rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules))
@@ -191,8 +187,8 @@ def command_table(candidate: Candidate, rest: float, unit: str, drive: Drive | N
 
 
 def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | None, names: ColumnMap) -> str:
-    """CSV with `time_s` since the log's start and the commands of `command_table`, under the names and in the units of
-    the logs where `names` says what these are (pulses about their neutral, percent)."""
+    """Write CSV with `time_s` since the log's start and the commands of `command_table`, under the names and in the
+    units of the logs where `names` says what these are (pulses about their neutral, percent)."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     table = command_table(candidate, rest, unit, drive, names)
@@ -203,7 +199,7 @@ def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | No
 
 
 def in_words(candidate: Candidate, unit: str) -> str:
-    """What a person is to do, in a line."""
+    """Say in a line what a person is to do."""
     commands = candidate.commands
     if candidate.kind == "rest":
         return f"nothing for {commands[0][1]:g} s, thrusters idle"

@@ -1,7 +1,7 @@
 """What `diagnose` shows of a model of one motion: the verdict in a sentence, tables, the page for a person, figures."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -304,7 +304,8 @@ def _where(where: Where) -> str:
             "mirrored or exchanged at random, would show)."
         )
     rest = len(where.regions) - MOST_REGIONS
-    return regions_table(where).to_markdown() + (f"\n{rest} more regions are in diagnosis.json." if rest > 0 else "")
+    table = regions_table(where.regions, where.dof.units.shown, where.dof.words.force)
+    return table.to_markdown() + (f"\n{rest} more regions are in diagnosis.json." if rest > 0 else "")
 
 
 def _why(diagnosis: Diagnosis) -> str:
@@ -435,12 +436,11 @@ def general_advice(study: Study) -> tuple[str, ...]:
     return tuple(advice) or ("The campaign has every kind of run; more runs of the same kinds narrow the intervals.",)
 
 
-def regions_table(where: Where) -> Table:
-    """The regions that stand out, the most significant first."""
+def regions_table(regions: Sequence[Region], unit: str, force: str = "thrust") -> Table:
+    """Lay out the regions that stand out, the most significant first; gaps in `unit`, `force` as people call it."""
     return Table(
-        "", ("variable", "from", "to", "unit", f"gap [{where.dof.units.shown}]", "share of the gap",
-         "seen in", "p", "runs"),
-        tuple(_region(region, where.dof) for region in where.regions[:MOST_REGIONS]),
+        "", ("variable", "from", "to", "unit", f"gap [{unit}]", "share of the gap", "seen in", "p", "runs"),
+        tuple(_region(region, force) for region in regions[:MOST_REGIONS]),
         notes=(
             "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one "
             "gap.",
@@ -448,24 +448,14 @@ def regions_table(where: Where) -> Table:
     )  # fmt: skip
 
 
-def _seen_in(kind: str, dof: Dof) -> str:
-    """The gap that shows a region, in words."""
-    others = {
-        dof.words.force: f"missing {dof.words.force}",
-        THRUST: "each run's own thrust",
-        SIZE: "size of each run's gap",
-    }
-    return others.get(kind, kind)
-
-
-def _region(region: Region, dof: Dof) -> tuple[str, ...]:
+def _region(region: Region, force: str) -> tuple[str, ...]:
     some = ", ".join(region.runs[:MOST_NAMED_RUNS])
     more = len(region.runs) - MOST_NAMED_RUNS
     runs = f"{some} and {more} more" if more > 0 else some or MISSING
-    gap = number(float(dof.shown(region.gap)), 3)
+    kinds = {force: f"missing {force}", THRUST: "each run's own thrust", SIZE: "size of each run's gap"}
     return (
-        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
-        f"{region.share:.0%}", _seen_in(region.seen_in, dof), number(region.p_value, 2), runs,
+        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, number(region.gap, 3),
+        f"{region.share:.0%}", kinds.get(region.seen_in, region.seen_in), number(region.p_value, 2), runs,
     )  # fmt: skip
 
 

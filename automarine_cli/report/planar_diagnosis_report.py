@@ -82,7 +82,7 @@ def _where_table(where: Where) -> Table | str:
     rows = [
         (
             one.variable, f"{one.low:.3g} to {one.high:.3g} {one.unit}", one.seen_in,
-            number(float(YAW.shown(one.gap)), 3), number(one.p_value, 2), str(len(one.runs)),
+            number(one.gap, 3), number(one.p_value, 2), str(len(one.runs)),
         )
         for one in where.regions[:MOST_REGIONS]
     ]  # fmt: skip

@@ -12,11 +12,9 @@ import numpy as np
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
-from automarine_cli.thrusters.analysis import Analysis
-from automarine_cli.thrusters.fit import Parameter
+from automarine_cli.thrusters.fit import Analysis, FormScore, Parameter
 from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.result import ThrusterFit, scaled
-from automarine_cli.thrusters.selection import FormScore
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
 

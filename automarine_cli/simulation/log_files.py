@@ -12,10 +12,8 @@ import pyarrow.parquet as pq
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.campaign import SimulatedRun
-from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
-from automarine_cli.simulation.planar_specification import PlanarSpecification
-from automarine_cli.simulation.specification import Specification
+from automarine_cli.simulation.campaign import DECIMALS, MOMENT_DECIMALS, SimulatedRun
+from automarine_cli.simulation.specification import PlanarSpecification, Specification
 
 Column: TypeAlias = Floats | Sequence[str]
 STORED = 65535  # bytes in one block of a gzip file that is stored as it is

@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, TypeAlias
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.models.closed_form import response
-from automarine_cli.pipeline.codec import FILLER, Codec, Place, key_of, keyed
+from automarine_cli.pipeline.records import FILLER, Codec, Place, key_of, keyed
 from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
@@ -137,7 +137,6 @@ class StepRuns(RunGroup):
         return time_to_turn(drag.dof.inner(self.way or 0.0), moment, drag)
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
-        """The commands in their order."""
         for moment in levels_of(self.levels):
             yield f"{self.base}_{moment_text(moment)}", self.commands(moment, self.hold(drag, moment))
 
@@ -160,7 +159,6 @@ class CoastDownRuns(StepRuns):
         positive(self, "coast_s")
 
     def commands(self, moment: float, hold: float) -> Commands:
-        """The step, then nothing."""
         return ((moment, hold), (0.0, self.coast_s))
 
 
@@ -178,7 +176,6 @@ class ReversalRuns(StepRuns):
         positive(self, "back_s")
 
     def commands(self, moment: float, hold: float) -> Commands:
-        """The step there and back."""
         return ((moment, hold), (-moment, 2.0 * hold if self.back_s is None else self.back_s))
 
 
@@ -199,7 +196,6 @@ class SequenceRuns(RunGroup):
             )
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
-        """The one sequence, equal neighbours joined."""
         joined: list[tuple[float, float]] = []
         for moment, seconds in self.commands:
             if joined and joined[-1][0] == moment:
@@ -250,7 +246,6 @@ class RestRuns(RunGroup):
         positive(self, "duration_s")
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
-        """The one rest."""
         yield self.base, ((0.0, self.duration_s),)
 
 

@@ -1,231 +1,543 @@
-"""Bollard-test points made ready for a diagnosis: levels, directions, run order, and the noise apart from any model."""
+"""Bollard tests read from logs, the points that they come down to, readings that contradict others, the tare."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import FitError
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import LogError, SettingError
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
+from automarine_cli.logs.canonical import BY
+from automarine_cli.logs.table import Labels, splitting
+from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.pipeline.words import listed, quoted
 from automarine_cli.quantities import Floats
-from automarine_cli.thrusters.contradictions import flag_contradictions, left_out
-from automarine_cli.thrusters.fit import Side, sides_of
-from automarine_cli.thrusters.forms import SIDES
-from automarine_cli.thrusters.plateaus import reduce_series
-from automarine_cli.thrusters.points import Ints, Points, groups_of, levels_of, voltage_steps
-from automarine_cli.thrusters.records import ThrusterLogs
-from automarine_cli.thrusters.tare import subtract_tare
-
-FEWEST_LEVELS = 5
-"""Levels in a direction from which a curve with a second parameter can be told from chance."""
-FEWEST_TO_HOLD_OUT = 10
-"""Levels in a direction from which a quarter of them is held out."""
-REPEATS = 6
-"""Degrees of freedom among repeats from which their own scatter is the noise level."""
-BINS = 4
-ROBUST = 1.4826
-SAME = 1e-6
-"""Commands that differ by less than this share of full scale are the same command."""
-ALONG = 0.8
-"""Share of the run order that the levels explain from which a drift cannot be told from the curve."""
+from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
+from automarine_cli.runs.run import SetAside
 
 
 @dataclass(frozen=True)
-class BollardData:
-    """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
+class Series:
+    """One test record as logged: one file, or one `run` of a file; arrays of shape (N,).
 
-    `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one
-    voltage: the unit of chance; `group` what cross-validation leaves out together. `order` runs from 0 for the first
-    reading to 1 for the last. `places` are file and run of each record; `zero` [N] are the readings at rest.
+    `n` is the control signal [unit as logged], `force` the thrust of all pulling thrusters together [N],
+    `time` [s] and `voltage` [V] are None where the log has none; `extras` are its other columns by their own names.
+    `part` is which thruster it is of, where a column says (`ThrusterLogs.by`).
     """
 
-    points: Points
-    step: Ints | None
-    level: Ints
-    group: Ints
-    order: Floats
-    tare_stderr: float
-    n_unit: str
-    places: tuple[str, ...]
-    zero: Floats
+    source: str
+    run: str
+    n: Floats
+    force: Floats
+    time: Floats | None = None
+    voltage: Floats | None = None
+    extras: Mapping[str, Floats] = field(default_factory=dict)
+    part: str = ""
+
+    @property
+    def place(self) -> str:
+        """File, run and part, for people."""
+        run = f", run {self.run}" if self.run else ""
+        return f"{self.source}{run}, {self.part}" if self.part else f"{self.source}{run}"
+
+
+@dataclass(frozen=True)
+class ThrusterLogs:
+    """Test records in file and row order, what was set aside, files read, rows with missing values; the unit of the
+    control signal where all logs tell the same, else "".
+
+    `by` is the column that says which thruster a record is of, "" without; `asked` whether the user named it, else it
+    was found: a column of a few words in every table.
+    """
+
+    records: tuple[Series, ...]
+    set_aside: tuple[SetAside, ...]
+    inputs: tuple[LogFile, ...]
+    missing: int
+    n_unit: str = ""
+    by: str = ""
+    asked: bool = False
+    rule: ColumnRule | None = None
+    """How all logs read their force, where a column map says it."""
+
+    @property
+    def used(self) -> int:
+        """How many runs there are; parts that nobody asked for count as one."""
+        return len({(one.source, one.run, one.part if self.asked else "") for one in self.records})
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the parts in the order in which they first appear."""
+        return tuple(dict.fromkeys(record.part for record in self.records if record.part))
+
+    def of(self, part: str) -> "ThrusterLogs":
+        """The records of one part, as logs of their own."""
+        return replace(self, records=tuple(r for r in self.records if r.part == part), by="", asked=False, set_aside=())
+
+
+def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
+    """Return how many equal thrusters pulled together: `count`, else the column map's default, else the usual number.
+
+    Raises SettingError for what is no such number.
+    """
+    value = columns.defaults.get("thrusters_per_test", usual) if count is None else count
+    if isinstance(value, str) or value != int(value) or value < 1:
+        raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
+    return int(value)
+
+
+def load_thruster_logs(
+    logs: Logs, columns: ColumnMap, *, strict: bool = False, progress: Progress = silent
+) -> ThrusterLogs:
+    """Read every log; one `run` of a file is one record.
+
+    Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none
+    is left.
+    """
+    files = find_logs(logs)
+    records: list[Series] = []
+    set_aside: list[SetAside] = []
+    missing, units, found_by = 0, set[str](), ""
+    for file in counted(progress, "reading", files, len(files)):
+        try:
+            table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
+            require_thruster(table)
+            _require_parts(table, columns)
+        except LogError as refusal:
+            if file.named:
+                raise
+            set_aside.append(unreadable(file, refusal))
+            continue
+        parts = table.parts
+        if parts is None and (name := _name_of_parts(table)):
+            parts, found_by = table.words[name], name
+        found, gone, idle = _records(table, parts)
+        records += found
+        units.add(table.units.get("n", ""))
+        missing += gone
+        set_aside += idle
+    if strict and set_aside:
+        raise refused_by_strict(set_aside[0])
+    if not records:
+        raise none_left(len(files), set_aside)
+    asked = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
+    unit = units.pop() if len(units) == 1 else ""
+    used = tuple(filter(has_bytes, files))
+    rules = {columns.of(file.path).columns.get("force_N") for file in files}
+    rule = rules.pop() if len(rules) == 1 else None
+    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked), rule)
+
+
+def _require_parts(table: LogTable, columns: ColumnMap) -> None:
+    """Raise LogError where the column that the map names with `by` is not in the table."""
+    if BY in columns.columns and table.parts is None:
+        raise LogError(
+            f"{table.source}: no column {quoted(columns.source_of(BY))}, which the column map names with by; found the "
+            f"columns {listed(table.names)}. Correct the name, or leave the line out"
+        )
+
+
+def _name_of_parts(table: LogTable) -> str:
+    """The column of words that may say which thruster a row is of, "" for none: one that is called like that, else the
+    only one. In a series over time the words come one after the other."""
+    blocks = {name: 1 + int(np.count_nonzero(np.diff(labels.code))) for name, labels in table.words.items()}
+    may = [name for name, one in table.words.items() if "time" not in table.columns or blocks[name] <= len(one.names)]
+    return splitting(may, bollard=True).get(BY, may[0] if len(may) == 1 else "")
+
+
+def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, list[SetAside]]:
+    n, force = table.columns["n"], table.columns["force"]
+    time, voltage = table.columns.get("time"), table.columns.get("voltage")
+    good = np.isfinite(n) & np.isfinite(force)
+    if time is not None:
+        good &= np.isfinite(time)
+    names = np.full(len(table), "") if table.run is None else table.run
+    records, idle = [], []
+    part_names = np.full(len(table), "") if parts is None else np.array(parts.names)[parts.code]
+    both = zip(map(str, names), map(str, part_names))
+    for name, part in dict.fromkeys(both):  # in the order in which they first appear
+        here = (names == name) & (part_names == part) & good
+        if not np.any(here):
+            idle.append(SetAside(table.source, name or part, "no row has both a control signal and a force"))
+            continue
+        clock, volts = (None if column is None else column[here] for column in (time, voltage))
+        extras = {key: column[here] for key, column in table.extras.items()}
+        records.append(Series(table.source, name, n[here], force[here], clock, volts, extras, part))
+    return records, int(np.count_nonzero(~good)), idle
+
+
+Ints = NDArray[np.int64]
+
+SAME = 0.004  # commands within this share of full scale are one level
+MANY = 24  # more levels than this in a direction are left out in blocks of neighbours
+BLOCKS = 20
+STEP = 0.03  # voltages further apart than this share are two nominal steps
+MOST_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
+
+
+@dataclass(frozen=True)
+class Points:
+    """Measured points of one thruster, arrays of shape (P,).
+
+    `n` [unit as logged]; `force` [N] of one thruster; `spread` [N] is the standard deviation of the samples
+    behind a point, `count` their number, `stderr` [N] the standard error of their mean (both NaN for a single
+    reading); `when` is the time [s] or sample number in the record, `record` numbers the test records,
+    `voltage` [V] is NaN where it was not logged; `raw` says that the point is the mean of a plateau; `flag`
+    is "" or the reason why a point weighs less, `weight` lies in (0, 1].
+    """
+
+    n: Floats
+    force: Floats
+    spread: Floats
+    count: Ints
+    stderr: Floats
+    when: Floats
+    record: Ints
+    voltage: Floats
+    raw: NDArray[np.bool_]
+    weight: Floats
+    flag: NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.n)
+
+    @classmethod
+    def measured(cls, n: Floats, force: Floats, when: Floats, voltage: Floats | None, record: int) -> "Points":
+        """Single readings of one record, none of them flagged."""
+        size = len(n)
+        nothing = np.full(size, np.nan)
+        return cls(
+            n=n, force=force, spread=nothing, count=np.ones(size, dtype=np.int64), stderr=nothing, when=when,
+            record=np.full(size, record, dtype=np.int64), voltage=nothing if voltage is None else voltage,
+            raw=np.zeros(size, dtype=bool), weight=np.ones(size), flag=np.full(size, "", dtype="<U120"),
+        )  # fmt: skip
+
+    def where(self, mask: NDArray[np.bool_]) -> "Points":
+        """The points that `mask`, shape (P,), keeps."""
+        return replace(self, **{name: getattr(self, name)[mask] for name in self.__dataclass_fields__})
+
+    def divided(self, thrusters: int) -> "Points":
+        """Thrust of one of `thrusters` equal thrusters that pulled together (equation 3)."""
+        names = ("force", "spread", "stderr")
+        return replace(self, **{name: getattr(self, name) / thrusters for name in names})
+
+    @property
+    def n_range(self) -> tuple[float, float] | None:
+        """The lowest and the highest control signal, None where there is one only."""
+        low, high = float(np.min(self.n, initial=np.inf)), float(np.max(self.n, initial=-np.inf))
+        return (low, high) if low < high else None
 
     @property
     def full_scale(self) -> float:
-        """Largest thrust measured [N]."""
-        return self.points.full_scale
-
-    @property
-    def voltage(self) -> Floats | None:
-        """Supply voltage [V] where it was varied in steps, else None."""
-        return None if self.step is None else self.points.voltage
-
-    @property
-    def sides(self) -> tuple[str, ...]:
-        """The directions that were measured."""
-        return tuple(name for name, sign in SIDES if np.any(self.points.n * sign > 0))
-
-    @property
-    def levels(self) -> int:
-        """How many independent levels."""
-        return len(np.unique(self.level))
-
-    def where(self, mask: NDArray[np.bool_]) -> "BollardData":
-        """The points that `mask` keeps, as bollard data."""
-        step = None if self.step is None else self.step[mask]
-        own = {name: getattr(self, name)[mask] for name in ("level", "group", "order")}
-        return replace(self, points=self.points.where(mask), step=step, **own)
-
-    def parts(self, tied: bool) -> dict[str, tuple[Ints, Side]]:
-        """Point numbers and `Side` of each direction, or of both together as one curve of |n| (`tied`)."""
-        points = self.points
-        if not tied:
-            return {
-                name: (np.flatnonzero(points.n * side.sign > 0), side)
-                for name, side in sides_of(points, self.step, self.tare_stderr).items()
-            }
-        size = np.abs(points.n)
-        thrust = np.sign(points.n) * points.force
-        own = np.nan_to_num(points.stderr)
-        side = Side("both", 1.0, size, thrust, points.weight, groups_of(size), None, own, self.tare_stderr)
-        return {"both": (np.arange(len(points)), side)}
-
-    def drifts_apart(self) -> bool:
-        """Whether the run order can be told from the command: then a drift with it can be a candidate."""
-        size = np.abs(self.points.n)
-        columns = [np.ones(len(size)), self.points.n, size, self.points.n**2, self.points.n * size]
-        if self.step is not None:
-            columns.append(self.points.voltage)
-        matrix = np.stack(columns, axis=1)
-        rest = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
-        return bool(np.ptp(self.order) > 0 and 1.0 - rest.var() / self.order.var() < ALONG)
-
-    def place(self, index: int) -> str:
-        """File and run of one point."""
-        return self.places[int(self.points.record[index])]
+        """Largest thrust measured [N], flagged points left out."""
+        return float(np.max(np.abs(self.force[self.flag == ""]), initial=0.0))
 
 
-def bollard_data(
-    loaded: ThrusterLogs, thrusters: int, n_unit: str, sides: tuple[str, ...], fewest: int = FEWEST_LEVELS
-) -> BollardData:
-    """Logs -> bollard data: plateaus, one thruster, contradictions flagged, tare taken off, directions in `sides` only.
+def join(parts: list[Points]) -> Points:
+    """All points one after the other."""
+    return Points(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in Points.__annotations__})
 
-    A direction with fewer than `fewest` levels is left out.
 
-    Raises FitError where no direction has enough levels, or thrust opposes the command.
+def levels_of(n: Floats) -> Ints:
+    """Number of each control signal's level, shape (P,): equal to 0.4 % of full scale is one level."""
+    order = np.argsort(n, kind="stable")
+    width = SAME * float(np.max(np.abs(n), initial=0.0))
+    level, first = np.zeros(len(n), dtype=np.int64), -np.inf
+    number = -1
+    for index in order:
+        # Zero is a level of its own: a small command is not a tare reading.
+        if n[index] - first > width or (n[index] == 0.0) != (first == 0.0):
+            number, first = number + 1, float(n[index])
+        level[index] = number
+    return level
+
+
+def groups_of(n: Floats) -> Ints:
+    """What cross-validation leaves out together and what standard errors count as one: a level, shape (P,).
+
+    Closely spaced tables (over 24 levels in a direction) go in 20 blocks of neighbouring levels: a misfit is
+    alike in neighbours, so that one level of 100 is no independent witness.
     """
-    points = reduce_series(list(loaded.records)).points.divided(thrusters)
-    step = voltage_steps(points.voltage)
-    points, tare = subtract_tare(flag_contradictions(points, step))
-    order = np.arange(len(points), dtype=float) / max(len(points) - 1, 1)
-    keep = np.zeros(len(points), dtype=bool)
-    for name, sign in SIDES:
-        here = points.n * sign > 0
-        if name in sides and len(np.unique(levels_of(points.n[here]))) >= fewest:
-            keep |= here
-    if not np.any(keep):
-        raise FitError(
-            f"no direction of the map has {fewest} different commands in the logs; a diagnosis needs a curve: "
-            "pull at more levels, or give a map of the direction that was measured"
-        )
-    if float(points.weight[keep] @ (points.n * np.abs(points.n) * points.force)[keep]) <= 0.0:
-        raise FitError(
-            "thrust has the opposite sign of the control signal; if ahead is logged as negative force, write "
-            'force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
-        )
-    kept_step = None if step is None or step.max() == 0 else step[keep]
-    kept = points.where(keep)
-    level = levels_of(kept.n)
-    if kept_step is not None:
-        level = np.unique(np.stack([level, kept_step]), axis=1, return_inverse=True)[1].ravel()
-    places = tuple(record.place for record in loaded.records)
-    stderr = tare.stderr if tare.subtracted else 0.0
-    values = (kept, kept_step, level.astype(np.int64), _groups(kept.n), order[keep], stderr, n_unit, places)
-    return BollardData(*values, points.force[points.n == 0.0])
+    level = levels_of(n)
+    count = int(level.max(initial=-1)) + 1
+    if count <= MANY:
+        return level
+    block = np.repeat(np.arange(BLOCKS), [len(part) for part in np.array_split(np.arange(count), BLOCKS)])
+    return block[level].astype(np.int64)
 
 
-def _groups(n: Floats) -> Ints:
-    """Groups of both directions, numbered apart."""
-    group = np.zeros(len(n), dtype=np.int64)
-    for offset, sign in ((0, 1.0), (1000, -1.0)):
-        here = n * sign > 0
-        group[here] = groups_of(np.abs(n[here])) + offset
-    return group
+def voltage_steps(voltage: Floats) -> Ints | None:
+    """Number of the nominal supply step of each point, shape (P,), rising with the voltage.
 
-
-def held_out_levels(data: BollardData, seed: int) -> np.ndarray:
-    """Points of the quarter of the levels that is held out, (P,): one level drawn from every four neighbours.
-
-    Never an end of the range; none where a direction has fewer than FEWEST_TO_HOLD_OUT levels.
+    A new step starts where the sorted voltages jump by over 3 %; None without a voltage at every point, or
+    where the supply drifts without steps.
     """
-    random, out = np.random.default_rng(seed), np.zeros(len(data.points), dtype=bool)
-    number = levels_of(data.points.n)
-    for sign in (1.0, -1.0):
-        own = np.unique(number[data.points.n * sign > 0])
-        inner = own[1:-1]
-        if 0 < len(own) < FEWEST_TO_HOLD_OUT:
-            return np.zeros(len(data.points), dtype=bool)
-        for start in range(0, len(inner) - 3, 4):
-            out |= number == inner[start + int(random.integers(4))]
-    return out
+    if len(voltage) == 0 or not np.all(np.isfinite(voltage)) or np.any(voltage <= 0):
+        return None
+    order = np.argsort(voltage, kind="stable")
+    jumps = np.diff(np.log(voltage[order])) > STEP
+    step = np.zeros(len(voltage), dtype=np.int64)
+    step[order[1:]] = np.cumsum(jumps)
+    return step if int(step.max()) < MOST_STEPS else None
 
 
-def noise_level(data: BollardData) -> tuple[float, str]:
-    """Noise of a point [N] estimated without a model, and where it was read.
+# Limits in shares of full scale, and in robust standard deviations of the readings; the larger counts.
+RISE, RISE_MADS = 0.03, 5.0  # thrust rises with the command: how far it may fall back
+SMOOTH, SMOOTH_MADS = 0.05, 8.0  # off the smooth curve through the neighbours
+REPEAT_MADS = 6.0  # off the other readings at the same command
+END = 0.20  # the highest command has one neighbour only, and thrust may really sag there
+SCATTER = 0.15  # share of the thrust itself: two runs may differ by some percent of gain
 
-    Repeats at one command where there are enough; else what the neighbouring levels do not say: each level against a
-    smooth local curve through the three levels on either side, freed of that curve's own error. Never less than the
-    standard errors of the plateaus.
+Found = dict[int, tuple[float, float]]  # index -> deviation [N], limit [N]
+
+
+def flag_contradictions(points: Points, step: Ints | None) -> Points:
+    """The same points with weights and reasons: contradicting readings weigh less, none is dropped.
+
+    Works inside each voltage step. The weight is Cauchy's, 1 / (1 + (deviation / scale)^2), with the scale a
+    third of the limit: a reading at the limit weighs 0.1, and every reading inside it weighs 1.
     """
-    points = data.points
-    own = points.stderr[np.isfinite(points.stderr)]
-    samples = float(np.sqrt(np.mean(own**2))) if len(own) else 0.0
-    squares, freedom = 0.0, 0
-    for number in np.unique(data.level):
-        here = (data.level == number) & (points.flag == "")
-        # A measured speed is never the same twice: its neighbours are no repeats.
-        if np.count_nonzero(here) > 1 and np.ptp(points.n[here]) <= SAME * np.max(np.abs(points.n)):
-            squares += float(np.sum((points.force[here] - points.force[here].mean()) ** 2))
-            freedom += int(np.count_nonzero(here)) - 1
-    if freedom >= REPEATS:
-        repeats = float(np.sqrt(squares / freedom))
-        if repeats >= samples:
-            return repeats, "repeats at one command"
-        return samples, "the samples of each plateau"
-    rough = _roughness(data)
-    if rough >= samples:
-        return rough, "neighbouring levels"
-    return samples, "the samples of each plateau"
+    weight, flag = points.weight.copy(), points.flag.copy()
+    for number in np.unique(step) if step is not None else [0]:
+        here = np.arange(len(points)) if step is None else np.flatnonzero(step == number)
+        n, force = points.n[here], points.force[here]
+        for index, (deviation, limit) in _contradictions(n, force).items():
+            weight[here[index]] = 1.0 / (1.0 + (3.0 * deviation / limit) ** 2)
+            flag[here[index]] = _reason(n[index], force[index], deviation, _scale(force))
+    return replace(points, weight=weight, flag=flag)
 
 
-def _roughness(data: BollardData) -> float:
-    """Root mean square over ranges of |n| of the robust scatter [N] about the neighbours' smooth curve."""
-    points = data.points
-    off, size = [], []
-    for step in [0] if data.step is None else np.unique(data.step):
-        for _, sign in SIDES:
-            here = (points.n * sign > 0) & (points.flag == "")
-            here &= True if data.step is None else data.step == step
-            n = np.abs(points.n[here])
-            numbers = levels_of(n)
-            place = np.array([np.mean(n[numbers == k]) for k in np.unique(numbers)])
-            thrust = np.array([np.mean(sign * points.force[here][numbers == k]) for k in np.unique(numbers)])
-            scale = np.array([_leaning(place, j) for j in range(len(place))])
-            found = (thrust - left_out(place, thrust)) / scale
-            known = np.isfinite(found)
-            off.append(found[known])
-            size.append(place[known])
-    every, at = np.abs(np.concatenate(off)), np.concatenate(size)
-    if len(every) == 0:
+def _reason(n: float, force: float, deviation: float, scale: float) -> str:
+    if n == 0.0:
+        return f"{deviation:.3g} N of thrust at zero control signal: tachometer drop-out"
+    if abs(force) <= 0.01 * scale:
+        return "no thrust although its neighbours pull: load cell or thruster dropped out"
+    return f"outlier: {deviation:.3g} N from neighbouring points"
+
+
+def _scale(force: Floats) -> float:
+    """Full scale [N]: the second largest thrust, because one wild reading must not set it."""
+    return float(np.sort(np.abs(force))[-2:].min(initial=np.inf))
+
+
+def _contradictions(n: Floats, force: Floats) -> Found:
+    """First what breaks the rise of the curve, then, worst first, what lies off its course or repeats."""
+    force = force - _rest(n, force)
+    scale = _scale(force)
+    if not np.isfinite(scale) or scale == 0.0:
+        return {}
+    level = levels_of(n)
+    good = np.ones(len(n), dtype=bool)
+    found = _falls(n, force, level, scale)
+    good[list(found)] = False
+    for _ in range(len(n) // 4):
+        deviation, limit = _off_course(n, force, level, good, scale)
+        worst = int(np.argmax(deviation / limit))
+        if deviation[worst] <= limit[worst]:
+            break
+        good[worst] = False
+        found[worst] = (float(deviation[worst]), float(limit[worst]))
+    return found
+
+
+def _rest(n: Floats, force: Floats) -> float:
+    """Zero reading [N], if the readings next to it bear it out; else 0."""
+    zero, ahead, astern = n == 0.0, n > 0.0, n < 0.0
+    if not (np.any(zero) and np.any(ahead) and np.any(astern)):
         return 0.0
-    order = np.argsort(at, kind="stable")
-    parts = np.array_split(every[order], BINS if len(every) >= 5 * BINS else 1)
-    return float(np.sqrt(np.mean([(ROBUST * np.median(part)) ** 2 for part in parts])))
+    value = float(np.median(force[zero]))
+    below, above = force[astern][np.argmax(n[astern])], force[ahead][np.argmin(n[ahead])]
+    return value if below <= value <= above else 0.0
 
 
-def _leaning(place: Floats, j: int) -> float:
-    """Factor by which a level less its neighbours' parabola scatters more than the level alone."""
-    near = np.array([k for k in range(j - 3, j + 4) if k != j and 0 <= k < len(place)])
-    if len(near) < 4:
-        return np.nan
-    x = (place[near] - place[j]) / max(np.ptp(place[near]), 1e-300)
-    rows = np.stack([np.ones_like(x), x, x**2], axis=1)
-    return float(np.sqrt(1.0 + np.linalg.pinv(rows.T @ rows)[0, 0]))
+def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Found:
+    """The fewest readings without which thrust rises with the command, but for a tolerance.
+
+    The longest rising chain through the readings stays; a drop-out leaves it, however many stand side by
+    side.
+    """
+    order = np.lexsort((force, n))
+    everything = np.ones(len(n), dtype=bool)
+    strict = np.zeros(len(n), dtype=bool)
+    strict[order[_longest_rise(force[order], RISE * scale)]] = True
+    # The strict chain is smoother than the noise, the whole table rougher where it is contaminated.
+    rough, smoother = (_roughness(force, *_courses(n, force, level, good)) for good in (everything, strict))
+    rough = min(rough, 2.0 * smoother)
+    tolerance = max(RISE * scale, RISE_MADS * rough)
+    chain = order[_longest_rise(force[order], tolerance)]
+    kept = np.isin(order, chain)
+    found: Found = {}
+    for place in np.flatnonzero(~kept):
+        index = order[place]
+        before = force[order[:place][kept[:place]]][-1:].tolist()
+        after = force[order[place:][kept[place:]]][:1].tolist()
+        low, high = min(before + after, default=0.0), max(before + after, default=0.0)
+        outside = float(max(low - force[index], force[index] - high))
+        limit = max(tolerance, SCATTER * min(abs(low), abs(high))) if before and after else END * scale
+        if outside > limit:
+            found[int(index)] = (float(abs(force[index] - (low + high) / 2)), limit)
+    return found
+
+
+def _longest_rise(force: Floats, tolerance: float) -> Ints:
+    """Indices of the longest chain in which no reading is lower than the one before by over the tolerance."""
+    length, parent = np.ones(len(force), dtype=np.int64), np.full(len(force), -1)
+    for j in range(1, len(force)):
+        reach = np.where(force[:j] <= force[j] + tolerance, length[:j], 0)
+        # Of equal chains the one with the nearest step.
+        best = np.flatnonzero(reach == reach.max())
+        if reach[best[0]] > 0:
+            nearest = best[np.argmin(np.abs(force[best] - force[j]))]
+            length[j], parent[j] = length[nearest] + 1, nearest
+    chain = [int(np.argmax(length))]
+    while parent[chain[-1]] >= 0:
+        chain.append(int(parent[chain[-1]]))
+    return np.array(chain[::-1], dtype=np.int64)
+
+
+def _courses(n: Floats, force: Floats, level: Ints, good: np.ndarray) -> tuple[list[np.ndarray], Floats, Floats]:
+    """Indices of each level's readings, their median [N], and what the levels around it say [N]."""
+    members = [np.flatnonzero(good & (level == number)) for number in np.unique(level[good])]
+    middle = np.array([np.median(force[index]) for index in members])
+    return members, middle, left_out(np.array([np.median(n[index]) for index in members]), middle)
+
+
+def _roughness(force: Floats, members: list[np.ndarray], middle: Floats, smooth: Floats) -> float:
+    """Robust standard deviation [N] of the readings about a smooth curve, or of repeats if that is larger."""
+    off = np.abs(middle - smooth)[np.isfinite(smooth)]
+    if len(off) == 0:
+        return _repeat_noise(force, members)
+    # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad
+    # one.
+    rough = min(1.4826 * float(np.median(off)), 3.139 * float(np.quantile(off, 0.25)))
+    return max(rough, _repeat_noise(force, members))
+
+
+def _off_course(n: Floats, force: Floats, level: Ints, good: np.ndarray, scale: float) -> tuple[Floats, Floats]:
+    """Deviation [N] from repeats at the same command or the smooth curve, and its limit, shape (P,)."""
+    members, middle, smooth = _courses(n, force, level, good)
+    rough = _roughness(force, members, middle, smooth)
+    repeat = max(RISE * scale, REPEAT_MADS * _repeat_noise(force, members))
+    deviations, limits = np.zeros(len(n)), np.full(len(n), scale)
+    for j, index in enumerate(members):
+        for p in index:
+            others = index[index != p]
+            tests = []
+            if len(others) >= 2:
+                usual = float(np.median(force[others]))
+                tests.append((abs(force[p] - usual), max(repeat, SCATTER * abs(usual))))
+            # A repeat that agrees says that the curve is like that.
+            if np.isfinite(smooth[j]) and not np.any(np.abs(force[others] - force[p]) <= repeat):
+                limit = max(SMOOTH * scale, SMOOTH_MADS * rough, SCATTER * abs(smooth[j]))
+                tests.append((abs(force[p] - smooth[j]), limit))
+            for deviation, limit in tests:
+                if deviation * limits[p] > deviations[p] * limit:
+                    deviations[p], limits[p] = deviation, limit
+    return deviations, limits
+
+
+def _repeat_noise(force: Floats, members: list[np.ndarray]) -> float:
+    """Standard deviation [N] of repeats about their level's median, where there are three; else 0."""
+    inside = [np.abs(force[index] - np.median(force[index])) for index in members if len(index) >= 3]
+    # One deviation of each level is the median's own and says nothing.
+    left = [np.sort(deviation)[1:] for deviation in inside]
+    return 1.4826 * float(np.median(np.concatenate(left))) if left else 0.0
+
+
+def left_out(place: Floats, middle: Floats) -> Floats:
+    """Each level by the parabola through three levels on each side [N]; NaN near zero and the ends.
+
+    The parabola goes through the root of the thrust, which is nearly straight: coarse tables stay smooth.
+    """
+    predicted = np.full(len(place), np.nan)
+    root = np.sign(middle) * np.sqrt(np.abs(middle))
+    for j in range(len(place)):
+        if place[j] == 0.0:
+            continue
+        side = np.flatnonzero(place * np.sign(place[j]) >= 0)
+        low, high = side[(side < j)][-3:], side[(side > j)][:3]
+        if len(low) < 2 or len(high) < 2:
+            continue
+        near = np.concatenate([low, high])
+        scaled = (place[near] - place[j]) / np.ptp(place[near])
+        straight = float(np.polynomial.polynomial.polyfit(scaled, root[near], 2)[0])
+        predicted[j] = straight * abs(straight)
+    return predicted
+
+
+@dataclass(frozen=True)
+class Tare:
+    """Zero reading of the load cell, per thruster [N]: mean, standard error, whether it was subtracted."""
+
+    value: float
+    stderr: float
+    readings: int
+    drift: float
+    subtracted: bool
+
+    @property
+    def says(self) -> str:
+        """One sentence for the terminal and the report."""
+        if self.readings == 0:
+            return "No reading at zero command: thrust is taken as logged, without a tare."
+        where = f"{self.readings} zero-command reading{'s' if self.readings > 1 else ''}"
+        if self.value == 0.0:
+            return f"The {where} say exactly 0 N: there is no tare."
+        if not self.subtracted:
+            return f"The tare of {self.value:.4g} N from {where} is within its scatter and was not subtracted."
+        drift = f", drifting by {self.drift:.3g} N" if self.drift else ""
+        return f"A tare of {self.value:.4g} N from {where}{drift} was subtracted."
+
+
+def subtract_tare(points: Points) -> tuple[Points, Tare]:
+    """Thrust with the zero reading taken off, and what it was.
+
+    A record with its own zero readings uses them, linear in time between them; another record uses the mean
+    of all. Zero plateaus of a raw series are always subtracted; single zero readings of a table only when
+    their mean is over twice its standard error, because a table is usually tared already and one more noisy
+    reading would then be added to every point.
+    """
+    zero = (points.n == 0.0) & (points.flag == "")
+    if not np.any(zero):
+        return points, Tare(0.0, 0.0, 0, 0.0, False)
+    values = points.force[zero]
+    mean = float(np.mean(values))
+    raw = bool(np.all(points.raw[zero]))
+    stderr = _tare_error(points, zero, raw)
+    if not raw and abs(mean) <= 2.0 * stderr:
+        return points, Tare(mean, stderr, len(values), 0.0, False)
+    offset, drift = np.full(len(points), mean), 0.0
+    for record in np.unique(points.record):
+        own = zero & (points.record == record)
+        if not np.any(own):
+            continue
+        order = np.argsort(points.when[own], kind="stable")
+        knots, readings = points.when[own][order], points.force[own][order]
+        here = points.record == record
+        if raw:
+            offset[here] = np.interp(points.when[here], knots, readings)
+            drift = max(drift, float(np.ptp(readings)))
+        else:
+            offset[here] = np.mean(readings)
+    return replace(points, force=points.force - offset), Tare(mean, stderr, len(values), drift, mean != 0.0)
+
+
+def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
+    """Standard error of the zero reading [N]: from samples, repeats, or the table's own roughness."""
+    values = points.force[zero]
+    if raw:
+        # Between two rests a point leans on both of them, not on the mean of all.
+        most = max(np.count_nonzero(zero & (points.record == number)) for number in np.unique(points.record))
+        leans_on = min(most, 2) if most > 1 else len(values)
+        return float(np.sqrt(np.mean(points.stderr[zero] ** 2) / leans_on))
+    if len(values) >= 3:
+        return float(np.std(values, ddof=1) / np.sqrt(len(values)))
+    good = points.flag == ""
+    order = np.argsort(points.n[good], kind="stable")
+    residual = points.force[good][order] - left_out(points.n[good][order], points.force[good][order])
+    rough = 1.4826 * float(np.nanmedian(np.abs(residual))) if np.any(np.isfinite(residual)) else 0.0
+    # Too few levels to tell how rough the table is: half a percent of full scale.
+    known = np.any(np.isfinite(residual))
+    return (rough if known else 0.005 * points.full_scale) / np.sqrt(len(values))

@@ -1,14 +1,28 @@
-"""One direction fitted: the square law (equation 2) and the parameters of a form, with intervals."""
+"""Points of a bollard test -> square law (equation 2), the form chosen by cross-validation, its parameters."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.thrusters.curves import HIGH, LOW, Fits, fit_direction
-from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve, Form
-from automarine_cli.thrusters.points import Ints, Points, groups_of
+from automarine_cli.runs.command_range import usual_neutral
+from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
+from automarine_cli.thrusters.forms import (
+    FORMS,
+    HIGH,
+    LOW,
+    SIDES,
+    SQUARE,
+    Curve,
+    Fits,
+    Form,
+    fit_direction,
+    thrust_both_ways,
+)
+from automarine_cli.thrusters.map import ThrusterMap
 
 FEWEST_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
@@ -67,6 +81,11 @@ class Parameter:
             return self.estimate.to_json()
         nothing = {"value": self.value, "stderr": None, "ci95": None, "unit": self.unit, "at_bound": self.why}
         return self.value if self.fixed else nothing
+
+
+def parameters_json(found: Mapping[str, Parameter] | None) -> dict[str, object] | None:
+    """One direction's parameters in a map's file."""
+    return None if found is None else {name: one.to_json() for name, one in found.items()}
 
 
 def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str, Side]:
@@ -216,3 +235,294 @@ def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed
     between = np.einsum("pkg,pkh->kgh", stacked, stacked)
     trace = np.einsum("kgg->k", between)
     return variance, trace**2 / np.maximum(np.sum(between**2, axis=(1, 2)), 1e-300)
+
+
+EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
+
+
+@dataclass(frozen=True)
+class FormScore:
+    """One form on the same points as the others; errors [N] over all points, weighted as in the fit.
+
+    `cv_rmse` is None where a direction has too few levels to leave one out; `behind` is the cross-validated
+    mean square error [N^2] above the best form's, `behind_stderr` its standard error over the levels left
+    out.
+    """
+
+    form: Form
+    curves: dict[str, Curve]
+    at_bound: dict[str, tuple[str, ...]]
+    rmse: float
+    cv_rmse: float | None
+    behind: float = 0.0
+    behind_stderr: float = 0.0
+
+    @property
+    def both_ways(self) -> tuple[Curve | None, Curve | None]:
+        """The curves forward and backward."""
+        return self.curves.get("forward"), self.curves.get("backward")
+
+    @property
+    def within_reach(self) -> bool:
+        """Within one standard error of the best form."""
+        return self.cv_rmse is not None and self.behind <= self.behind_stderr
+
+
+@dataclass(frozen=True)
+class Selection:
+    """All forms in the order of the family, the one that was chosen, and why in one sentence."""
+
+    scores: tuple[FormScore, ...]
+    chosen: FormScore
+    because: str
+
+
+def select_form(
+    sides: dict[str, Side], zero_squares: float, total_weight: float, full_scale: float, forced: str | None = None
+) -> Selection:
+    """The simplest form within one standard error of the best by leave-one-level-out cross-validation.
+
+    `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero.
+    Breiman et al. 1984, section 3.4.3 (the one-standard-error rule). Raises FitError for an unknown form.
+    """
+    if forced is not None and forced not in FORMS:
+        raise FitError(f"no thrust curve is called {forced!r}; choose one of {', '.join(FORMS)}")
+    scores, losses = [], {}
+    for form in FORMS.values():
+        found = {name: best_curve(side, form) for name, side in sides.items()}
+        curves = {name: curve for name, (curve, _) in found.items()}
+        squares = zero_squares + sum(
+            float(side.weight @ (side.thrust - curves[name].thrust(side.magnitude)) ** 2)
+            for name, side in sides.items()
+        )
+        cross = None
+        if all(side.groups >= form.parameters + 2 for side in sides.values()):
+            losses[form.name] = np.concatenate([left_out_losses(side, form) for side in sides.values()])
+            cross = float(np.sqrt((zero_squares + losses[form.name].sum()) / total_weight))
+        bounds = {name: at_bound for name, (_, at_bound) in found.items()}
+        scores.append(FormScore(form, curves, bounds, float(np.sqrt(squares / total_weight)), cross))
+    return _choose(scores, losses, total_weight, full_scale, forced)
+
+
+def left_out_losses(side: Side, form: Form) -> Floats:
+    """Weighted squared error [N^2] of each group, shape (G,), predicted by a fit without that group."""
+    numbers = np.unique(side.group)
+    out = side.group[None, :] == numbers[:, None]
+    fits = fit_direction(side.magnitude, side.thrust, np.where(out, 0.0, side.weight[None, :]), form)
+    error = side.thrust[None, :] - fits.thrust(side.magnitude)
+    return np.asarray(np.sum(np.where(out, side.weight[None, :] * error**2, 0.0), axis=1))
+
+
+def _choose(
+    scores: list[FormScore], losses: dict[str, Floats], total_weight: float, full_scale: float, forced: str | None
+) -> Selection:
+    judged = [score for score in scores if score.form.name in losses]
+    if not judged:
+        chosen = scores[0] if forced is None else next(score for score in scores if score.form.name == forced)
+        why = "too few levels to leave one out" if forced is None else "it was asked for (--form)"
+        return Selection(tuple(scores), chosen, f"The {chosen.form.name} form is used: {why}.")
+    best = min(judged, key=lambda score: (losses[score.form.name].sum(), score.form.parameters))
+    ranked = []
+    for score in scores:
+        if score.form.name in losses:
+            gap = losses[score.form.name] - losses[best.form.name]
+            stderr = float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) / total_weight + (EQUAL * full_scale) ** 2
+            score = replace(score, behind=float(gap.sum()) / total_weight, behind_stderr=stderr)
+        ranked.append(score)
+    near = [score for score in ranked if score.within_reach]
+    simplest = min(near, key=lambda score: (score.form.parameters, score.cv_rmse))
+    if forced is not None:
+        chosen = next(score for score in ranked if score.form.name == forced)
+        return Selection(
+            tuple(ranked),
+            chosen,
+            f"The {forced} form is used because it was asked for (--form); "
+            f"cross-validation would choose {simplest.form.name}.",
+        )
+    best = next(score for score in ranked if score.form.name == best.form.name)
+    return Selection(tuple(ranked), simplest, _sentence(simplest, best, ranked, full_scale))
+
+
+def _sentence(chosen: FormScore, best: FormScore, ranked: list[FormScore], full_scale: float) -> str:
+    """Why this form, with the numbers: cross-validated errors in percent of full scale."""
+
+    def percent(score: FormScore) -> str:
+        return f"{100.0 * (score.cv_rmse or 0.0) / full_scale:.3g} %"
+
+    count = chosen.form.parameters
+    each = f"{count} parameter{'s' if count > 1 else ''} a direction"
+    start = f"The {chosen.form.name} form ({each}, cross-validated error {percent(chosen)} of full scale)"
+    if chosen.form.name == best.form.name:
+        simpler = [score for score in ranked if score.cv_rmse is not None and score.form.parameters < count]
+        if not simpler:
+            return f"{start} is chosen: it has the smallest cross-validated error, and no form is simpler."
+        rival = min(simpler, key=lambda score: score.cv_rmse or 0.0)
+        return (
+            f"{start} is chosen: it has the smallest cross-validated error, and the best simpler form "
+            f"({rival.form.name}, {percent(rival)}) is worse by more than one standard error."
+        )
+    return (
+        f"{start} is chosen: it is the simplest within one standard error of the best "
+        f"({best.form.name}, {best.form.parameters} parameters, {percent(best)})."
+    )
+
+
+ROUNDING = 1e-12  # errors below this share of full scale are zero
+MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions
+FAINT = 0.05  # thrust the wrong way that is smaller than this share of full scale is "none", not a sign error
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What one set of points says of one thruster.
+
+    `square` holds equation 2's coefficients by direction, `without` why a direction has none; `parameters`
+    the chosen form's estimates by direction; `r2` and `rmse` [N] are the square law's over all points,
+    weighted as in the fit.
+    """
+
+    points: Points
+    n_unit: str
+    full_scale: float
+    square: dict[str, Estimate]
+    without: dict[str, str]
+    levels: dict[str, int]
+    selection: Selection
+    parameters: dict[str, dict[str, Parameter]]
+    r2: float
+    chosen_r2: float
+
+    @property
+    def law(self) -> FormScore:
+        """The square law among the forms."""
+        return next(score for score in self.selection.scores if score.form.name == "square")
+
+    @property
+    def chosen(self) -> FormScore:
+        """The form that is used."""
+        return self.selection.chosen
+
+    @property
+    def estimates(self) -> dict[tuple[str, str], Parameter]:
+        """The chosen form's own parameters by name and direction."""
+        return {(key, side): found[key] for side, found in self.parameters.items() for key in self.chosen.form.free}
+
+    @property
+    def map(self) -> ThrusterMap:
+        """The chosen form as a map."""
+        return ThrusterMap(self.chosen.form.name, *self.chosen.both_ways, self.n_unit, self.points.n_range)
+
+    def fitted(self, n: Floats, square: bool = False) -> Floats:
+        """Thrust [N] by the chosen form or the square law, shape of n; NaN in a direction that has no fit."""
+        return thrust_both_ways(*(self.law if square else self.chosen).both_ways, n)
+
+    def over_all(self, score: FormScore) -> float:
+        """Root mean square error [N] of a form over all points, those that contradict their neighbours alike."""
+        off = self.points.force - thrust_both_ways(*score.both_ways, self.points.n)
+        return float(np.sqrt(np.nanmean(off**2)))
+
+    def percent(self, value: float | None) -> float | None:
+        """Newtons as a percentage of full scale."""
+        if value is None:
+            return None
+        return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
+
+
+def analyse(
+    points: Points,
+    step: Ints | None,
+    tare_stderr: float,
+    n_unit: str,
+    forced: str | None = None,
+    where: str = "the logs",
+) -> tuple[Analysis, dict[str, Side]]:
+    """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, shape
+    (P,).
+
+    Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels.
+    """
+    full_scale = points.full_scale
+    if len(points) == 0 or full_scale == 0.0:
+        raise FitError(
+            f"{where}: every thrust is zero; expected pulls at several commands. "
+            "Check that the force column is the load cell's"
+        )
+    sides = sides_of(points, step, tare_stderr)
+    without = _refused_directions(sides, full_scale, where)
+    sides = {name: side for name, side in sides.items() if name not in without}
+    if not sides:
+        raise FitError(
+            f"{where}: no direction can be fitted ({'; '.join(without.values())}); expected at least "
+            f"{FEWEST_LEVELS} different commands in one direction. Pull at more levels"
+        )
+    square = {name: square_law(side, amplitude_unit(n_unit)) for name, side in sides.items()}
+    used = points.where(np.isin(np.sign(points.n), [0.0, *(side.sign for side in sides.values())]))
+    zero = used.n == 0.0
+    zero_squares = float(used.weight[zero] @ used.force[zero] ** 2)
+    total = float(used.weight.sum())
+    selection = select_form(sides, zero_squares, total, full_scale, forced)
+    chosen = selection.chosen
+    found = {
+        name: parameters(side, chosen.form, chosen.curves[name], chosen.at_bound[name], n_unit)
+        for name, side in sides.items()
+    }
+    mean = float(used.weight @ used.force) / total
+    spread = float(used.weight @ (used.force - mean) ** 2) / total
+    law = next(score for score in selection.scores if score.form.name == "square")
+    levels = {name: len(np.unique(levels_of(side.magnitude))) for name, side in sides.items()}
+    r2 = (1.0 - score.rmse**2 / spread for score in (law, chosen))
+    return Analysis(points, n_unit, full_scale, square, without, levels, selection, found, *r2), sides
+
+
+def _rests_above(side: Side) -> bool:
+    """Whether all commands are far from zero and one of them gives no thrust."""
+    thrust = np.abs(side.thrust)
+    return bool(side.magnitude.min() > 0.5 * side.magnitude.max() and thrust.min() < FAINT * thrust.max())
+
+
+def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -> dict[str, str]:
+    """Why a direction has no fit. Raises FitError where thrust opposes the command."""
+    without, against = {}, []
+    for name, _ in SIDES:
+        if name not in sides:
+            without[name] = f"no {name} points"
+            continue
+        side = sides[name]
+        count = len(np.unique(levels_of(side.magnitude)))
+        ahead, astern = (np.mean(sign * side.thrust > FAINT * full_scale) for sign in (1.0, -1.0))
+        if min(ahead, astern) > MIXED:
+            raise FitError(
+                f"{where}: commands of one sign push both ways; the control signal looks counted from its "
+                'end, not from rest, or without its sign. Write n = { from = "NAME", subtract = REST } (a pulse width '
+                'rests at about 1500), or n = { from = "NAME", sign_from = "COLUMN" } where another column says the '
+                "direction, under [columns] in the --columns file"
+            )
+        if len(sides) == 1 and _rests_above(side):
+            low, high = float(side.magnitude.min()), float(side.magnitude.max())
+            rest = usual_neutral(low, high, float(side.magnitude[np.argmin(np.abs(side.thrust))]))
+            raise FitError(
+                f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {rest:.4g}; the "
+                'control signal looks counted from its end, not from rest. Write n = { from = "NAME", subtract = '
+                f"{rest:.4g} }} under [columns] in the --columns file"
+            )
+        mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
+        if count < FEWEST_LEVELS:
+            without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {FEWEST_LEVELS} needed"
+        elif mean <= 0.0:
+            if abs(mean) <= FAINT * full_scale:
+                without[name] = f"no {name} thrust measured"
+            else:
+                against.append(name)
+    served = [name for name in sides if name not in without]
+    if against and set(against) == set(served):
+        raise FitError(
+            f"{where}: thrust has the opposite sign of the control signal; if ahead is logged as negative "
+            'force, write force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
+        )
+    if against:
+        raise FitError(
+            f"{where}: {against[0]} thrust has the sign of the other direction; it looks logged as a "
+            'magnitude. Write force_N = { from = "NAME", sign_from = "COLUMN" } with a column that says the direction '
+            "under [columns] in the --columns file, or give thrust astern a minus sign in the log"
+        )
+    return without

@@ -8,15 +8,19 @@ import numpy as np
 
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.entries import number_at
-from automarine_cli.pipeline.codec import Codec, Place
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Place, Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Given
 from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.results.models import CurveEntry
 from automarine_cli.runs.command_range import CommandRange
+from automarine_cli.simulation.run_groups import levels_of
+from automarine_cli.simulation.specification import Bollard
+from automarine_cli.simulation.streams import normal, uniform
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
+
+FORCE_DECIMALS = 3
 
 
 @dataclass(frozen=True)
@@ -155,3 +159,13 @@ def _positive(given: Given, codec: Codec, place: Place) -> float:
     if value <= 0.0:
         raise codec.refusal(place, f"found {value:g}, expected more than 0")
     return value
+
+
+def bollard_columns(bollard: Bollard, seed: int) -> dict[str, Floats]:
+    """`n` and `force_N` of all thrusters of a test together, shape (levels x repeats,), in random order."""
+    levels = np.repeat(np.array(levels_of(bollard.levels)), bollard.repeats)
+    order = np.argsort(uniform(len(levels), seed, bollard.file, "order"), kind="stable")
+    thrusters = ThrusterMap("square", Curve(bollard.a_f), Curve(bollard.a_b))
+    pull = bollard.thrusters_per_test * thrusters.force(levels)
+    measured = pull + bollard.noise_N * normal(len(levels), seed, bollard.file, "noise")
+    return {"n": levels[order], "force_N": (np.round(measured, FORCE_DECIMALS) + 0.0)[order]}

@@ -6,8 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from automarine_cli.quantities import Floats
-from automarine_cli.thrusters.points import Points, join
-from automarine_cli.thrusters.records import Series
+from automarine_cli.thrusters.bollard_data import Points, Series, join
 
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
 BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation

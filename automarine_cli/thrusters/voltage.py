@@ -6,9 +6,9 @@ import numpy as np
 
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.thrusters.bollard_data import levels_of
 from automarine_cli.thrusters.fit import Side
 from automarine_cli.thrusters.forms import SIDES
-from automarine_cli.thrusters.points import levels_of
 
 PLACES = 20
 FAINT = 0.02  # thrust below this share of full scale is too near the dead band for a logarithm

@@ -24,8 +24,8 @@ from made_link import CuttingProxy
 from tuning import flown, within
 from tuning_truth import STEP, Truth, Vehicle
 
-from automarine_cli.control.param_file import present_gains
 from automarine_cli.control.targets import get
+from automarine_cli.control.targets.base import present_gains
 from automarine_cli.link.document import LinkCampaign, PlannedRun
 from automarine_cli.link.server import serve
 from automarine_cli.link.vehicles.base import Halted, Pace

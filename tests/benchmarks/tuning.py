@@ -26,11 +26,11 @@ import numpy as np
 from tuning_truth import STEP, Floats, Truth, Vehicle, write_logs
 
 import automarine_cli as am
-from automarine_cli.control.flight import Flight, Scores, scores, step_and_load
-from automarine_cli.control.members import Vehicles
-from automarine_cli.control.search import FINE, Crowd, all_margins, grid_for
+from automarine_cli.control.closed_loop import Flight, Scores, scores, step_and_load
+from automarine_cli.control.design import FINE, Crowd, all_margins, grid_for
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Gains, Target
+from automarine_cli.control.vehicles import Vehicles
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.models.yaw_model import YawModel

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from made_vehicles import vehicle
 
-from automarine_cli.control import plant
-from automarine_cli.control.flight import fly
-from automarine_cli.control.margins import frequencies, margins, stable_along
-from automarine_cli.control.search import Crowd, all_margins, grid_for
-from automarine_cli.control.targets import get, names
+from automarine_cli.control import vehicles as plant
+from automarine_cli.control.closed_loop import fly, frequencies, margins, stable_along
+from automarine_cli.control.design import Crowd, all_margins, grid_for
+from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.base import Gains, Nominal, Target
 from automarine_cli.dofs import YAW
 
@@ -90,7 +89,7 @@ def tuned(target: Target) -> Gains:
     return {key: value[:, None] for key, value in target.propose(np.full((1, target.numbers), 0.5), nominal).items()}
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", TARGETS)
 def test_flights_begin_to_swing_where_the_delay_margin_says(name: str) -> None:
     """The stack in time and the stack in frequency are one: a delay just short of the margin dies out, beyond grows."""
     target = get(name)

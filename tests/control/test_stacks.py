@@ -10,14 +10,14 @@ import pytest
 from made_vehicles import gains_of, vehicle
 from repository import DATA
 
-from automarine_cli.control.authority import turning
+from automarine_cli.control.closed_loop import fly, scores, step_and_load
 from automarine_cli.control.design import nominal_of
-from automarine_cli.control.flight import fly, scores, step_and_load
-from automarine_cli.control.members import Bend, Spread, crowd
-from automarine_cli.control.targets import get, names
-from automarine_cli.control.targets.ardupilot_parts import RootLaw, distance_to, gyro, gyro_response
+from automarine_cli.control.knowledge import turning
+from automarine_cli.control.targets import TARGETS, get
+from automarine_cli.control.targets.ardupilot import RootLaw, distance_to, gyro, gyro_response
 from automarine_cli.control.targets.base import Design, low_pass, share
 from automarine_cli.control.targets.pid import series_form
+from automarine_cli.control.vehicles import Bend, Spread, crowd
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.thrusters.forms import Curve
@@ -57,7 +57,7 @@ def test_the_low_passes_answer_a_step_and_a_sine_as_they_should() -> None:
     assert max(last[2000:]) == pytest.approx(size, rel=2e-3)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", TARGETS)
 def test_a_mirrored_step_is_a_mirrored_flight(name: str) -> None:
     target = get(name, beyond=True)
     one = vehicle(delay=0.04)
@@ -222,7 +222,7 @@ def test_an_unknown_target_is_answered_with_the_names() -> None:
 
 
 def test_scores_of_a_known_response() -> None:
-    from automarine_cli.control.flight import Flight
+    from automarine_cli.control.closed_loop import Flight
 
     time = np.arange(0.0, 20.0, 0.1)
     step = 1.0 - np.exp(-time) * np.cos(2.0 * time)

@@ -16,7 +16,7 @@ from repository import SAMPLE_RUNS
 import automarine_cli as am
 from automarine_cli.control import design as designing
 from automarine_cli.control import flown
-from automarine_cli.control.flight import fly
+from automarine_cli.control.closed_loop import fly
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.errors import RunError
 from automarine_cli.pipeline.manifest import MANIFEST

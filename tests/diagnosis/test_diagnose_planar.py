@@ -17,7 +17,6 @@ from automarine_cli.diagnosis.planar import Contender, PlanarSearch, find_missin
 from automarine_cli.diagnosis.planar_candidates import base_of
 from automarine_cli.diagnosis.planar_where import find_planar_where
 from automarine_cli.diagnosis.where import Region
-from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_fit import Estimated
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
@@ -104,7 +103,7 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     assert slope == pytest.approx(-4.0, rel=0.25)
     assert where.regions
     for region in where.regions:
-        told = region.to_json(YAW)
+        told = region.to_json("deg")
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(told)
         assert region.p_value < 0.05 and set(region.runs) <= set(where.names)
     panel = where_panels(where, "nothing added").axes[0]

@@ -66,13 +66,13 @@ def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[S
     for region in where.regions:
         assert region.seen_in == "heading" and region.p_value < 0.01
         # a sine of 3 degrees has a mean of 1.9 over a half turn, less what the fit follows
-        assert 0.5 < np.degrees(abs(region.gap)) < 3.0
+        assert 0.5 < abs(region.gap) < 3.0
     assert sum(region.share for region in where.regions) > 0.7
 
 
 def test_the_result_has_the_form_of_the_contract(compass: tuple[Study, Trial]) -> None:
     for region in find_where(*compass, seed=0).regions:
-        data = region.to_json(YAW)
+        data = region.to_json(YAW.units.key)
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(data)
         assert data["unit"] == "deg" and 0.0 <= float(str(data["from"])) < float(str(data["to"])) <= 360.0
         assert data["runs"] and set(data["runs"]) <= {run.name for run in compass[0].runs}  # type: ignore[call-overload]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.control.members import Vehicles
 from automarine_cli.control.targets.base import Gains, Target
+from automarine_cli.control.vehicles import Vehicles
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 

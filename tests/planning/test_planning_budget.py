@@ -11,9 +11,9 @@ from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.planning.candidates import Candidate, Supply, allowance, costs, in_order, scheduled
 from automarine_cli.planning.limits import Battery, Limits, Pool, Runs
 from automarine_cli.planning.vehicle import command_file, consumption, drive_of, in_words
+from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import Series
 
 SUPPLY = Supply(idle=0.3, full=6.0, largest=1.0)
 STEP = Candidate("step", "step", ((1.0, 4.0),))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from automarine_cli.planning.campaign import PlanBudget, choose
 from automarine_cli.planning.information import Intervals
 from automarine_cli.planning.rivals import Contest, Splitting
-from automarine_cli.planning.selection import PlanBudget, choose
 
 Floats = NDArray[np.float64]
 

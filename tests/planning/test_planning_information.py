@@ -16,14 +16,19 @@ from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Candidate, candidates, mirrors
-from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import ANGLE, excursions, information, names_of, predicted, reported_covariance
+from automarine_cli.planning.information import (
+    ANGLE,
+    Fitting,
+    excursions,
+    information,
+    names_of,
+    predicted,
+    reported_covariance,
+)
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.simulation.run_groups import SequenceRuns
-from automarine_cli.simulation.settings import Logger, Scatter, Schedule
-from automarine_cli.simulation.specification import Specification
-from automarine_cli.simulation.vehicle import Vehicle
+from automarine_cli.simulation.specification import Logger, Scatter, Schedule, Specification, Vehicle
 
 Floats = NDArray[np.float64]
 

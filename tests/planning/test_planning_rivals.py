@@ -8,7 +8,7 @@ import pytest
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.fitting import Fitting
+from automarine_cli.planning.information import Fitting
 from automarine_cli.planning.rivals import Explanation, closest, fitted, shows, splits, with_effect
 
 BASE = YawModel.base("3", 1.018, [1.257], "nu", YAW)

@@ -5,9 +5,9 @@ import pytest
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.planning.campaign import turns, ways_back
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.fitting import Logger
-from automarine_cli.planning.tether import turns, ways_back
+from automarine_cli.planning.information import Logger
 
 MODEL = YawModel.base("3", 1.0, [1.25], "nu", YAW)
 LOGGER = Logger(YAW, "nu", 10.0, 2.0, None, None)

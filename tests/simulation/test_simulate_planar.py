@@ -18,12 +18,12 @@ from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.models.planar import PlanarModel
-from automarine_cli.pipeline.recipe import read_mapping
+from automarine_cli.pipeline.records import read_mapping
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.planar import read_planar
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.planar_campaign import PlanarMade, make_planar
-from automarine_cli.simulation.planar_specification import PlanarSpecification, planar_specification_from
+from automarine_cli.simulation.campaign import PlanarMade, make_planar
+from automarine_cli.simulation.specification import PlanarSpecification, planar_specification_from
 
 PLAIN: dict[str, Any] = {
     "schema": "automarine/simulation/1",

@@ -9,7 +9,7 @@ from click.testing import Result
 from specified import read_specification
 
 from automarine_cli.errors import SettingError
-from automarine_cli.simulation.plans import make_plans
+from automarine_cli.simulation.campaign import make_plans
 from automarine_cli.simulation.run_groups import KINDS, Range, moment_text
 from automarine_cli.simulation.specification import SCHEMA, specification_from
 

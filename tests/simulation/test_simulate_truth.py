@@ -16,9 +16,7 @@ from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.simulation import campaign as room
-from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
-from automarine_cli.simulation.logging_chain import DECIMALS, sample_times
-from automarine_cli.simulation.plans import make_plans
+from automarine_cli.simulation.campaign import DECIMALS, SimulatedRun, make_campaign, make_plans, sample_times
 from automarine_cli.simulation.run_groups import Resistance, time_to_turn
 from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
 

@@ -10,14 +10,14 @@ import pytest
 from repository import DATA
 
 from automarine_cli.commands.diagnose import diagnose
+from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.pipeline.plain_data import schema_in
+from automarine_cli.pipeline.records import schema_in
 from automarine_cli.report.thruster_diagnosis import sentences, tables
 from automarine_cli.results.kinds import THRUSTER_MAP
-from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis, diagnose_thrusters
+from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.records import Series, ThrusterLogs
 
 TESTS = DATA / "thrusters"
 
@@ -120,7 +120,9 @@ def test_voltage_is_named_where_it_was_varied() -> None:
     assert sum(len(names(result)) > 1 for result in found) <= 1
     for result in found:
         assert value(result, "p") == pytest.approx(1.2, abs=0.05)
-        assert any(region.variable == "voltage" for region in result.where)
+        region = next(region for region in result.where.regions if region.variable == "voltage")
+        keys = {"variable", "from", "to", "unit", "gap_N", "p_value", "runs"}
+        assert keys <= set(region.to_json("N")) and region.runs == ("test.csv",)
         assert result.extended_map["voltage_exponent"] == {"p": result.final.power, "reference_V": 14.0}
 
 
@@ -138,14 +140,27 @@ def test_nothing_planted_nothing_named() -> None:
     assert sum(result.verdict != "nothing-missing" for result in claims) <= 1
     one = claims[0]
     assert one.effects == () and one.extended_map["form"] == "square"
-    assert one.smallest["dead-band"] is not None and one.smallest["dead-band"] < 0.1
 
 
 def test_a_gap_that_no_effect_closes_is_unexplained() -> None:
     result = diagnose_thrusters(logs(lambda n: square(n) + 2.5 * np.sin(14.0 * n)), SQUARE)
     assert result.verdict == "unexplained" and result.effects == ()
     assert result.gap.before == result.gap.after > 3 * result.gap.floor
-    assert "are well above the noise level" in sentences(result)[0]
+    assert "correlated along the control signal" in sentences(result)[0]
+
+
+def test_a_tie_is_suspected_and_not_added() -> None:
+    """A dead-band of a quarter of the lowest level: these readings do not tell it from another exponent."""
+
+    def narrow(n: np.ndarray) -> np.ndarray:
+        return square(np.sign(n) * np.maximum(np.abs(n) - 0.0125, 0.0))
+
+    result = diagnose_thrusters(logs(narrow, 5), SQUARE)
+    (effect,) = result.effects
+    assert result.verdict == "suspected" and result.extended_map["form"] == "square"
+    assert {effect.name, *(rival.name for rival in effect.rivals)} == {"dead-band", "thrust-exponent"}
+    assert effect.confidence < 0.5 and sentences(result)[0].startswith("Suspected, not named: ")
+    assert " at n = " in effect.rivals[0].split_by
 
 
 def test_mirrored_data_say_the_same() -> None:
@@ -172,7 +187,7 @@ def test_a_faulty_stretch_is_its_own_finding() -> None:
     result = diagnose_thrusters(logs(broken, n=n), SQUARE)
     assert result.verdict == "nothing-missing"
     stretch = [fault for fault in result.faults if fault.kind == "faulty-stretch"]
-    assert stretch and all(0.58 < fault.low <= fault.high < 0.77 for fault in stretch)
+    assert stretch and all(0.58 < fault.from_n <= fault.to_n < 0.77 for fault in stretch)
     assert result.gap.after < 2.0 * NOISE
 
 

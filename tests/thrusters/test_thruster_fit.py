@@ -5,13 +5,16 @@ import pytest
 from scipy.optimize import least_squares
 
 from automarine_cli.errors import FitError
-from automarine_cli.thrusters.analysis import analyse
-from automarine_cli.thrusters.contradictions import flag_contradictions
-from automarine_cli.thrusters.curves import fit_direction
-from automarine_cli.thrusters.fit import best_curve, sides_of, square_law
-from automarine_cli.thrusters.forms import FORMS, Curve
-from automarine_cli.thrusters.points import Points, groups_of, levels_of, voltage_steps
-from automarine_cli.thrusters.tare import subtract_tare
+from automarine_cli.thrusters.bollard_data import (
+    Points,
+    flag_contradictions,
+    groups_of,
+    levels_of,
+    subtract_tare,
+    voltage_steps,
+)
+from automarine_cli.thrusters.fit import analyse, best_curve, sides_of, square_law
+from automarine_cli.thrusters.forms import FORMS, Curve, fit_direction
 
 # The source paper's equation 3 for two thrusters, halved (PHYSICS 4.5): N per control count squared.
 AHEAD, ASTERN = 2.6165e-4, 0.6640e-4

@@ -2,12 +2,13 @@
 
 Recipe: one file in this folder with one subclass of `Target` that says what it is called (`name`, `says`, `source`),
 its `parameters` in its own names and units, and does five things: `propose` makes gains of design numbers, `start` and
-`step` are the stack as it runs, loop by loop, `paths` the same stack in frequency, `text` its file. The folder is the
-registry. All arrays are over sets (S) by flights (R): a set is one vehicle with one set of gains.
+`step` are the stack as it runs, loop by loop, `paths` the same stack in frequency, `text` its file. `__init__.py` lists
+the targets. All arrays are over sets (S) by flights (R): a set is one vehicle with one set of gains.
 
 Outputs are from -1 to 1, positions and velocities in base units [rad or m].
 """
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,14 +16,19 @@ from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.members import Bend
+from automarine_cli.control.vehicles import Bend
 from automarine_cli.dofs import Dof
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.records import Source
+from automarine_cli.pipeline.words import printable, quoted
 from automarine_cli.quantities import Complexes, Floats
 
 Gains = Mapping[str, Floats]
 """Parameters by name, (S, 1) each."""
 State = tuple[Floats, ...]
 BEYOND = 10.0
+LARGEST = 2_000_000  # bytes of a parameter file; a vehicle has some thousand parameters
+LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)")
 
 
 @dataclass(frozen=True)
@@ -56,9 +62,9 @@ class Nominal:
     bend: Bend | None = None
 
     def model(self, count: int) -> dict[str, Floats]:
-        """The values of `MODEL`, (count,) each."""
-        same = np.ones(count)
-        return {"inertia": same * self.inertia, "drag": same * self.linear, "squared": same * self.quadratic}
+        """Return the values of `MODEL`, (count,) each."""
+        values = {"inertia": self.inertia, "drag": self.linear, "squared": self.quadratic}
+        return {name: np.full(count, value) for name, value in values.items()}
 
 
 @dataclass(frozen=True)
@@ -90,8 +96,6 @@ class Target(ABC):
     firmware: ClassVar[str] = ""
     """What the parameters are of, where names and units differ from version to version."""
     motions: ClassVar[tuple[str, ...]] = ("yaw",)
-    integrators: ClassVar[int] = 1
-    """How many integrators a position goes through on its way to the output."""
     numbers: ClassVar[int]
     """How many design numbers `propose` takes."""
     linear: ClassVar[bool] = False
@@ -109,7 +113,7 @@ class Target(ABC):
     @property
     def defaults(self) -> dict[str, float]:
         """Default values by name."""
-        return {one.name: one.default for one in self.parameters if one.default is not None}
+        return {p.name: p.default for p in self.parameters if p.default is not None}
 
     @property
     def has_defaults(self) -> bool:
@@ -118,75 +122,114 @@ class Target(ABC):
 
     @abstractmethod
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
-        """Gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
+        """Make gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
 
     def prepared(self, gains: Gains) -> Gains:
-        """The gains with what `step` needs of them at every loop, worked out once."""
+        """Work out once what `step` needs of the gains at every loop."""
         return gains
 
     @abstractmethod
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
-        """The stack at rest at a position (S, R), with what holds the vehicle there in its integrator."""
+        """Start the stack at rest at a position (S, R), with what holds the vehicle there in its integrator."""
 
     @abstractmethod
     def step(
         self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
     ) -> tuple[State, Floats]:
-        """One loop: the next state, and the output (S, R) held until the next loop."""
+        """Run one loop: the next state, and the output (S, R) held until the next loop."""
 
     @abstractmethod
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
-        """-output per position and per velocity at s (W,), (S, W) each, with the hold and the loop's own delays."""
+        """Return -output per position and per velocity at s (W,), (S, W) each, with the hold and the loop's own
+        delays."""
 
     @abstractmethod
     def text(self, design: Design) -> str:
-        """The file."""
+        """Write the file."""
 
     def own_lag(self, gains: Gains) -> float:
-        """Delay [s] of the stack itself, about."""
+        """Estimate the delay [s] of the stack itself."""
         return 1.5 * self.period
 
     def clipped(self, gains: dict[str, Floats]) -> dict[str, Floats]:
-        """Gains within their documented ranges, or ten times further where that is allowed."""
-        own, further = {one.name: one for one in self.parameters}, BEYOND if self.beyond else 1.0
-        return {
-            name: np.clip(value, own[name].low / further, own[name].high * further) for name, value in gains.items()
-        }
+        """Clip gains to their documented ranges, or ten times further where that is allowed."""
+        further = BEYOND if self.beyond else 1.0
+        limits = {p.name: (p.low / further, p.high * further) for p in self.parameters}
+        return {name: np.clip(value, *limits[name]) for name, value in gains.items()}
+
+
+def present_gains(target: Target, source: Source | None) -> Mapping[str, float] | None:
+    """Read what a target flies with now: its defaults with the values of a file; None where it has neither.
+
+    Lines are those of ground stations, NAME,VALUE or NAME VALUE. Raises SettingError with the line for a value that is
+    no number or lies outside the documented range.
+    """
+    if source is None:
+        return target.defaults if target.has_defaults else None
+    name = printable(source.name)
+    if not target.has_defaults:
+        raise SettingError(f"{target.name} reads no parameter file; leave out --present")
+    parameters, present = {p.name: p for p in target.parameters}, {}
+    with source.open("rb") as file:
+        text = file.read(LARGEST).decode("utf-8", "replace")
+    for row, line in enumerate(text.splitlines(), 1):
+        match = LINE.match(line)
+        if match is None or match[1] not in parameters:
+            continue
+        p = parameters[match[1]]
+        try:
+            value = float(match[2])
+        except ValueError:
+            raise SettingError(f"{name}, row {row}: {p.name} is {quoted(match[2])}; expected a number") from None
+        if not (p.low <= value <= p.high or value == p.default):
+            raise SettingError(
+                f"{name}, row {row}: {p.name} is {value:g}, outside the range that {target.firmware} documents, "
+                f"{p.low:g} to {p.high:g}; correct it on the vehicle first"
+            )
+        present[p.name] = value
+    if not present:
+        raise SettingError(
+            f"{name}: none of the parameters of {target.name} is in it; expected lines such as "
+            f"{target.parameters[0].name},{target.parameters[0].default:g}"
+        )
+    return {**target.defaults, **present}
 
 
 def share(step: float, cutoff: Floats | float) -> Floats:
-    """Weight of the new value in a first-order low-pass of `cutoff` [Hz] at loops of `step` [s]; 0 Hz is none."""
+    """Return the weight of the new value in a first-order low-pass of `cutoff` [Hz] at loops of `step` [s]; 0 Hz is
+    none."""
     rate = 2.0 * np.pi * step * np.asarray(cutoff, dtype=float)
     return np.where(rate > 0, rate / (1.0 + rate), 1.0)
 
 
 def low_pass(weight: Floats, z: Complexes) -> Complexes:
-    """The same in frequency."""
+    """Return the response of a low-pass of a `weight` at z."""
     return np.asarray(weight / (1.0 - (1.0 - weight) / z))
 
 
 def hold(s: Complexes, step: float) -> Complexes:
-    """An output that is held over each loop."""
+    """Return the response at s of an output that is held over each loop of `step` [s]."""
     return np.asarray((1.0 - np.exp(-s * step)) / (s * step))
 
 
 def within(value: Floats, most: Floats | float) -> Floats:
-    """`value` no larger than `most` on either side."""
+    """Limit `value` to `most` on either side."""
     return np.minimum(np.maximum(value, -most), most)
 
 
 def summed(integral: Floats, grown: Floats, now: Floats, error: Floats) -> Floats:
-    """The integrator after a loop: `grown`, unless the output is at its limit and the error would carry it further."""
+    """Return the integrator after a loop: `grown`, unless the output is at its limit and the error would carry it
+    further."""
     out = now + grown
     return np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
 
 
 def spread(number: Floats, low: float, high: float) -> Floats:
-    """A design number between 0 and 1 as one between `low` and `high`, in equal ratios."""
+    """Map a design number between 0 and 1 to one between `low` and `high`, in equal ratios."""
     return np.asarray(low * (high / low) ** number)
 
 
 def leads(number: Floats) -> Floats:
-    """A design number as the time of a derivative, in shares of all that is slow: none up to a fifth, then up to one
-    and a half times as long."""
+    """Map a design number to the time of a derivative, in shares of all that is slow: none up to a fifth, then up to
+    one and a half times as long."""
     return np.asarray(1.5 * np.maximum(number - 0.2, 0.0) / 0.8)

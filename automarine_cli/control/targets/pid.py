@@ -62,18 +62,15 @@ class Pid(Target):
         }
 
     def own_lag(self, gains: Gains) -> float:
-        """The hold, the difference and its low-pass."""
         return 1.5 * self.period
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
-        """At rest at the position."""
         zero = np.zeros_like(position)
         return (position, zero, holding + gains["K_p"] * (1.0 - gains["b"]) * position)
 
     def step(
         self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
     ) -> tuple[State, Floats]:
-        """Only positions are measured."""
         dt = self.period
         before, slope, integral = state
         slope = slope + dt / (dt + gains["T_f"]) * ((position - before) / dt - slope)
@@ -84,7 +81,6 @@ class Pid(Target):
         return (position, slope, integral), within(now + integral, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
-        """Everything by way of the position."""
         dt = self.period
         z = np.exp(s * dt)
         weight = dt / (dt + gains["T_f"])
@@ -93,9 +89,8 @@ class Pid(Target):
         return whole * hold(s, dt), np.zeros_like(whole)
 
     def text(self, design: Design) -> str:
-        """Both forms, with what each number is."""
         own, unit = design.gains, design.nominal.dof.units.base
-        units = {one.name: one.unit.replace("{x}", unit) for one in self.parameters}
+        units = {p.name: p.unit.replace("{x}", unit) for p in self.parameters}
         numbers = {name: {"value": own[name], "unit": units[name]} for name in own}
         series = series_form(own["K_p"], own["K_i"], own["K_d"])
         content = {
@@ -117,7 +112,7 @@ class Pid(Target):
 
 
 def series_form(p: float, i: float, d: float) -> tuple[float, float, float] | None:
-    """Gain, integral and derivative time of K (1 + 1/(T_i s)) (1 + T_d s); None where the zeros are not real."""
+    """Return gain, integral and derivative time of K (1 + 1/(T_i s)) (1 + T_d s); None where the zeros are not real."""
     if p * p < 4.0 * i * d:
         return None
     root = 0.5 * (1.0 + np.sqrt(1.0 - 4.0 * i * d / (p * p)))

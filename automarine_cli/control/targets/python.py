@@ -8,8 +8,11 @@ Source: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control
 models, PID with acceleration feedforward, feedback linearisation).
 """
 
+from importlib.resources import files
+
 import numpy as np
 
+from automarine_cli import __version__
 from automarine_cli.control.targets.base import (
     MODEL,
     Design,
@@ -23,8 +26,12 @@ from automarine_cli.control.targets.base import (
     summed,
     within,
 )
-from automarine_cli.control.targets.controller_text import controller
 from automarine_cli.quantities import Complexes, Floats
+
+WRAPPED = """        # the heading counts on over north, as the model does
+        position += 2.0 * pi * round((self.model - position) / (2.0 * pi))
+        reference += 2.0 * pi * round((self.model - reference) / (2.0 * pi))
+"""
 
 
 class Python(Target):
@@ -62,14 +69,12 @@ class Python(Target):
         }
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
-        """At rest at the position."""
         zero = np.zeros_like(position)
         return (position, zero, holding + zero)
 
     def step(
         self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
     ) -> tuple[State, Floats]:
-        """Reference model, position, velocity."""
         dt = self.period
         model, slope, integral = state
         w, ahead = gains["velocity"], gains["reference"]
@@ -85,7 +90,6 @@ class Python(Target):
         return (model, slope, integral), within(now + integral, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
-        """Loop by loop, in z; the quadratic drag that is made up for is nothing about rest."""
         dt = self.period
         sums = dt / (1.0 - np.exp(-s * dt))
         w = gains["velocity"]
@@ -93,5 +97,26 @@ class Python(Target):
         return rate * gains["position"] * hold(s, dt), (rate - gains["drag"]) * hold(s, dt)
 
     def text(self, design: Design) -> str:
-        """The file: the same law as `step`, for one vehicle."""
-        return controller(design, self.period)
+        """Write the same law as `step` for one vehicle, without libraries; numbers to eight digits."""
+        own, model, dof = design.gains, design.nominal, design.nominal.dof
+        bend, turns = model.bend, dof.wraps
+        if bend is None:
+            outputs, shares = [0.0, 1.0], [0.0, 1.0]
+        else:
+            first = int((bend.share <= 0.0).sum()) - 1
+            outputs, shares = bend.output[first:].tolist(), bend.share[first:].tolist()
+        wrapped = WRAPPED if turns else ""
+        lines = [f"Written by automarine {__version__}.", *design.notes]
+        scaled = {name: f"{own[name] * model.full:.8g}" for name in ("inertia", "drag", "squared")}
+        plain = {name: f"{own[name]:.8g}" for name in ("velocity", "position", "reference", "rate", "acceleration")}
+        template = files("automarine_cli.control.targets").joinpath("controller.txt").read_text(encoding="utf-8")
+        return template.format(
+            motion=dof.name, period=f"{self.period:g}", notes="\n".join(lines), pi=", pi" if turns else "",
+            **scaled, **plain, full=f"{model.full:.8g}", force_unit=model.force_unit, x=dof.units.base,
+            force=dof.words.force, inertia_unit=dof.unit_of("inertia", model.force_unit),
+            linear_unit=dof.unit_of("linear", model.force_unit),
+            quadratic_unit=dof.unit_of("quadratic", model.force_unit),
+            outputs="[" + ", ".join(f"{x:.6g}" for x in outputs) + "]",
+            shares="[" + ", ".join(f"{x:.6g}" for x in shares) + "]",
+            angles=f"Reference and {dof.words.position} [{dof.units.base}], ", wrapped=wrapped,
+        )  # fmt: skip

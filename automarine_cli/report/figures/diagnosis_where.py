@@ -31,7 +31,7 @@ def where_panels(where: Where, words: str, units: str = "runs", less: str = "sim
     figure, grid = new_figure(rows + 1, COLUMNS, PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
     panels = grid[:rows].ravel()
     for axes, variable in zip(panels, shown):
-        _bins(axes, variable, where.dof)
+        bins_panel(axes, variable, in_words(variable, where.dof), _look(variable.telling, where.dof))
     for axes in panels[len(shown) :]:
         axes.set_axis_off()
     place = grid[rows, 0].get_gridspec()
@@ -45,21 +45,25 @@ def where_panels(where: Where, words: str, units: str = "runs", less: str = "sim
         if out
         else f"The error depends on none of {len(where.variables)} variables"
     )
-    handles = [
+    figure.legend(handles=where_handles(units), loc="outside lower center", ncols=2)
+    figure.suptitle(f"{told}. Verdict: {words}")
+    return figure
+
+
+def where_handles(units: str) -> list[Patch]:
+    """Explain the colours of the panels; `units` are those of chance."""
+    return [
         Patch(color=MARK, alpha=0.45, label="significant"),
         Patch(color=BEFORE, alpha=0.3, label=f"mean ± 2 standard errors ({units} as units)"),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    figure.suptitle(f"{told}. Verdict: {words}")
-    return figure
 
 
 NARROWEST = 0.04
 """Share of its panel that a marked region takes at least: a narrower one could not be seen."""
 
 
-def _bins(axes: Axes, variable: Variable, dof: Dof) -> None:
-    """The most telling row of one variable as steps with a band; bins that stand out are shaded."""
+def bins_panel(axes: Axes, variable: Variable, label: str, gap_label: str) -> None:
+    """Draw the most telling row of one variable as steps with a band; bins that stand out are shaded."""
     row = variable.telling
     out = bool(variable.stands_out.any())
     wide = NARROWEST * float(variable.edges[-1] - variable.edges[0])
@@ -80,8 +84,8 @@ def _bins(axes: Axes, variable: Variable, dof: Dof) -> None:
     axes.set_ylim(-1.15 * most, 1.15 * most)
     span = float(np.ptp(variable.edges))
     axes.set_xlim(float(variable.edges[0]) - 0.02 * span, float(variable.edges[-1]) + 0.02 * span)
-    axes.set_xlabel(in_words(variable, dof), labelpad=1, fontsize=7, parse_math=False)
-    axes.set_ylabel(_look(row, dof), labelpad=1, fontsize=6.5)
+    axes.set_xlabel(label, labelpad=1, fontsize=7, parse_math=False)
+    axes.set_ylabel(gap_label, labelpad=1, fontsize=6.5)
     axes.set_title(
         f"p = {variable.p_value:.2g}" if out else "within chance",
         fontsize=7, fontweight="bold" if out else "normal", color="black" if out else "0.45", pad=2,

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
-from automarine_cli.thrusters.analysis import Analysis
+from automarine_cli.thrusters.fit import Analysis
 from automarine_cli.thrusters.result import ThrusterFit
 
 SHADES = ("#000000", "#0072B2", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#D55E00")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from automarine_cli.control.authority import turning
-from automarine_cli.control.members import Bend
+from automarine_cli.control.knowledge import turning
+from automarine_cli.control.vehicles import Bend
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import Heard

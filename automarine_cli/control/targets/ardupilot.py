@@ -1,0 +1,295 @@
+"""ArduPilot's stacks: ArduSub's yaw, Rover's steering, and what they share: the gyro's low-pass, the square-root law of
+the angle loops, parameter files.
+
+Source: ArduPilot, libraries AC_AttitudeControl (AC_AttitudeControl and AC_AttitudeControl_Sub, .cpp and .h),
+APM_Control/AR_AttitudeControl.cpp, AC_PID, AP_Math/control.cpp and AP_Scheduler; the gyro's low-pass in
+AP_InertialSensor (INS_GYRO_FILTER, 20 Hz in Sub, 4 Hz in Rover), the order of the loop in ArduSub/Sub.cpp.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from automarine_cli.control.targets.base import (
+    Design,
+    Gains,
+    Nominal,
+    Parameter,
+    State,
+    Target,
+    hold,
+    leads,
+    low_pass,
+    share,
+    spread,
+    within,
+)
+from automarine_cli.quantities import Complexes, Floats
+
+RAD = np.pi / 180.0
+CDEG = RAD / 100.0
+MOST_ERROR = 45.0 * RAD
+
+
+def gyro(slow: Floats, slower: Floats, velocity: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]:
+    """Advance a second-order low-pass of the rate (Butterworth) by a loop: its slope and its value."""
+    w = 2.0 * np.pi * cutoff
+    slow = (slow + dt * w * w * (velocity - slower)) / (1.0 + np.sqrt(2.0) * w * dt + (w * dt) ** 2)
+    return slow, slower + dt * slow
+
+
+def gyro_response(z: Complexes, dt: float, cutoff: float) -> Complexes:
+    """Return the response of `gyro` at z."""
+    ratio = (1.0 - 1.0 / z) / (2.0 * np.pi * cutoff * dt)
+    return np.asarray(1.0 / (1.0 + np.sqrt(2.0) * ratio + ratio * ratio))
+
+
+@dataclass(frozen=True)
+class RootLaw:
+    """Velocity towards a target: in proportion to what is left near it, further off the one from which `limit` can
+    still stop, in loops of `step` [s] never beyond the target; in proportion everywhere where the limit is 0."""
+
+    gain: Floats
+    near: Floats
+    twice: Floats
+    step: float
+
+    @classmethod
+    def of(cls, gain: Floats, limit: Floats, step: float) -> "RootLaw":
+        """Work out once what every loop needs."""
+        gain = np.maximum(gain, 1e-6)
+        return cls(gain, np.where(limit > 0, limit, np.inf) / gain**2, 2.0 * np.where(limit > 0, limit, 0.0), step)
+
+    def __call__(self, error: Floats) -> Floats:
+        """Return the velocity for what is left."""
+        size = np.abs(error)
+        far = size > self.near
+        wish = self.gain * size
+        if far.any():
+            wish = np.where(far, np.sqrt(self.twice * np.maximum(size - 0.5 * self.near, 0.0)), wish)
+        return np.copysign(np.minimum(wish, size / self.step), error)
+
+
+def distance_to(velocity: Floats, gain: Floats, limit: Floats) -> Floats:
+    """Return what is left where `RootLaw` asks for a velocity."""
+    near = limit / np.maximum(gain, 1e-6)
+    far = 0.5 * limit / np.maximum(gain, 1e-6) ** 2 + velocity**2 / (2.0 * limit)
+    return np.asarray(np.where(velocity < near, velocity / np.maximum(gain, 1e-6), far))
+
+
+class ParameterFile(Target):
+    """A target whose file is what ground stations read; `of` says whose gains are in it."""
+
+    of: ClassVar[str]
+    gyro_hz: ClassVar[float]
+
+    def text(self, design: Design) -> str:
+        names = [p.name for p in self.parameters if p.searched]
+        before = [f"{name} was {design.before[name]:.6g}" for name in names if name in design.before]
+        head = f"{self.of} gains for {self.firmware}; names and units may differ in other versions."
+        lines = [f"# {line}" for line in (head, *design.notes, *before)]
+        return "\n".join([*lines, *(f"{name},{design.gains[name]:.6g}" for name in names)]) + "\n"
+
+
+class Prepared(dict[str, Floats]):
+    """Gains with the limits of the angle loop [rad, s]."""
+
+    speed_up: Floats
+    slew: Floats
+    furthest: Floats
+    to_reference: RootLaw
+    to_target: RootLaw
+
+
+class ArduSub(ParameterFile):
+    """Reference shaping, angle loop, rate loop. ATC_RAT_YAW_FF has no effect in Sub and is no parameter here.
+
+    In each of its 400 loops a second the rate controller and the motors come first, the angle loop after them: what
+    that asks for acts one loop later. The integrator rests while the last output was at its limit, unless it would come
+    back. Defaults are also those of a BlueROV2's log (4.1), but for SCHED_LOOP_RATE, 200 there and 400 in the source.
+    The default of ATC_ACCEL_Y_MAX lies outside its documented range; later sources hold it in deg/s² (1100).
+    """
+
+    name = "ardusub"
+    says = "ArduSub's heading hold: a .param file"
+    source = "ArduPilot, AC_AttitudeControl"
+    file = "ardusub.param"
+    firmware = "ArduSub 4.1 to 4.5"
+    of = "Heading"
+    gyro_hz = 20.0
+    numbers = 6
+    period = 1.0 / 400.0
+    parameters = (
+        Parameter("ATC_ANG_YAW_P", "turn rate asked for per error of heading", "1/s", 6.0, 0.0, 6.0, True),
+        Parameter("ATC_RAT_YAW_P", "output per error of the rate", "1/(rad/s)", 0.180, 0.0, 0.50, True),
+        Parameter("ATC_RAT_YAW_I", "the same, summed up over time", "1/rad", 0.018, 0.0, 0.05, True),
+        Parameter("ATC_RAT_YAW_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.02, True),
+        Parameter("ATC_RAT_YAW_IMAX", "most output of the summed-up part", "1", 0.222, 0.0, 1.0, True),
+        Parameter("ATC_RAT_YAW_FLTT", "low-pass of the rate asked for", "Hz", 5.0, 0.0, 100.0),
+        Parameter("ATC_RAT_YAW_FLTE", "low-pass of the error of the rate", "Hz", 0.0, 0.0, 100.0),
+        Parameter("ATC_RAT_YAW_FLTD", "low-pass of its change", "Hz", 5.0, 0.0, 100.0, True),
+        Parameter("ATC_SLEW_YAW", "fastest turn of the target heading", "cdeg/s", 6000.0, 500.0, 18000.0, True),
+        Parameter("ATC_ACCEL_Y_MAX", "its largest acceleration", "cdeg/s²", 110000.0, 0.0, 72000.0, True),
+        Parameter("ATC_INPUT_TC", "time in which a step of it is smoothed", "s", 0.15, 0.0, 1.0),
+    )  # fmt: skip
+
+    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+        """A crossover of the rate loop in shares of what the delays allow, the other loops in shares of it, and a
+        reference in shares of what the thrusters can follow."""
+        inner, outer, summed, rate, speed_up, lead = numbers.T
+        lag = nominal.lag + self.own_lag({})
+        crossover = spread(inner, 0.04, 0.9) / lag
+        p = crossover * nominal.inertia
+        reach = 1.0 / nominal.inertia
+        fastest = spread(rate, 0.25, 2.5) * min(nominal.fastest, 20.0 * nominal.step)
+        found = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
+            "ATC_ANG_YAW_P": crossover * spread(outer, 0.04, 0.7),
+            "ATC_RAT_YAW_P": p,
+            "ATC_RAT_YAW_I": p * crossover * spread(summed, 0.002, 0.5),
+            "ATC_RAT_YAW_D": p * lag * leads(lead),
+            "ATC_RAT_YAW_FLTD": np.full(len(numbers), self.gyro_hz),
+            "ATC_RAT_YAW_IMAX": np.full(len(numbers), 0.5),
+            "ATC_SLEW_YAW": fastest / CDEG,
+            "ATC_ACCEL_Y_MAX": spread(speed_up, 0.1, 4.0) * reach / CDEG,
+        }
+        return self.clipped(found)
+
+    def own_lag(self, gains: Gains) -> float:
+        return 1.5 * self.period + np.sqrt(2.0) / (2.0 * np.pi * self.gyro_hz) + 0.5 / (2.0 * np.pi * 5.0)
+
+    def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
+        zero = np.zeros_like(position)
+        # gyro's filter (two states), target heading, its rate, rate asked for, filtered rate, filtered error,
+        # filtered change, integral, last output
+        integral = within(holding + zero, gains["ATC_RAT_YAW_IMAX"])
+        return (zero, zero, position, zero, zero, zero, zero, zero, integral, zero)
+
+    def prepared(self, gains: Gains) -> Gains:
+        dt, limit = self.period, gains["ATC_ACCEL_Y_MAX"] * CDEG
+        pull = np.clip(0.5 * limit, 10.0 * RAD, 120.0 * RAD)
+        gain, p = gains["ATC_ANG_YAW_P"], np.maximum(gains["ATC_RAT_YAW_P"], 1e-6)
+        own = Prepared({**gains, **{name[-4:]: share(dt, gains[name]) for name in gains if "FLT" in name}})
+        own.speed_up, own.slew = np.where(limit > 0, limit * dt, np.inf), gains["ATC_SLEW_YAW"] * CDEG
+        own.furthest = np.minimum(MOST_ERROR, distance_to(1.0 / p, gain, pull))
+        own.to_reference = RootLaw.of(1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt)
+        own.to_target = RootLaw.of(gain, pull, dt)
+        return own
+
+    def step(
+        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
+    ) -> tuple[State, Floats]:
+        """Rate controller, motors, then the angle loop."""
+        own = gains if isinstance(gains, Prepared) else self.prepared(gains)
+        assert isinstance(own, Prepared)
+        dt = self.period
+        slow, slower, target, turn, asked, demand, error, change, integral, last = state
+        slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
+        demand = demand + own["FLTT"] * (asked - demand)
+        now = error + own["FLTE"] * (demand - slower - error)
+        change = change + own["FLTD"] * ((now - error) / dt - change)
+        free = (np.abs(last) < 1.0) | (integral * now < 0)
+        grown = integral + own["ATC_RAT_YAW_I"] * dt * np.where(free, now, 0.0)
+        integral = within(grown, own["ATC_RAT_YAW_IMAX"])
+        wanted = own["ATC_RAT_YAW_P"] * now + integral + own["ATC_RAT_YAW_D"] * change
+        # the angle loop: target heading and its rate on the way to the reference, and the rate asked for
+        turn = turn + within(within(own.to_reference(reference - target), own.slew) - turn, own.speed_up)
+        left = within(target + turn * dt - position, own.furthest)
+        asked = own.to_target(left) + turn
+        return (slow, slower, position + left, turn, asked, demand, now, change, integral, wanted), within(wanted, 1.0)
+
+    def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
+        dt = self.period
+        z = np.exp(s * dt)
+        weight = {name: share(dt, gains[name]) for name in gains if "FLT" in name}
+        sums = dt / (1.0 - 1.0 / z)
+        changes = low_pass(weight["ATC_RAT_YAW_FLTD"], z) / sums
+        pid = gains["ATC_RAT_YAW_P"] + gains["ATC_RAT_YAW_I"] * sums + gains["ATC_RAT_YAW_D"] * changes
+        rate = pid * low_pass(weight["ATC_RAT_YAW_FLTE"], z) * hold(s, dt)
+        angle = rate * low_pass(weight["ATC_RAT_YAW_FLTT"], z) * gains["ATC_ANG_YAW_P"] / z
+        return angle, rate * gyro_response(z, dt, self.gyro_hz)
+
+
+class ArduRover(ParameterFile):
+    """Angle loop, rate loop with feed-forward of what the drag takes at a steady rate, fifty loops a second
+    (SCHED_LOOP_RATE), for boats that turn by their thrusters.
+
+    Defaults of ATC_STR_ANG_P, RAT_MAX and ACC_MAX are 2.0, 120 and 120; older sources have 2.5, 360 and 180. Not flown:
+    the limit by ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s.
+    """
+
+    name = "ardurover"
+    says = "ArduPilot Rover's steering of a boat: a .param file"
+    source = "ArduPilot, APM_Control/AR_AttitudeControl"
+    file = "ardurover.param"
+    firmware = "Rover 4.2 to 4.6"
+    of = "Steering"
+    gyro_hz = 4.0
+    numbers = 6
+    period = 0.02
+    parameters = (
+        Parameter("ATC_STR_ANG_P", "turn rate asked for per error of heading", "1/s", 2.0, 1.0, 10.0, True),
+        Parameter("ATC_STR_RAT_FF", "output per rate asked for", "1/(rad/s)", 0.2, 0.0, 3.0, True),
+        Parameter("ATC_STR_RAT_P", "output per error of the rate", "1/(rad/s)", 0.2, 0.0, 2.0, True),
+        Parameter("ATC_STR_RAT_I", "the same, summed up over time", "1/rad", 0.2, 0.0, 2.0, True),
+        Parameter("ATC_STR_RAT_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.4, True),
+        Parameter("ATC_STR_RAT_IMAX", "most output of the summed-up part", "1", 1.0, 0.0, 1.0),
+        Parameter("ATC_STR_RAT_FLTE", "low-pass of the error of the rate", "Hz", 10.0, 0.0, 100.0),
+        Parameter("ATC_STR_RAT_MAX", "fastest turn", "deg/s", 120.0, 0.0, 1000.0, True),
+        Parameter("ATC_STR_ACC_MAX", "largest acceleration of the turn", "deg/s²", 120.0, 0.0, 1000.0, True),
+    )  # fmt: skip
+
+    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+        """As for Sub; feed-forward is one over the steady rate at the whole output."""
+        inner, outer, summed, rate, speed_up, lead = numbers.T
+        lag = nominal.lag + self.own_lag({})
+        crossover = spread(inner, 0.04, 0.9) / lag
+        p = crossover * nominal.inertia
+        found = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
+            "ATC_STR_ANG_P": crossover * spread(outer, 0.04, 0.7),
+            "ATC_STR_RAT_FF": np.full(len(numbers), 1.0 / nominal.fastest),
+            "ATC_STR_RAT_P": p,
+            "ATC_STR_RAT_I": p * crossover * spread(summed, 0.01, 0.5),
+            "ATC_STR_RAT_D": p * lag * leads(lead),
+            "ATC_STR_RAT_MAX": spread(rate, 0.25, 1.0) * nominal.fastest / RAD,
+            "ATC_STR_ACC_MAX": spread(speed_up, 0.1, 1.5) / nominal.inertia / RAD,
+        }
+        return self.clipped(found)
+
+    def own_lag(self, gains: Gains) -> float:
+        return 0.5 * self.period + np.sqrt(2.0) / (2.0 * np.pi * self.gyro_hz) + 1.0 / (2.0 * np.pi * 10.0)
+
+    def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
+        zero = np.zeros_like(position)
+        integral = within(holding + zero, gains["ATC_STR_RAT_IMAX"])
+        # gyro's filter (two states), rate asked for, filtered error, integral, last output
+        return (zero, zero, zero, zero, integral, zero)
+
+    def step(
+        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
+    ) -> tuple[State, Floats]:
+        dt = self.period
+        slow, slower, asked, error, integral, last = state
+        slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
+        left = reference - position
+        limit = gains["ATC_STR_ACC_MAX"] * RAD
+        wish = within(gains["ATC_STR_ANG_P"] * left, np.where(limit > 0, np.sqrt(2.0 * np.abs(left) * limit), np.inf))
+        asked = asked + within(wish - asked, np.where(limit > 0, limit * dt, np.inf))
+        most = gains["ATC_STR_RAT_MAX"] * RAD
+        asked = within(asked, np.where(most > 0, most, np.inf))
+        now = error + share(dt, gains["ATC_STR_RAT_FLTE"]) * (asked - slower - error)
+        free = (np.abs(last) < 1.0) | (integral * now < 0)
+        grown = integral + np.where(free, gains["ATC_STR_RAT_I"] * dt * now, 0.0)
+        integral = within(grown, gains["ATC_STR_RAT_IMAX"])
+        change = gains["ATC_STR_RAT_D"] * (now - error) / dt
+        wanted = gains["ATC_STR_RAT_FF"] * asked + gains["ATC_STR_RAT_P"] * now + integral + change
+        return (slow, slower, asked, now, integral, wanted), within(wanted, 1.0)
+
+    def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
+        dt = self.period
+        z = np.exp(s * dt)
+        sums = dt / (1.0 - 1.0 / z)
+        pid = gains["ATC_STR_RAT_P"] + gains["ATC_STR_RAT_I"] * sums + gains["ATC_STR_RAT_D"] / sums
+        rate = pid * low_pass(share(dt, gains["ATC_STR_RAT_FLTE"]), z)
+        angle = gains["ATC_STR_ANG_P"] * (rate + gains["ATC_STR_RAT_FF"])
+        return angle * hold(s, dt), rate * gyro_response(z, dt, self.gyro_hz) * hold(s, dt)

@@ -1,0 +1,322 @@
+"""Vehicles that a model allows: their draw, actuators and bodies step by step, and their response in frequency."""
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.effects import Commands, Place
+from automarine_cli.effects.input_delay import InputDelay
+from automarine_cli.effects.sensor_lag import SensorLag
+from automarine_cli.effects.thruster_lag import ADVANCES, SHORTEST, Advance, ThrusterLag
+from automarine_cli.models.vehicle import Bound, actuators
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.quantities import Complexes, Floats
+from automarine_cli.simulation.rollout import Slope, right_hand_side
+
+THRUST_BY_VOLTAGE = 1.2
+"""Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
+LIGHTEST = 0.2
+"""Share of the inertia that a delay which was never looked for leaves at least."""
+SLOWEST = 0.1
+"""Share of the reference moment at which a lag that depends on the speed counts in margins."""
+REST, SLOW, BRISK = 1e-6, 0.02, 0.3
+"""Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of
+quadratic drag is that at rest, of dry friction that of a brisk turn. Water that moves is looked at over a slow one."""
+
+
+@dataclass(frozen=True)
+class Bend:
+    """What share of the full moment an output gives, odd: `output` (K,) from 0 to 1 and `share` (K,), which rises."""
+
+    output: Floats
+    share: Floats
+
+    def of(self, output: Floats) -> Floats:
+        """Return the share of the full moment at outputs of any shape."""
+        return np.asarray(np.sign(output) * np.interp(np.abs(output), self.output, self.share))
+
+    def inverse(self, share: Floats) -> Floats:
+        """Return the output that gives a share of the full moment; within the dead-band it jumps to its edge."""
+        first = int(np.searchsorted(self.share, 0.0, side="right")) - 1
+        edge = np.interp(np.abs(share), self.share[first:], self.output[first:])
+        return np.asarray(np.sign(share) * edge)
+
+    def slope(self, output: Floats) -> Floats:
+        """Return how the share grows with the output, at outputs of any shape."""
+        place = np.clip(np.searchsorted(self.output, np.abs(output)), 1, len(self.output) - 1)
+        return np.asarray(np.diff(self.share)[place - 1] / np.diff(self.output)[place - 1])
+
+
+@dataclass(frozen=True)
+class Vehicles:
+    """S vehicles of one form.
+
+    `theta` (S, p) parameters of `model`; `full` the moment or force of the whole output; `gain` (S,) of the thrust,
+    `late` (S,) [s] a delay beyond the model's, `volts` (S,) [V] of the supply, `at` (S,) the output about which its
+    slope counts in margins; `bend` the map from output to moment where that is no straight line; `noise` of the
+    readings of position and velocity [base units].
+    """
+
+    model: YawModel
+    theta: Floats
+    full: float
+    gain: Floats
+    late: Floats
+    volts: Floats
+    at: Floats
+    bend: Bend | None = None
+    noise: tuple[float, float] = (0.0, 0.0)
+
+    def __len__(self) -> int:
+        return len(self.theta)
+
+    def pick(self, which: NDArray[np.int64] | slice) -> "Vehicles":
+        """Select vehicles by their places."""
+        arrays = ("theta", "gain", "late", "volts", "at")
+        return replace(self, **{name: getattr(self, name)[which] for name in arrays})
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How uncertain a model is: `covariance` of theta (p, p), `scatter` of the thrust from run to run, `late` the
+    longest delay [s] that the logs cannot show, `volts` of the logs and of the supply when it is lowest and highest,
+    `noise` of the readings of position and velocity [base units], `heavy` what each second of delay beyond the model's
+    has added to its inertia."""
+
+    covariance: Floats
+    scatter: float
+    late: float
+    volts: tuple[float, float, float]
+    noise: tuple[float, float] = (0.0, 0.0)
+    heavy: float = 0.0
+
+
+def crowd(
+    model: YawModel, spread: Spread, full: float, bend: Bend | None, count: int, rng: np.random.Generator
+) -> Vehicles:
+    """Draw `count` vehicles, the first of them as the model says."""
+    theta = _drawn(model, spread.covariance, count, rng)
+    logged, low, high = spread.volts
+    volts = np.append(logged, rng.uniform(low, high, count - 1))
+    gain = np.exp(spread.scatter * np.append(0.0, rng.standard_normal(count - 1)))
+    if not any("voltage" in effects.get(term.name).needs for term in model.terms):
+        gain = gain * (volts / logged) ** THRUST_BY_VOLTAGE
+    late = np.append(0.5 * spread.late, rng.uniform(0.0, spread.late, count - 1))
+    at = np.append(0.5, rng.uniform(0.2, 1.0, count - 1))
+    theta[:, 0] = np.maximum(theta[:, 0] - spread.heavy * late, LIGHTEST * theta[:, 0])
+    return Vehicles(model, theta, full, gain, late, volts, at, bend, spread.noise)
+
+
+def _drawn(model: YawModel, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
+    """Parameters (count, p) about the model's; those of the sign-definite base on the logarithm, all within bounds.
+
+    What has no variance is exactly the model's: which law acts is a number that others are compared with.
+    """
+    theta, variance = model.theta, np.diagonal(covariance)
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    moved = rng.standard_normal((count, len(theta))) @ root.T
+    moved[0] = 0.0
+    positive = (theta > 0) & (np.sqrt(variance) < theta)
+    size = np.where(positive, theta, 1.0)
+    drawn = np.where(positive, size * np.exp(moved / size), theta + moved)
+    limits = [(p.lower, p.upper) for term in model.terms for p in effects.get(term.name).parameters]
+    lower, upper = np.array([(1e-9, np.inf), *limits]).T
+    return np.where(variance > 0, np.clip(drawn, lower, upper), theta)
+
+
+class Actuators:
+    """The actuators of S vehicles in R flights, advanced in steps of `step` [s]; it remembers what they do."""
+
+    def __init__(self, vehicles: Vehicles, flights: int, step: float) -> None:
+        self.vehicles, self.step = vehicles, step
+        terms, shape = actuators(vehicles.model.forces(vehicles.theta)), (len(vehicles), flights)
+        late = dead_time(vehicles) / step
+        self._whole, self._share = late.astype(int), (late - late.astype(int))[:, None]
+        self._ring = np.zeros((int(self._whole.max(initial=0)) + 2, *shape))
+        self._rows, self._at = np.arange(len(vehicles)), 0
+        self._now = [term for term in terms if not isinstance(term.effect, InputDelay | ThrusterLag)]
+        self._before = [np.zeros(shape) for _ in self._now]
+        self._speed, self._time = np.zeros(shape), np.zeros((1, 1, 1))
+        self._laws: list[tuple[Advance, NDArray[np.int64] | slice, tuple[Floats, ...]]] = []  # of which vehicles
+        lag_term = next((term for term in terms if isinstance(term.effect, ThrusterLag)), None)
+        if lag_term is not None:
+            lag, law, largest, fall = lag_term.values
+            values = (np.maximum(lag, SHORTEST), np.sqrt(np.maximum(largest, 1e-12)), fall)
+            numbers = np.unique(law)
+            for number in numbers:
+                rows = slice(None) if len(numbers) == 1 else np.flatnonzero(law[:, 0] == number)
+                self._laws.append((ADVANCES[round(float(number))], rows, tuple(value[rows] for value in values)))
+        self._signals = {"voltage": vehicles.volts[:, None, None]}
+
+    def begin(self, output: Floats) -> None:
+        """Let an output (S, R) have been held for long."""
+        moment = self._ideal(output)
+        self._ring[:] = moment
+        for place, term in enumerate(self._now):
+            self._before[place] = moment
+            moment = self._at_once(term, moment, moment)
+        self._speed = np.sign(moment) * np.sqrt(np.abs(moment))
+
+    def deliver(self, output: Floats) -> Floats:
+        """Return the mean moment (S, R) over the next step, for the output held over it."""
+        ring, at, count = self._ring, self._at, len(self._ring)
+        ring[at % count] = self._ideal(output)
+        near = ring[(at - self._whole) % count, self._rows]
+        moment = near + self._share * (ring[(at - self._whole - 1) % count, self._rows] - near)
+        self._at = at + 1
+        for place, term in enumerate(self._now):
+            before, self._before[place] = self._before[place], moment
+            moment = self._at_once(term, moment, before)
+        if self._laws:
+            wanted = np.sign(moment) * np.sqrt(np.abs(moment))
+            impulse, speed, step = np.empty_like(wanted), np.empty_like(wanted), np.full((1, 1), self.step)
+            for advance, rows, values in self._laws:
+                impulse[rows], speed[rows] = advance(wanted[rows], self._speed[rows], step, values)
+            self._speed, moment = speed, impulse / self.step
+        self._time = self._time + self.step
+        return self.vehicles.gain[:, None] * moment
+
+    def slope(self, output: Floats) -> Floats:
+        """Return the change of moment, but for the gain, per change of outputs +-`output` (S,) that pass at once."""
+        moment = output[:, None] * np.array([[1.0, -1.0]]) * self.vehicles.full
+        for term in self._now:
+            moment = self._at_once(term, moment, moment)
+        return (moment[:, 0] - moment[:, 1]) / (2.0 * output)
+
+    def _ideal(self, output: Floats) -> Floats:
+        bend = self.vehicles.bend
+        return self.vehicles.full * (output if bend is None else bend.of(output))
+
+    def _at_once(self, term: Bound, moment: Floats, before: Floats) -> Floats:
+        length = np.full((1, 1, 1), self.step)
+        commands = Commands(moment[..., None], self._time, length, before[..., None], np.zeros((1, 1)), self._signals)
+        return term.effect.deliver(commands, term.wide())[..., 0]
+
+
+def dead_time(vehicles: Vehicles) -> Floats:
+    """Return the delay of each vehicle's commands [s], (S,): the longer where rises and falls differ."""
+    late = vehicles.late
+    for term in vehicles.model.forces(vehicles.theta):
+        if isinstance(term.effect, InputDelay):
+            rise, law, fall = (value[:, 0] for value in term.values)
+            late = late + np.where(law == 1.0, np.maximum(rise, fall), rise)
+    return late
+
+
+def lag_of(vehicles: Vehicles) -> Floats:
+    """Return the time constant [s] of the thrust of each vehicle for small changes, (S,)."""
+    for term in vehicles.model.forces(vehicles.theta):
+        if isinstance(term.effect, ThrusterLag):
+            lag, law, largest, fall = (value[:, 0] for value in term.values)
+            slower = np.sqrt(largest / np.maximum(SLOWEST * vehicles.full, 1e-12))
+            return cast(Floats, np.select([law == 2.0, law == 4.0], [lag * slower, lag * np.maximum(fall, 1.0)], lag))
+    return np.zeros(len(vehicles))
+
+
+def sensor_lag(vehicles: Vehicles) -> Floats:
+    """Return the time constant [s] of each vehicle's position sensor, (S,)."""
+    for term in vehicles.model.forces(vehicles.theta):
+        if isinstance(term.effect, SensorLag):
+            return term.values[0][:, 0]
+    return np.zeros(len(vehicles))
+
+
+def output_slope(vehicles: Vehicles) -> Floats:
+    """Return the change of moment per change of output about the output at which each vehicle is looked at, (S,)."""
+    bent = 1.0 if vehicles.bend is None else vehicles.bend.slope(vehicles.at)
+    return vehicles.gain * Actuators(vehicles, 2, 1.0).slope(vehicles.at) * bent
+
+
+class Body:
+    """S vehicles in R flights: position, velocity and the water's states, advanced by a midpoint step."""
+
+    def __init__(self, vehicles: Vehicles, flights: int) -> None:
+        shape = (1, len(vehicles), flights)
+        self.position, self.velocity, self.time = np.zeros(shape), np.zeros(shape), 0.0
+        self._slope, states = _slope_of(vehicles)
+        self._water = [np.zeros(shape[1:]) for _ in range(states)]
+        self._signals = {"voltage": vehicles.volts[:, None]}
+
+    def advance(self, force: Floats, step: float) -> None:
+        """Advance by `step` [s] under a moment (S, R)."""
+        half = 0.5 * step
+        at = self.position, self.velocity, self._water, (force,)
+        first, move, stir = self._slope(*at, self.time, self._signals)
+        there = self.position + half * move, self.velocity + half * first
+        water = [w + half * d for w, d in zip(self._water, stir)]
+        second, move, stir = self._slope(*there, water, (force,), self.time + half, self._signals)
+        self.position = self.position + step * move
+        self.velocity = self.velocity + step * second
+        self._water = [w + step * d for w, d in zip(self._water, stir)]
+        self.time += step
+
+
+def _slope_of(vehicles: Vehicles) -> tuple[Slope, int]:
+    """The right-hand side of the equation of motion, and how many states the water has."""
+    model, theta = vehicles.model, vehicles.theta
+    terms = [
+        replace(term, values=(*term.values, *[np.zeros((1, 1))] * term.effect.per_run)) for term in model.forces(theta)
+    ]
+    movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
+    states = sum(len(term.effect.states) for term in movers)
+    return right_hand_side(model.motion, movers, model.inertia_matrix(theta), None, np.zeros((1, 1, 1))), states
+
+
+def holding(vehicles: Vehicles) -> Floats:
+    """Return the share of the full output that holds each vehicle at rest at its start, (S,)."""
+    slope, states = _slope_of(vehicles)
+    zero = np.zeros((1, len(vehicles), 1))
+    pushed, _, _ = slope(zero, zero, [zero[0]] * states, (zero[0],), 0.0, {"voltage": vehicles.volts[:, None]})
+    needed = -np.broadcast_to(pushed[0], zero[0].shape)[:, 0] * vehicles.theta[:, 0]
+    return np.asarray(np.clip(needed / vehicles.full, -1.0, 1.0))
+
+
+def linear(vehicles: Vehicles, swing: float) -> Floats:
+    """Return A (S, n, n) of x' = A x about rest, states position, velocity, water; drag straight over a `swing`."""
+    slope, states = _slope_of(vehicles)
+    size, count = 2 + states, len(vehicles)
+    signals = {"voltage": vehicles.volts[:, None]}
+
+    def derivative(column: int, by: float) -> Floats:
+        x = np.zeros((size, count, 1))
+        x[column] += by
+        moved, move, stir = slope(x[:1], x[1:2], list(x[2:]), (0.0 * x[0],), 0.0, signals)
+        rows = [move[0], moved[0], *stir]
+        return np.stack([np.broadcast_to(row, (count, 1))[:, 0] for row in rows], axis=1)
+
+    return np.stack([(derivative(k, swing) - derivative(k, -swing)) / (2.0 * swing) for k in range(size)], axis=2)
+
+
+def least_damped(vehicles: Vehicles) -> Floats:
+    """Return `linear` with what drives the velocity as over the swing that damps it least."""
+    a = linear(vehicles, SLOW)
+    for swing in (REST, BRISK):
+        row = linear(vehicles, swing)[:, 1]
+        a[:, 1] = np.where(row[:, 1:2] > a[:, 1, 1:2], row, a[:, 1])
+    return a
+
+
+def response(vehicles: Vehicles, s: Complexes) -> tuple[Complexes, Complexes]:
+    """Return position as the sensor reads it and velocity per output at each s (W,), (S, W) each, with all delays."""
+    a, mobility = least_damped(vehicles), 1.0 / vehicles.theta[:, 0]
+    late = np.exp(-s * dead_time(vehicles)[:, None]) / (1.0 + s * lag_of(vehicles)[:, None])
+    reach: Complexes = output_slope(vehicles)[:, None] * late
+    position: Complexes
+    if a.shape[1] == 2:
+        position = mobility[:, None] / (s * s - a[:, 1, 1:] * s - a[:, 1, :1])
+    else:
+        lead = s[None, :, None, None] * np.eye(a.shape[1]) - a[:, None]
+        right = np.zeros((*lead.shape[:3], 1), dtype=complex)
+        right[:, :, 1, 0] = mobility[:, None]
+        position = np.linalg.solve(lead, right)[..., 0, 0]
+    position = position * reach
+    return position / (1.0 + s * sensor_lag(vehicles)[:, None]), s * position
+
+
+def poles(vehicles: Vehicles) -> Complexes:
+    """Return the roots of the equation of motion about rest, (S, n)."""
+    return np.asarray(np.linalg.eigvals(least_damped(vehicles)).astype(complex))

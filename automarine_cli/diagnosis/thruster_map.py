@@ -1,0 +1,468 @@
+"""The diagnosis of a thruster map on bollard tests: its gap by regions, what is missing, how sure that is."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from automarine_cli.diagnosis.variables import Column
+from automarine_cli.diagnosis.verdict import (
+    ASTRAY,
+    EVEN,
+    LEFT_OVER,
+    NAMED,
+    NOTHING,
+    SUSPECTED,
+    UNEXPLAINED,
+    NamedEffect,
+    apart,
+    stretch,
+)  # fmt: skip
+from automarine_cli.diagnosis.where import Gap, Looked, look
+from automarine_cli.errors import FitError, RunError
+from automarine_cli.fits.stepwise import NamedRival
+from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
+from automarine_cli.runs.run import SetAside
+from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
+from automarine_cli.thrusters.family import (
+    ASYMMETRY,
+    CURVE_EFFECTS,
+    SAG,
+    VOLTAGE,
+    Alternative,
+    BollardData,
+    Fitted,
+    MapSearch,
+    Shape,
+    bollard_data,
+    form_of,
+    held_out_levels,
+    multiplier_columns,
+    noise_level,
+    search_around_faults,
+)  # fmt: skip
+from automarine_cli.thrusters.fit import Parameter, parameters, parameters_json
+from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve
+from automarine_cli.thrusters.map import ThrusterMap
+
+WELL_ABOVE = 1.5
+"""Residual over the noise level from which a map may lack something; the floor itself is known to some 20 %."""
+MATERIAL = 0.005
+"""Share of full scale below which what remains is not worth a verdict: bollard tests repeat no better."""
+STRUCTURED, THROWS = 0.01, 999
+SWEEP = 0.98
+"""Correlation of run order and command from which they are the same variable."""
+COMPUTED, DEGREE = 2e-4, 4
+"""A direction that a polynomial of this degree meets to this share of full scale was computed, not measured."""
+PARAMETER = {"dead-band": "n_0", "thrust-exponent": "p", "saturation": "n_sat"}
+WORDS = {
+    "backward_over_forward": "thrust backward over forward at full command",
+    "share_lost": "share lost from first to last reading",
+}
+SAYS = {
+    "dead-band": "The thruster gives nothing below a smallest command",
+    "thrust-exponent": "Thrust grows with another power of the command than the map's",
+    "saturation": "Thrust stops rising above a largest command",
+    ASYMMETRY: "The thruster pulls differently forward and backward",
+    VOLTAGE: "Thrust at the same command follows the supply voltage",
+    SAG: "Thrust falls over the measurement, as with a battery that empties",
+}
+SPLIT_BY = {
+    SAG: "the first command repeated last: a sag shows as less thrust at the same command",
+    VOLTAGE: "three commands repeated at another voltage",
+    ASYMMETRY: "pulls at the same commands forward and backward, five times each",
+}
+
+
+@dataclass(frozen=True)
+class ThrusterGap:
+    """Root mean square of measured less fitted thrust [N] of one thruster: base, extended, noise level."""
+
+    before: float
+    after: float
+    floor: float
+
+    def to_json(self) -> dict[str, float]:
+        return {"before_N": self.before, "after_N": self.after, "noise_floor_N": self.floor}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A stretch of the data that is not to be trusted; readings are counted from 1 in each record."""
+
+    kind: str
+    file: str
+    readings: tuple[int, int]
+    from_n: float
+    to_n: float
+    points: int
+    gap_N: float
+    says: str
+
+
+@dataclass(frozen=True, repr=False)
+class ThrusterDiagnosis(Shown):
+    """What the diagnosis of a thruster map found.
+
+    `data` holds every point, `search.base.data` those fitted, `held_out` the rest (None where too few levels were
+    there to hold any out). `final` is the extended model: the base refitted unless effects are named. `cross` is
+    the gap by leaving out levels.
+    """
+
+    verdict: str
+    why: str
+    given: ThrusterMap
+    data: BollardData
+    held_out: BollardData | None
+    search: MapSearch
+    final: Fitted
+    effects: tuple[NamedEffect, ...]
+    where: Looked
+    faults: tuple[Fault, ...]
+    gap: ThrusterGap
+    held_out_gap: ThrusterGap | None
+    cross: ThrusterGap
+    given_rmse: float
+    floor_from: str
+    set_aside: tuple[SetAside, ...] = ()
+
+    @property
+    def base(self) -> Fitted:
+        """The map given, its form refitted on the fitted levels."""
+        return self.search.base
+
+    def percent(self, value: float) -> float:
+        """Newtons as a percentage of full scale."""
+        return 100.0 * value / self.data.full_scale
+
+    @property
+    def extended_map(self) -> dict[str, object]:
+        """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
+        final = self.final
+        form = form_of(frozenset().union(*(effects for _, effects in final.shape.curves))).name
+        result = ThrusterMap(form, *final.both_ways, self.data.n_unit, self.data.points.n_range).to_json()
+        estimates = _curve_parameters(final)
+        result["parameters"] = {
+            name: parameters_json(estimates.get("both" if final.shape.tied else name)) for name, _ in SIDES
+        }
+        names = ", ".join(effect.name for effect in self.effects) if self.verdict == NAMED else ""
+        notes = [f"The {self.given.form} map refitted" + (f", with {names} added." if names else ".")]
+        if final.shape.voltage:
+            volts = f"{final.reference:.4g}"
+            scale = f"(V/{volts})^{final.power:.3g}"
+            notes.append(f"Thrust holds at {volts} V; at another voltage V multiply it by {scale}.")
+            result["voltage_exponent"] = {"p": final.power, "reference_V": final.reference}
+        if final.shape.sag:
+            notes.append("Thrust holds at the first reading, before the supply sagged.")
+        scores = {"rmse_N": self.gap.after, "cv_rmse_N": self.cross.after, "full_scale_N": self.data.full_scale}
+        return {**result, **scores, "notes": notes}
+
+    def to_json(self) -> dict[str, object]:
+        """Content of diagnosis.json (schema automarine/diagnosis/1)."""
+        held = self.held_out_gap
+        first = self.search.steps[0]
+        return {
+            "schema": DIAGNOSIS.schema,
+            "model": "thruster-map",
+            "verdict": self.verdict,
+            **({"why": self.why} if self.why else {}),
+            "effects": [effect.to_json() for effect in self.effects],
+            "where": [region.to_json("N") for region in self.where.regions],
+            "faulty": [{**vars(fault), "readings": list(fault.readings)} for fault in self.faults],
+            "gap": {
+                "fitted_runs": self.gap.to_json(),
+                "held_out_runs": None if held is None else held.to_json(),
+                "cross_validation": self.cross.to_json(),
+            },
+            "candidates": [
+                {
+                    "name": candidate.effect, "where": candidate.where, "gain": candidate.gain,
+                    "p_value": candidate.p_value, "cv_rmse_N": candidate.fit.rmse(held_out=True),
+                }
+                for candidate in sorted(first.candidates, key=lambda candidate: -candidate.gain)
+            ],
+            "threshold": first.threshold,
+            "full_scale_N": self.data.full_scale,
+            "noise_floor_from": self.floor_from,
+            "levels": {
+                "fitted": self.base.data.levels,
+                "held_out": 0 if self.held_out is None else self.held_out.levels,
+            },
+            "runs": runs_json(len(np.unique(self.data.points.record)), self.set_aside),
+        }  # fmt: skip
+
+
+def start_shape(base: ThrusterMap, data: BollardData, voltage: bool = False) -> Shape:
+    """Make a shape of the base map: its form in each direction that was measured, tied where both curves are equal.
+
+    A map may have been extended in one direction only: each has the effects that its curve makes use of.
+    """
+
+    def used(curve: Curve | None) -> frozenset[str]:
+        if curve is None:
+            return frozenset()
+        form = FORMS[base.form]
+        free = (form.dead_band, form.exponent, form.saturation)
+        acting = (curve.n_0 > 0.0, curve.p != SQUARE, curve.n_sat is not None)
+        return frozenset(name for name, *on in zip(CURVE_EFFECTS, free, acting) if all(on))
+
+    with_voltage = voltage and data.step is not None
+    if base.forward == base.backward and len(data.sides) == 2:
+        return Shape((("both", used(base.forward)),), with_voltage)
+    return Shape(tuple((name, used(getattr(base, name))) for name in data.sides), with_voltage)
+
+
+def diagnose_thrusters(
+    logs: ThrusterLogs,
+    base: ThrusterMap,
+    *,
+    hold_out: ThrusterLogs | None = None,
+    thrusters: int = 1,
+    n_unit: str = "",
+    voltage: bool = False,
+    seed: int = 0,
+) -> ThrusterDiagnosis:
+    """Diagnose `base` on bollard tests in which `thrusters` equal thrusters pulled together.
+
+    `hold_out` None holds out a quarter of the levels; `voltage` says that the map was made with a power of the voltage.
+    Raises FitError where the logs cannot carry a curve, RunError where the unit of the control signal is another one.
+    """
+    if base.n_unit and n_unit and base.n_unit != n_unit:
+        raise RunError(
+            f"the map's control signal is in {base.n_unit}, the logs' in {n_unit}; give logs and map of one signal"
+        )
+    sides = [name for name, _ in SIDES if getattr(base, name) is not None]
+    data = bollard_data(logs, thrusters, n_unit or base.n_unit, sides)
+    out = held_out_levels(data, seed) & (hold_out is None)
+    held_out = data.where(out) if np.any(out) else None
+    if hold_out is not None:
+        try:
+            held_out = bollard_data(hold_out, thrusters, data.n_unit, data.sides, min_levels=1)
+        except FitError:
+            raise FitError(
+                "the logs held out have no command in a direction that was fitted; hold out logs like those fitted"
+            ) from None
+    floor, floor_from = noise_level(data)
+    fitted = data.where(~out)
+    search, fitted = search_around_faults(fitted, start_shape(base, fitted, voltage), floor, seed)
+    where = _regions(search.base, floor, seed)
+
+    def gap(fit: Fitted) -> ThrusterGap | None:
+        if held_out is None:
+            return None
+        return ThrusterGap(_rms(held_out, search.base.thrust(held_out)), _rms(held_out, fit.thrust(held_out)), floor)
+
+    effects = _named_effects(search, floor)
+    verdict, why = _verdict(search, effects, where, gap(search.final), floor, seed)
+    final = search.final if verdict == NAMED else search.base
+    data = data.with_flags(~out, fitted.points.weight, fitted.points.flag)
+    return ThrusterDiagnosis(
+        verdict=verdict,
+        why=why,
+        given=base,
+        data=data,
+        held_out=held_out,
+        search=search,
+        final=final,
+        effects=effects if verdict in (NAMED, SUSPECTED) else (),
+        where=where,
+        faults=_faults(data, final),
+        gap=ThrusterGap(search.base.rmse(), final.rmse(), floor),
+        held_out_gap=gap(final),
+        cross=ThrusterGap(search.base.rmse(held_out=True), final.rmse(held_out=True), floor),
+        given_rmse=_rms(fitted, base.force(fitted.points.n)),
+        floor_from=floor_from,
+        set_aside=logs.set_aside,
+    )
+
+
+def _rms(data: BollardData, thrust: Floats) -> float:
+    """Gap [N] of a thrust at the points, weighted as in the fit."""
+    rest = data.points.force - thrust
+    return float(np.sqrt(data.points.weight @ rest**2 / data.points.weight.sum()))
+
+
+def _verdict(
+    search: MapSearch, effects: tuple[NamedEffect, ...], where: Looked, held_out: ThrusterGap | None, floor: float,
+    seed: int,
+) -> tuple[str, str]:  # fmt: skip
+    """What may be said, and why no more: the rules of the diagnosis of a motion, with levels for runs."""
+    scale = search.base.data.full_scale
+    floor = max(floor, 1e-9 * scale)
+    before, after = (max((fit.rmse() / floor) ** 2 - 1.0, 0.0) for fit in (search.base, search.final))
+    well_above = search.final.rmse() > max(WELL_ABOVE * floor, MATERIAL * scale)
+    names = " and ".join(search.p_values)
+    if well_above and after > LEFT_OVER * before and _neighbours_p_value(search.final, seed) <= STRUCTURED:
+        best = "No effect of the library gains more than chance."
+        if names:
+            sizes = apart(search.base.rmse(), search.final.rmse())
+            best = f"The best candidate is {names}, with which the residual is {sizes[1]} instead of {sizes[0]} N."
+        times = f"The residual is correlated along the control signal and is {search.final.rmse() / floor:.2f} times"
+        return UNEXPLAINED, f"{times} the noise. {best}"
+    if names and held_out is not None and held_out.after > ASTRAY * max(held_out.before, floor):
+        return UNEXPLAINED, f"What explains the fitted levels ({names}) makes the held-out levels worse."
+    if not names and where.regions and search.base.rmse() > MATERIAL * scale:
+        return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}."
+    if not names:
+        return NOTHING, ""
+    tied = next((effect for effect in effects if effect.confidence < EVEN), None)
+    if tied is not None:
+        others = " or ".join(rival.name for rival in tied.rivals)
+        return SUSPECTED, f"A tie: the levels do not tell {tied.name} ({tied.confidence:.0%}) from {others}."
+    return NAMED, ""
+
+
+def _neighbours_p_value(fit: Fitted, seed: int) -> float:
+    """p-value of neighbouring levels' residuals being alike: products of neighbours, against signs thrown."""
+    data, random = fit.data, np.random.default_rng(seed)
+    step = np.zeros(len(data.points)) if data.step is None else data.step
+    order = np.lexsort((data.points.n, np.sign(data.points.n), step))
+    rest = (np.sqrt(data.points.weight) * fit.residual)[order]
+    together = rest[1:] * rest[:-1]
+    signs = random.choice([-1.0, 1.0], size=(THROWS, len(together)))
+    return float((1.0 + np.sum(signs @ together >= together.sum())) / (1.0 + THROWS))
+
+
+def _named_effects(search: MapSearch, floor: float) -> tuple[NamedEffect, ...]:
+    """The final map's effects, in the order in which they were found."""
+    named = []
+    for name, p_value in search.p_values.items():
+        rivals = [rival for rival in search.alternatives if rival.instead_of == name]
+        total = 1.0 + sum(rival.odds for rival in rivals)
+        values = effect_parameters(search.final, name, search.base)
+        worded = []
+        for key, one in values.items():
+            word = WORDS.get(key, key.replace("_forward", " forward").replace("_backward", " backward"))
+            worded.append(f"{word} = " + ("beyond what was measured" if one.value is None else f"{one.value:.3g}"))
+        listed = tuple(
+            NamedRival(rival.name, rival.odds / total * (1.0 - p_value), _split_by(search.final, rival, floor))
+            for rival in rivals
+        )
+        says = f"{SAYS[name]}: {', '.join(worded)}."
+        named.append(NamedEffect(name, "", says, values, (1.0 - p_value) / total, p_value, listed))
+    return tuple(named)
+
+
+def _split_by(final: Fitted, rival: Alternative, floor: float) -> str:
+    """The pull that tells the named effect from its rival: where both fitted curves differ most."""
+    for name in (rival.name, rival.instead_of):
+        if name in SPLIT_BY:
+            return SPLIT_BY[name]
+    n = final.data.points.n
+    along = np.linspace(min(float(n.min()), 0.0), max(float(n.max()), 0.0), 801)
+    mine, other = (np.nan_to_num(fit.along(along)) for fit in (final, rival.fit))
+    at = int(np.argmax(np.abs(mine - other)))
+    apart_N = max(abs(float(mine[at] - other[at])), 1e-12)
+    times = max(1, int(np.ceil((3.0 * floor / apart_N) ** 2)))
+    often = "a pull" if times == 1 else f"{times} pulls"
+    return (
+        f"{often} at n = {along[at]:.3g}: {mine[at]:.3g} N with {rival.instead_of}, {other[at]:.3g} N with {rival.name}"
+    )
+
+
+def effect_parameters(fit: Fitted, effect: str, base: Fitted) -> dict[str, Parameter]:
+    """Estimate the parameters of one effect; that of one direction says so in its name."""
+    data = fit.data
+    if effect in (VOLTAGE, SAG):
+        column = multiplier_columns(fit, effect == VOLTAGE, effect == SAG)[:, 0]
+        value = fit.power if effect == VOLTAGE else fit.sag
+        stderr = _stderr(fit, column, data.step if effect == VOLTAGE else None)
+        name = "p" if effect == VOLTAGE else "share_lost"
+        return {name: Parameter.of(Estimate.from_stderr(value, stderr, data.levels - 1, "1"))}
+    if effect == ASYMMETRY:
+        sides = [np.where(data.points.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
+        ends = [fit.along(np.array([sign * np.max(np.abs(data.points.n))]))[0] for sign in (1.0, -1.0)]
+        relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
+        dof = min(int(np.count_nonzero(side)) for side in sides) - 1
+        estimate = Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")
+        return {"backward_over_forward": Parameter.of(estimate)}
+    before, values = dict(base.shape.curves), _curve_parameters(fit)
+    return {
+        PARAMETER[effect] + ("" if where == "both" else f"_{where}"): values[where][PARAMETER[effect]]
+        for where, effects in fit.shape.curves
+        if effect in effects and effect not in before.get(where, frozenset())
+        and not values[where][PARAMETER[effect]].fixed
+    }  # fmt: skip
+
+
+def _curve_parameters(fit: Fitted) -> dict[str, dict[str, Parameter]]:
+    """Estimates of every direction's curve ("both" where they share one), by parameter."""
+    result, gain = {}, fit.gain(fit.data)
+    for name, (index, side) in fit.data.parts(fit.shape.tied).items():
+        if fit.power or fit.sag:
+            side = replace(side, thrust=side.thrust / gain[index], weight=side.weight * gain[index] ** 2)
+        form = form_of(dict(fit.shape.curves)[name])
+        result[name] = parameters(side, form, fit.curves[name], fit.at_bound[name], fit.data.n_unit)
+    return result
+
+
+def _stderr(fit: Fitted, column: Floats, steps: Ints | None) -> float:
+    """Standard error of one parameter from its own derivative: by levels, or by voltage steps if that is more."""
+    weight = fit.data.points.weight
+    moment, sizes = weight * column * fit.residual, []
+    for unit in (fit.data.level, steps):
+        if unit is not None:
+            sums = np.array([moment[unit == number].sum() for number in np.unique(unit)])
+            sizes.append(np.sqrt(np.sum(sums**2) * len(sums) / max(len(sums) - 1, 1)))
+    return float(max(sizes) / (weight @ column**2))
+
+
+def _regions(fit: Fitted, floor: float, seed: int) -> Looked:
+    """Regions in which the residuals of a fit stand out against dealing the points in another order."""
+    data = fit.data
+    points, count = data.points, len(data.points)
+    if not np.any(np.abs(fit.residual) > 1e-9 * data.full_scale):
+        return Looked((), (), ())
+    columns = [Column("n", data.n_unit, points.n)]
+    if data.step is not None:
+        columns.append(Column("voltage", "V", points.voltage))
+    if abs(np.corrcoef(data.order, points.n)[0, 1]) < SWEEP:
+        columns.append(Column("run-order", "", np.arange(1.0, count + 1.0)))
+    rest = (np.sqrt(points.weight) * fit.residual)[:, None]
+    sign = np.sign(points.n)[:, None]
+    names = tuple(data.place(i) for i in range(count))
+    looked = look(columns, {}, Gap(names, rest, rest, sign, np.ones((count, 1), bool), rest[:, 0], floor, "N"), seed)
+    return replace(looked, regions=tuple(replace(one, runs=tuple(dict.fromkeys(one.runs))) for one in looked.regions))
+
+
+def _faults(data: BollardData, fit: Fitted) -> tuple[Fault, ...]:
+    """Flagged stretches, and a direction that looks computed; the largest gap first."""
+    points = data.points
+    flagged = np.flatnonzero(points.flag != "")
+    new = (np.diff(flagged) > 1) | (np.diff(points.record[flagged]) != 0)
+    stretches = np.split(flagged, np.flatnonzero(new) + 1) if len(flagged) else []
+    faults = [_fault(data, fit, index, "faulty-stretch", str(points.flag[index[0]])) for index in stretches]
+    rough = {name: _off_polynomial(data, sign) for name, sign in SIDES}
+    for (name, sign), other in zip(SIDES, ("backward", "forward")):
+        if rough[name] < COMPUTED * data.full_scale < 0.2 * rough[other] < np.inf:
+            why = (
+                f"the {name} half lies on a polynomial to {rough[name]:.2g} N while the other half scatters: it looks "
+                "computed, not measured, and its agreement with any map says little"
+            )
+            faults.append(_fault(data, fit, np.flatnonzero(points.n * sign > 0), "computed", why))
+    return tuple(sorted(faults, key=lambda fault: -fault.gap_N))
+
+
+def _fault(data: BollardData, fit: Fitted, index: Ints, kind: str, why: str) -> Fault:
+    n, place = data.points.n[index], data.place(int(index[0]))
+    record = np.flatnonzero(data.points.record == data.points.record[index[0]])
+    first, last = (int(np.searchsorted(record, index[end])) + 1 for end in (0, -1))
+    gap = float(np.sqrt(np.mean((data.points.force[index] - fit.thrust(data)[index]) ** 2)))
+    low, high = float(n.min()), float(n.max())
+    what = (
+        f"{len(index)} readings from n = {low:.4g} to {high:.4g}" if len(index) > 1 else f"1 reading at n = {low:.4g}"
+    )
+    return Fault(kind, place, (first, last), low, high, len(index), gap, f"{place}: {what}: {why}.")
+
+
+def _off_polynomial(data: BollardData, sign: float) -> float:
+    """Root mean square [N] of one direction about a polynomial in n; infinite with too few points."""
+    mask = data.points.n * sign > 0
+    if np.count_nonzero(mask) < DEGREE + 7:
+        return np.inf
+    matrix = np.vander(data.points.n[mask] / np.max(np.abs(data.points.n[mask])), DEGREE + 1)
+    force = data.points.force[mask]
+    return float(np.sqrt(np.mean((force - matrix @ np.linalg.lstsq(matrix, force, rcond=None)[0]) ** 2)))

@@ -1,0 +1,666 @@
+"""The family of thruster maps that a diagnosis searches: a curve in each direction, and what multiplies both.
+
+A candidate adds one effect to a map. It is fitted by least squares, scored by its likelihood ratio beside what chance
+gives, and judged by levels left out of the fit.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from automarine_cli.errors import FitError
+from automarine_cli.fits.stepwise import Chance, Judge, discover
+from automarine_cli.quantities import Floats
+from automarine_cli.thrusters.bollard_data import (
+    Ints,
+    Points,
+    ThrusterLogs,
+    flag_contradictions,
+    groups_of,
+    left_out,
+    levels_of,
+    subtract_tare,
+    voltage_steps,
+)
+from automarine_cli.thrusters.fit import Side, best_curve, sides_of
+from automarine_cli.thrusters.forms import FORMS, SIDES, SUFFIX, Curve, Form, fit_direction, jacobian, thrust_both_ways
+from automarine_cli.thrusters.plateaus import reduce_series
+
+CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
+ASYMMETRY, VOLTAGE, SAG = "thrust-asymmetry", "voltage-exponent", "battery-sag"
+MIN_LEVELS = 5
+"""Levels in a direction from which a curve with a second parameter can be told from chance."""
+MIN_LEVELS_TO_HOLD_OUT = 10
+"""Levels in a direction from which a quarter of them is held out."""
+MIN_REPEATS = 6
+"""Degrees of freedom among repeats from which their own scatter is the noise level."""
+SAME_COMMAND = 1e-6
+"""Commands that differ by less than this share of full scale are the same command."""
+MOST_EXPLAINED = 0.8
+"""Share of the run order that the levels explain from which a drift cannot be told from the curve."""
+ALPHA, NULLS = 0.01, 1999
+"""Share of tables without a missing effect in which one may be named; fewer cannot be told with eight levels."""
+MOST_EFFECTS = 3
+ALTERNATIONS = 6
+"""Rounds of curves and what multiplies them; they hardly depend on each other."""
+ROUNDING = 1e-6
+"""Errors below this share of full scale are rounding, not evidence."""
+NEEDLESS = 0.5
+"""Standard errors by which cross-validation may get worse without an effect that is needless."""
+BROKEN_WEIGHT, MOST_STRETCHES = 0.01, 2
+SHORTEST_STRETCH = 3
+"""Readings in sequence that make a faulty stretch."""
+STEP_SHARE, STEP_NOISES = 0.03, 6.0
+"""How sharply a faulty stretch begins and ends: share of full scale, and multiples of the noise level."""
+
+
+@dataclass(frozen=True)
+class BollardData:
+    """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
+
+    `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one
+    voltage: the unit of chance; `group` what cross-validation leaves out together. `order` runs from 0 for the first
+    reading to 1 for the last. `places` are file and run of each record.
+    """
+
+    points: Points
+    step: Ints | None
+    level: Ints
+    group: Ints
+    order: Floats
+    tare_stderr: float
+    n_unit: str
+    places: tuple[str, ...]
+
+    @property
+    def full_scale(self) -> float:
+        """Largest thrust measured [N]."""
+        return self.points.full_scale
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The directions that were measured."""
+        return tuple(name for name, sign in SIDES if np.any(self.points.n * sign > 0))
+
+    @property
+    def levels(self) -> int:
+        """How many independent levels."""
+        return len(np.unique(self.level))
+
+    def where(self, mask: NDArray[np.bool_]) -> "BollardData":
+        """Return the points that `mask` keeps."""
+        step = None if self.step is None else self.step[mask]
+        arrays = {name: getattr(self, name)[mask] for name in ("level", "group", "order")}
+        return replace(self, points=self.points.where(mask), step=step, **arrays)
+
+    def with_flags(self, index: Ints | NDArray[np.bool_], weight: Floats | float, flag: object) -> "BollardData":
+        """Return the data with other weights and flags at `index`."""
+        weights, flags = self.points.weight.copy(), self.points.flag.copy()
+        weights[index], flags[index] = weight, flag
+        return replace(self, points=replace(self.points, weight=weights, flag=flags))
+
+    def parts(self, tied: bool) -> dict[str, tuple[Ints, Side]]:
+        """Point numbers and `Side` of each direction, or of both together as one curve of |n| (`tied`)."""
+        points = self.points
+        if not tied:
+            sides = sides_of(points, self.step, self.tare_stderr)
+            return {name: (np.flatnonzero(points.n * side.sign > 0), side) for name, side in sides.items()}
+        size, thrust = np.abs(points.n), np.sign(points.n) * points.force
+        stderr = np.nan_to_num(points.stderr)
+        side = Side("both", 1.0, size, thrust, points.weight, groups_of(size), None, stderr, self.tare_stderr)
+        return {"both": (np.arange(len(points)), side)}
+
+    def order_is_free(self) -> bool:
+        """Whether the run order can be told from the command: then a drift with it can be a candidate."""
+        n = self.points.n
+        columns = [np.ones(len(n)), n, np.abs(n), n**2, n * np.abs(n)]
+        if self.step is not None:
+            columns.append(self.points.voltage)
+        matrix = np.stack(columns, axis=1)
+        rest = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
+        return bool(np.ptp(self.order) > 0 and 1.0 - rest.var() / self.order.var() < MOST_EXPLAINED)
+
+    def place(self, index: int) -> str:
+        """File and run of one point."""
+        return self.places[int(self.points.record[index])]
+
+
+def bollard_data(
+    logs: ThrusterLogs, thrusters: int, n_unit: str, sides: Sequence[str], min_levels: int = MIN_LEVELS
+) -> BollardData:
+    """Make bollard data of logs: plateaus of one thruster, contradictions flagged, tare taken off, only `sides`.
+
+    A direction with fewer than `min_levels` levels is left out.
+
+    Raises FitError where no direction has enough levels, or thrust opposes the command.
+    """
+    points = reduce_series(list(logs.records)).points.divided(thrusters)
+    step = voltage_steps(points.voltage)
+    points, tare = subtract_tare(flag_contradictions(points, step))
+    order = np.arange(len(points), dtype=float) / max(len(points) - 1, 1)
+    keep, group = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=np.int64)
+    for offset, (name, sign) in zip((0, 1000), SIDES):  # groups of both directions are numbered apart
+        mask = points.n * sign > 0
+        if name in sides and len(np.unique(levels_of(points.n[mask]))) >= min_levels:
+            keep |= mask
+            group[mask] = groups_of(np.abs(points.n[mask])) + offset
+    if not np.any(keep):
+        raise FitError(
+            f"no direction of the map has {min_levels} different commands in the logs; a diagnosis needs a curve: "
+            "pull at more levels, or give a map of the direction that was measured"
+        )
+    if float(points.weight[keep] @ (points.n * np.abs(points.n) * points.force)[keep]) <= 0.0:
+        raise FitError(
+            "thrust has the opposite sign of the control signal; if ahead is logged as negative force, write "
+            'force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
+        )
+    step = None if step is None or step.max() == 0 else step[keep]
+    level = levels_of(points.n[keep])
+    if step is not None:
+        level = np.unique(np.stack([level, step]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
+    places = tuple(record.place for record in logs.records)
+    stderr = tare.stderr if tare.subtracted else 0.0
+    return BollardData(points.where(keep), step, level, group[keep], order[keep], stderr, n_unit, places)
+
+
+def held_out_levels(data: BollardData, seed: int) -> NDArray[np.bool_]:
+    """Mark the points (P,) of the quarter of the levels that is held out: one drawn from every four neighbours.
+
+    Never an end of the range; none where a direction has fewer than MIN_LEVELS_TO_HOLD_OUT levels.
+    """
+    random, out = np.random.default_rng(seed), np.zeros(len(data.points), dtype=bool)
+    number = levels_of(data.points.n)
+    for sign in (1.0, -1.0):
+        levels = np.unique(number[data.points.n * sign > 0])
+        inner = levels[1:-1]
+        if 0 < len(levels) < MIN_LEVELS_TO_HOLD_OUT:
+            return np.zeros(len(data.points), dtype=bool)
+        for start in range(0, len(inner) - 3, 4):
+            out |= number == inner[start + int(random.integers(4))]
+    return out
+
+
+def noise_level(data: BollardData) -> tuple[float, str]:
+    """Estimate the noise of a point [N] without a model, and say where it was read.
+
+    Repeats at one command where there are enough; else what the neighbouring levels do not say: each level against a
+    smooth local curve through the three levels on either side, freed of that curve's own error. Never less than the
+    standard errors of the plateaus.
+    """
+    points = data.points
+    stderr = points.stderr[np.isfinite(points.stderr)]
+    samples = float(np.sqrt(np.mean(stderr**2))) if len(stderr) else 0.0
+    squares, freedom = 0.0, 0
+    for number in np.unique(data.level):
+        mask = (data.level == number) & (points.flag == "")
+        # A measured speed is never the same twice: its neighbours are no repeats.
+        if np.count_nonzero(mask) > 1 and np.ptp(points.n[mask]) <= SAME_COMMAND * np.max(np.abs(points.n)):
+            squares += float(np.sum((points.force[mask] - points.force[mask].mean()) ** 2))
+            freedom += int(np.count_nonzero(mask)) - 1
+    if freedom >= MIN_REPEATS:
+        noise, source = float(np.sqrt(squares / freedom)), "repeats at one command"
+    else:
+        noise, source = _roughness(data), "neighbouring levels"
+    return (noise, source) if noise >= samples else (samples, "the samples of each plateau")
+
+
+def _roughness(data: BollardData) -> float:
+    """Root mean square over four ranges of |n| of the robust scatter [N] about the neighbours' smooth curve."""
+    points = data.points
+    off, size = [], []
+    for step in [0] if data.step is None else np.unique(data.step):
+        for _, sign in SIDES:
+            mask = (points.n * sign > 0) & (points.flag == "")
+            mask &= True if data.step is None else data.step == step
+            n = np.abs(points.n[mask])
+            numbers = levels_of(n)
+            place = np.array([np.mean(n[numbers == k]) for k in np.unique(numbers)])
+            thrust = np.array([np.mean(sign * points.force[mask][numbers == k]) for k in np.unique(numbers)])
+            scale = np.array([_leaning(place, j) for j in range(len(place))])
+            scatter = (thrust - left_out(place, thrust)) / scale
+            off.append(scatter[np.isfinite(scatter)])
+            size.append(place[np.isfinite(scatter)])
+    scatter, place = np.abs(np.concatenate(off)), np.concatenate(size)
+    if len(scatter) == 0:
+        return 0.0
+    ranges = np.array_split(scatter[np.argsort(place, kind="stable")], 4 if len(scatter) >= 20 else 1)
+    return float(np.sqrt(np.mean([(1.4826 * np.median(part)) ** 2 for part in ranges])))
+
+
+def _leaning(place: Floats, j: int) -> float:
+    """Factor by which a level less its neighbours' parabola scatters more than the level alone."""
+    near = np.array([k for k in range(j - 3, j + 4) if k != j and 0 <= k < len(place)])
+    if len(near) < 4:
+        return np.nan
+    x = (place[near] - place[j]) / max(np.ptp(place[near]), 1e-300)
+    rows = np.stack([np.ones_like(x), x, x**2], axis=1)
+    return float(np.sqrt(1.0 + np.linalg.pinv(rows.T @ rows)[0, 0]))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Which effects act where: `curves` pairs each direction ("both": one curve for both) with its effects.
+
+    `voltage`: thrust follows the voltage to a power; `sag`: it falls evenly with the run order.
+    """
+
+    curves: tuple[tuple[str, frozenset[str]], ...]
+    voltage: bool = False
+    sag: bool = False
+
+    @property
+    def tied(self) -> bool:
+        """Whether both directions share one curve."""
+        return self.curves[0][0] == "both"
+
+    @property
+    def parameters(self) -> int:
+        """Free parameters."""
+        return sum(1 + len(effects) for _, effects in self.curves) + self.voltage + self.sag
+
+    def without(self, effect: str, base: "Shape") -> "Shape":
+        """Return the shape with one effect taken back to what it is in `base`."""
+        before = dict(base.curves)
+        if effect == VOLTAGE:
+            return replace(self, voltage=base.voltage)
+        if effect == SAG:
+            return replace(self, sag=base.sag)
+        if effect == ASYMMETRY:
+            return replace(self, curves=(("both", self.curves[0][1]),))
+        kept = (
+            (s, (e - {effect}) | ({effect} & before.get(s, before.get("both", frozenset())))) for s, e in self.curves
+        )
+        return replace(self, curves=tuple(kept))
+
+    def additions(self, data: BollardData) -> Iterator[tuple[str, str, "Shape"]]:
+        """List every effect that can be added once: name, where ("both", "forward", "backward"), and the new shape."""
+        for effect in CURVE_EFFECTS:
+            free = [name for name, effects in self.curves if effect not in effects]
+            for where, names in [(name, (name,)) for name in free] + ([("both", tuple(free))] if len(free) > 1 else []):
+                curves = tuple((s, e | {effect} if s in names else e) for s, e in self.curves)
+                yield effect, where, replace(self, curves=curves)
+        if self.tied:
+            shared = self.curves[0][1]
+            yield ASYMMETRY, "both", replace(self, curves=(("forward", shared), ("backward", shared)))
+        if data.step is not None and not self.voltage:
+            yield VOLTAGE, "both", replace(self, voltage=True)
+        if not self.sag and data.order_is_free():
+            yield SAG, "both", replace(self, sag=True)
+
+
+def form_of(effects: frozenset[str]) -> Form:
+    """Return the form that frees these effects."""
+    names = {(False, False): "square", (True, False): "dead-band", (False, True): "power"}
+    base = names.get(("dead-band" in effects, "thrust-exponent" in effects), "dead-band-power")
+    return FORMS[base + (SUFFIX if "saturation" in effects else "")]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A shape fitted to bollard data.
+
+    `power` is the exponent of the voltage against `reference` [V]; `sag` the share of thrust lost from the first
+    reading to the last.
+    """
+
+    data: BollardData
+    shape: Shape
+    curves: dict[str, Curve]
+    at_bound: dict[str, tuple[str, ...]]
+    power: float
+    sag: float
+    reference: float
+
+    @property
+    def both_ways(self) -> tuple[Curve | None, Curve | None]:
+        """The curves forward and backward."""
+        shared = self.curves.get("both")
+        return self.curves.get("forward", shared), self.curves.get("backward", shared)
+
+    @cached_property
+    def predicted(self) -> Floats:
+        """Thrust [N] of every point, (P,)."""
+        return self.thrust(self.data)
+
+    @cached_property
+    def residual(self) -> Floats:
+        """Measured less fitted [N], (P,)."""
+        return self.data.points.force - self.predicted
+
+    def gain(self, data: BollardData) -> Floats:
+        """What multiplies the curves at each point [1]."""
+        gain = 1.0 - self.sag * data.order
+        return gain * (data.points.voltage / self.reference) ** self.power if self.power else gain
+
+    def thrust(self, data: BollardData) -> Floats:
+        """Thrust [N] at the points of any bollard data."""
+        return self.along(data.points.n) * self.gain(data)
+
+    def along(self, n: Floats) -> Floats:
+        """Thrust [N] of the curves alone; NaN in a direction without a curve."""
+        return thrust_both_ways(*self.both_ways, n)
+
+    @cached_property
+    def loss(self) -> Floats:
+        """Weighted squared error [N²] of each group, predicted by a fit without it; groups in rising number."""
+        points, predicted, gain = self.data.points, np.zeros(len(self.data.points)), self.gain(self.data)
+        for name, (index, side) in self.data.parts(self.shape.tied).items():
+            level = _without_gain(side, gain[index])
+            numbers = np.unique(side.group)
+            weights = np.where(side.group[None, :] == numbers[:, None], 0.0, level.weight[None, :])
+            fits = fit_direction(level.magnitude, level.thrust, weights, form_of(dict(self.shape.curves)[name]))
+            thrust = fits.thrust(side.magnitude)[np.searchsorted(numbers, side.group), np.arange(len(index))]
+            predicted[index] = np.sign(points.n[index]) * thrust * gain[index]
+        error = points.weight * (points.force - predicted) ** 2
+        return np.array([error[self.data.group == number].sum() for number in np.unique(self.data.group)])
+
+    @property
+    def squares(self) -> float:
+        """Weighted sum of squared residuals [N²]."""
+        return float(self.data.points.weight @ self.residual**2)
+
+    def rmse(self, held_out: bool = False) -> float:
+        """Root mean square error [N], weighted as in the fit; cross-validated with `held_out`."""
+        squares = float(self.loss.sum()) if held_out else self.squares
+        return float(np.sqrt(squares / self.data.points.weight.sum()))
+
+
+def fit_shape(data: BollardData, shape: Shape) -> Fitted:
+    """Fit a shape by least squares: curves direction by direction, in turn with what multiplies them."""
+    reference = float(np.median(data.points.voltage)) if data.step is not None else 1.0
+    parts, effects = data.parts(shape.tied), dict(shape.curves)
+    fit = Fitted(data, shape, {}, {}, 0.0, 0.0, reference)
+    for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
+        gain = fit.gain(data)
+        best = {
+            name: best_curve(_without_gain(side, gain[index]), form_of(effects[name]))
+            for name, (index, side) in parts.items()
+        }
+        curves = {name: curve for name, (curve, _) in best.items()}
+        at_bound = {name: bounds for name, (_, bounds) in best.items()}
+        fit = _with_multipliers(Fitted(data, shape, curves, at_bound, fit.power, fit.sag, reference))
+    return fit
+
+
+def multiplier_columns(fit: Fitted, voltage: bool, sag: bool) -> Floats:
+    """Derivative of the thrust [N] by the voltage's power and the sag, those that are free; shape (P, K)."""
+    data, columns = fit.data, []
+    if voltage:
+        columns.append(fit.predicted * np.log(data.points.voltage / fit.reference))
+    if sag:
+        columns.append(-fit.predicted * data.order / (1.0 - fit.sag * data.order))
+    return np.stack(columns, axis=1) if columns else np.zeros((len(data.points), 0))
+
+
+def _with_multipliers(fit: Fitted) -> Fitted:
+    """One Gauss-Newton step of the voltage's power and the sag, with the amplitudes free beside them."""
+    data, shape = fit.data, fit.shape
+    columns = multiplier_columns(fit, shape.voltage, shape.sag)
+    if columns.shape[1] == 0:
+        return fit
+    sides = [np.where(data.points.n * s > 0, fit.predicted, 0.0)[:, None] for s in (1.0, -1.0)]
+    root = np.sqrt(data.points.weight)
+    step = np.linalg.lstsq(root[:, None] * np.hstack([columns, *sides]), root * fit.residual, rcond=None)[0]
+    power = float(np.clip(fit.power + step[0], -4.0, 4.0)) if shape.voltage else fit.power
+    sag = float(np.clip(fit.sag + step[int(shape.voltage)], -0.9, 0.9)) if shape.sag else fit.sag
+    return Fitted(data, shape, fit.curves, fit.at_bound, power, sag, fit.reference)
+
+
+def _without_gain(side: Side, gain: Floats) -> Side:
+    """A side as it would have been without what multiplies its thrust."""
+    return replace(side, thrust=side.thrust / gain, weight=side.weight * gain**2)
+
+
+@dataclass(frozen=True)
+class CandidateFit:
+    """A map fitted with effects added; `added` holds these with their p-values, in the order found.
+
+    Of the effect added last, in one place ("both", "forward", "backward"): the deviance that it gains, its p-value over
+    all candidates of the step, the fall of the left-out squares `held_out` [N²] and its standard error over groups.
+    """
+
+    fit: Fitted
+    added: Mapping[str, float] = field(default_factory=dict)
+    effect: str = ""
+    where: str = ""
+    gain: float = 0.0
+    p_value: float = 1.0
+    held_out: float = 0.0
+    stderr: float = np.inf
+
+    @property
+    def convincing(self) -> bool:
+        """Beyond chance, and better at levels it was not fitted to by over one standard error."""
+        return self.p_value <= ALPHA and self.held_out > self.stderr
+
+    def behind(self, other: "CandidateFit") -> tuple[float, float]:
+        """Left-out squares [N²] more than those of another candidate, and their standard error over groups."""
+        gap = self.fit.loss - other.fit.loss
+        stderr = float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) if len(gap) > 1 else np.inf
+        return float(gap.sum()), stderr + len(gap) * (ROUNDING * self.fit.data.full_scale) ** 2
+
+
+@dataclass(frozen=True)
+class SearchStep:
+    """One look for a missing effect: the map before, all candidates, the gain that chance reaches, the one taken."""
+
+    before: CandidateFit
+    candidates: tuple[CandidateFit, ...]
+    threshold: float
+    taken: CandidateFit | None
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another effect in the place of one that was added; `odds` that its lead in cross-validation is chance."""
+
+    name: str
+    instead_of: str
+    fit: Fitted
+    odds: float
+
+
+@dataclass(frozen=True)
+class MapSearch:
+    """The base, every step, the final map with its effects and their p-values in the order found, and alternatives."""
+
+    base: Fitted
+    steps: tuple[SearchStep, ...]
+    final: Fitted
+    p_values: Mapping[str, float]
+    alternatives: tuple[Alternative, ...]
+
+
+def evidence(base: Fitted, fit: Fitted) -> float:
+    """Return the deviance that `fit` gains over `base`, groups being the units, less log(groups) a parameter."""
+    groups, extra = len(base.loss), fit.shape.parameters - base.shape.parameters
+    return float(groups * np.log(max(base.squares / fit.squares, 1.0)) - extra * np.log(groups))
+
+
+def evidence_by_chance(base: Fitted, fits: Mapping[tuple[str, str], Fitted], random: np.random.Generator) -> Chance:
+    """Return what the best of the candidates `fits`, by effect and where, gains over `base` where nothing is missing.
+
+    Residuals get signs group by group (Wu 1986, Ann. Stat. 14:1261: the wild bootstrap), so that noise that grows with
+    thrust stays where it is, and are projected on the direction in which each candidate leaves the base, freed of what
+    the base's own parameters can do.
+    """
+    data = base.data
+    root, groups = np.sqrt(data.points.weight), np.unique(data.group, return_inverse=True)[1]
+    columns = root[:, None] * _base_columns(base)
+    left, sizes, _ = np.linalg.svd(columns / np.sqrt(np.sum(columns**2, axis=0)), full_matrices=False)
+    basis = left[:, sizes > 1e-9]
+    # residuals shrink where the fit leans on a level; chance gets them back at their full size (HC3)
+    errors = root * base.residual / (1.0 - np.minimum(np.sum(basis**2, axis=1), 0.99))
+    signs = random.choice([-1.0, 1.0], size=(NULLS, groups.max() + 1))
+    nulls = signs[:, groups] * errors
+    nulls -= (nulls @ basis) @ basis.T
+    squares, falls, count = np.sum(nulls**2, axis=1), dict[tuple[str, str], Floats](), groups.max() + 1
+    for key, fit in fits.items():
+        direction = root * (fit.predicted - base.predicted)
+        direction -= basis @ (basis.T @ direction)
+        falls[key] = (nulls @ direction) ** 2 / max(direction @ direction, 1e-300)
+    best = np.full(NULLS, -np.inf)
+    for (effect, where), fit in fits.items():
+        extra = fit.shape.parameters - base.shape.parameters
+        single = [key for key in falls if key[0] == effect and key[1] != "both"]
+        keys = single if where == "both" and extra > 1 else [(effect, where)]
+        fall = np.minimum(sum(falls[key] for key in keys), (1.0 - 1e-9) * squares)
+        best = np.maximum(best, -count * np.log1p(-fall / squares) - extra * np.log(count))
+    return Chance(best)
+
+
+def _base_columns(fit: Fitted) -> Floats:
+    """Derivatives of the thrust [N] by every free parameter, shape (P, K)."""
+    data, gain = fit.data, fit.gain(fit.data)
+    columns = [multiplier_columns(fit, fit.shape.voltage, fit.shape.sag)]
+    for name, (index, side) in data.parts(fit.shape.tied).items():
+        form, curve, scale = form_of(dict(fit.shape.curves)[name]), fit.curves[name], float(side.magnitude.max())
+        top = 1.0 if curve.n_sat is None else min(curve.n_sat / scale, 1.0)
+        values = np.array([[curve.a * (scale - curve.n_0) ** curve.p, curve.n_0 / scale, curve.p, top]])
+        free = np.array([True, form.dead_band, form.exponent, form.saturation])
+        block = np.zeros((len(gain), int(free.sum())))
+        slopes = jacobian(side.magnitude / scale, values)[0][:, free]
+        block[index] = (np.sign(data.points.n) * gain)[index, None] * slopes
+        columns.append(block[:, np.any(block != 0.0, axis=0)])
+    return np.hstack(columns)
+
+
+@dataclass
+class _Levels(Judge[CandidateFit, SearchStep]):
+    """Candidates judged by levels left out; an effect may be added in one direction and later in the other."""
+
+    data: BollardData
+    start: Shape
+    random: np.random.Generator
+    fits: dict[Shape, Fitted] = field(default_factory=dict)
+    most = 2 * MOST_EFFECTS + 1
+
+    def fitted(self, shape: Shape) -> Fitted:
+        """Each fit is made once."""
+        if shape not in self.fits:
+            self.fits[shape] = fit_shape(self.data, shape)
+        return self.fits[shape]
+
+    def has_levels(self, shape: Shape) -> bool:
+        """Whether every direction has levels enough to leave some out."""
+        effects = dict(shape.curves)
+        parts = self.data.parts(shape.tied)
+        return all(side.groups >= form_of(effects[name]).parameters + 2 for name, (_, side) in parts.items())
+
+    def look(self, model: CandidateFit, number: int) -> SearchStep:
+        data, current = self.data, model.fit
+        offered = [
+            (effect, where, shape)
+            for effect, where, shape in current.shape.additions(data)
+            if self.has_levels(shape) and (len(model.added) < MOST_EFFECTS or effect in model.added)
+        ]
+        if np.sqrt(current.squares / len(data.points)) <= ROUNDING * data.full_scale:
+            offered = []
+        fits = {(effect, where): self.fitted(shape) for effect, where, shape in offered}
+        chance = evidence_by_chance(current, fits, self.random) if fits else Chance(np.zeros(1))
+        candidates = []
+        for (effect, where), fit in fits.items():
+            gain = evidence(current, fit)
+            p_value = chance.p_value(gain)
+            added = {**model.added, effect: min(p_value, model.added.get(effect, 1.0))}
+            candidate = CandidateFit(fit, added, effect, where, gain, p_value)
+            held_out, stderr = model.behind(candidate)
+            candidates.append(replace(candidate, held_out=held_out, stderr=stderr))
+        threshold = max(chance.threshold(ALPHA), 0.0)
+        return SearchStep(model, tuple(candidates), threshold, _best(candidates))
+
+    def able(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
+        return [] if look.taken is None else [look.taken]
+
+    def added(self, model: CandidateFit) -> tuple[str, ...]:
+        return tuple(model.added)
+
+    def without(self, model: CandidateFit, name: str) -> CandidateFit:
+        rest = {effect: p_value for effect, p_value in model.added.items() if effect != name}
+        return CandidateFit(self.fitted(model.fit.shape.without(name, self.start)), rest)
+
+    def better(self, current: CandidateFit, left: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
+        worse, stderr = left.behind(current)
+        if worse <= NEEDLESS * stderr:
+            return left
+        others = [(*other.behind(current), other) for other in look.candidates if other.effect not in current.added]
+        clearly = [(behind, other) for behind, stderr, other in others if behind < -stderr]
+        return min(clearly, key=lambda item: item[0])[1] if clearly else current
+
+
+def _best(candidates: list[CandidateFit]) -> CandidateFit | None:
+    """The convincing candidate that wins most; of the same effect in fewer directions one that is as good."""
+    convincing = [candidate for candidate in candidates if candidate.convincing]
+    if not convincing:
+        return None
+    best = max(convincing, key=lambda candidate: candidate.held_out)
+    for candidate in convincing:
+        if candidate.effect == best.effect and candidate.fit.shape.parameters < best.fit.shape.parameters:
+            behind, stderr = candidate.behind(best)
+            if behind <= stderr:
+                return candidate
+    return best
+
+
+def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
+    """Add the effects that are missing from `start`, at most three, and list what else they could be."""
+    judge = _Levels(data, start, np.random.default_rng(seed))
+    base = CandidateFit(judge.fitted(start))
+    outcome = discover(judge, base)
+    final, best = outcome.final, dict[tuple[str, str], tuple[float, Alternative]]()
+    for name, step in outcome.around.items():
+        for candidate in step.candidates:
+            behind, stderr = candidate.behind(final)
+            key = (name, candidate.effect)
+            if candidate.effect in final.added or behind > stderr or behind >= best.get(key, (np.inf,))[0]:
+                continue
+            tail = float(special.ndtr(-max(behind, 0.0) / stderr)) if stderr > 0.0 else 0.0
+            best[key] = (behind, Alternative(candidate.effect, name, candidate.fit, tail / (1.0 - tail)))
+    alternatives = tuple(alternative for _, alternative in best.values())
+    return MapSearch(base.fit, outcome.looks, final.fit, final.added, alternatives)
+
+
+def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: int) -> tuple[MapSearch, BollardData]:
+    """Search, and again without any stretch of readings that steps off the curve and back."""
+    search = search_map(data, shape, seed)
+    for _ in range(MOST_STRETCHES):
+        index = broken_stretch(search.final, floor)
+        if index is None or np.all(data.points.flag[index] != ""):
+            break
+        off = abs(float(np.mean(search.final.residual[index])))
+        why = f"{off:.3g} N off the curve from one reading to the next, and back again: faulty stretch"
+        data = data.with_flags(index, BROKEN_WEIGHT, why)
+        search = search_map(data, shape, seed)
+    return search, data
+
+
+def broken_stretch(fit: Fitted, floor: float) -> Ints | None:
+    """Find the points of the clearest stretch of readings that steps off the curve and back again, or None.
+
+    A propeller's curve is continuous: what begins and ends between two neighbouring readings with a jump is the
+    measurement.
+    """
+    points = fit.data.points
+    limit = max(STEP_SHARE * fit.data.full_scale, STEP_NOISES * floor)
+    best, clearest = None, 0.0
+    for record in np.unique(points.record):
+        for _, sign in SIDES:
+            index = np.flatnonzero((points.record == record) & (points.n * sign > 0))
+            rest = sign * fit.residual[index]
+            for start in range(1, len(index) - SHORTEST_STRETCH):
+                last = min(start + len(index) // 3, len(index) - 1)
+                for stop in range(start + SHORTEST_STRETCH, last + 1):
+                    inside = rest[start:stop]
+                    around = np.mean(np.concatenate([rest[max(start - 3, 0) : start], rest[stop : stop + 3]]))
+                    off = float(np.mean(inside) - around)
+                    way = np.sign(off)
+                    edges = min(way * (inside[0] - rest[start - 1]), way * (inside[-1] - rest[stop]))
+                    steady = np.min(way * (inside - around)) > 0.5 * abs(off)
+                    clear = abs(off) * np.sqrt(stop - start)
+                    if edges > limit and steady and clear > clearest:
+                        best, clearest = index[start:stop], clear
+    return best
