@@ -6,13 +6,10 @@ Nothing heavy is imported before one of them is asked for.
 
 from typing import Any
 
-from automarine_cli.dofs import DOFS
-
 __version__ = "0.1.0"
-_FITS = tuple(f"fit_{name}" for name in DOFS)
 __all__ = [
-    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_planar", "fit_thrusters", "plan",
-    "simulate", "slice_log", "validate", *_FITS,
+    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_heave", "fit_planar", "fit_surge",
+    "fit_sway", "fit_thrusters", "fit_yaw", "plan", "simulate", "slice_log", "validate",
 ]  # fmt: skip
 
 

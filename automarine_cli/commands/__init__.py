@@ -5,7 +5,6 @@ command imports what it needs.
 """
 
 import contextlib
-import difflib
 import errno
 import os
 import sys
@@ -14,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from automarine_cli.commands.options import verbosity
-from automarine_cli.commands.terminal import Refusal, WrongUsage, versions
+from automarine_cli.commands.terminal import Refusal, WrongUsage, verbosity, versions
 from automarine_cli.errors import AutomarineError
 
 if TYPE_CHECKING:
@@ -129,8 +127,11 @@ class CommandGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that is named; for a name that is none, the nearest one is offered."""
-        near = difflib.get_close_matches(args[0], names := self.list_commands(ctx), 1)
+        names = self.list_commands(ctx)
         if args[0] not in names and not args[0].startswith("-"):
+            import difflib
+
+            near = difflib.get_close_matches(args[0], names, 1)
             meant = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}"
             ctx.fail(f"No such command {args[0]!r}; {meant}")
         return super().resolve_command(ctx, args)

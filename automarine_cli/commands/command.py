@@ -17,8 +17,6 @@ from click.core import augment_usage_errors
 from automarine_cli.commands.terminal import echo_result, terminal_progress
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document
-from automarine_cli.results.shown import Shown
 
 EXECUTION = ("out", "overwrite", "jobs", "cluster", "as_json")
 """Options that change no result."""
@@ -333,6 +331,9 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
 
 def _document(value: object, name: str) -> Any:
     """A place, or the file that a result stands for; what we made ourselves is left as it is."""
+    from automarine_cli.pipeline.records import Document
+    from automarine_cli.results.shown import Shown
+
     if isinstance(value, Shown):
         return value.document(name)
     if isinstance(value, str):

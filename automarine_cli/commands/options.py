@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from automarine_cli.commands.command import HOLD_OUT, Function, argument, option
+from automarine_cli.commands.terminal import verbosity as verbosity
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
@@ -70,23 +71,6 @@ class OneOf(click.ParamType):
         return click.Choice(tuple(self.names())).shell_complete(ctx, param, incomplete)
 
 
-def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
-    step = value if param.name == "verbose" else -value
-    ctx.meta["automarine.verbosity"] = ctx.meta.get("automarine.verbosity", 0) + step
-
-
-def verbosity(function: Function) -> Function:
-    """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
-    quiet = click.option(
-        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity, help="Print errors only."
-    )
-    verbose = click.option(
-        "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
-        help="Print more details; -vv adds tracebacks.",
-    )  # fmt: skip
-    return quiet(verbose(function))
-
-
 logs = argument(
     "logs", nargs=-1, required=True, type=click.Path(readable=False), metavar="LOG...", reads="logs", role="log"
 )
@@ -121,10 +105,6 @@ def _check_known(text: str) -> None:
     Known.of(text)
 
 
-with_effects = option(
-    "--with", "with_effects", default="", type=Names(), metavar="EFFECTS", seldom=True,
-    help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven ones.",
-)  # fmt: skip
 known = option(
     "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
     help="What is known of a parameter beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "

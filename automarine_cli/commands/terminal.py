@@ -5,7 +5,7 @@ import re
 import sys
 import textwrap
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Protocol, TextIO
 
@@ -141,6 +141,23 @@ class Printable(Protocol):
     def to_text(self, width: int | None = None) -> str:
         """Lines for a terminal of that width (None: as wide as they are)."""
         ...
+
+
+def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
+    step = value if param.name == "verbose" else -value
+    ctx.meta["automarine.verbosity"] = ctx.meta.get("automarine.verbosity", 0) + step
+
+
+def verbosity(function: Callable[..., Any]) -> Callable[..., Any]:
+    """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
+    quiet = click.option(
+        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity, help="Print errors only."
+    )
+    verbose = click.option(
+        "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
+        help="Print more details; -vv adds tracebacks.",
+    )  # fmt: skip
+    return quiet(verbose(function))
 
 
 def verbosity_level() -> int:

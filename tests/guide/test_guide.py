@@ -54,6 +54,8 @@ def test_options_on_a_command_s_page_are_those_of_the_command(name: str, run: Ru
     listed = section[: section.index("Show this message and exit.")]
     assert set(re.findall(r"(?<=[ ,])--[a-z][a-z-]*", listed)) <= flags_of(commands()[name]) | {"--help"}
     for param in commands()[name].params:
+        if getattr(param, "hidden", False):
+            continue
         shown = [flag for flag in (*param.opts, *param.secondary_opts) if flag.startswith("--")]
         assert all(flag in listed for flag in shown)
     assert guide.page(name).markdown.count(guide.OPTIONS.format(command=name)) == 1

@@ -16,12 +16,13 @@ from automarine_cli.pipeline.results_folder import ADVICE
 PACKAGE = Path(automarine_cli.__file__).parent
 DATA = {"LogError", "RunError", "FitError", "OutputError", "Unclear"}
 """About logs and results: what to do is a clause of its own."""
-WRITTEN = {"SettingError", "ModelError", "UsageError", "BadParameter", "Refusal"}
+WRITTEN = {"SettingError", "ModelError", "UsageError", "Refusal"}
 """About what a person wrote, an option or a key: what is expected in its place says what to do."""
 OF_A_COLUMN_MAP = "logs/columns.py"  # a file that a person wrote, too
 PASSED_ON = {
     "{str(problem)}", "{where}: {problem}", "{run.source}, run {run.name}: {error}",
     "{printable(self.path.name)}: logs.{kind}: {problem}",
+    "{name}: {problem}", "{f'{section}.{key}'.removeprefix('.')}: {str(problem)}",  # with the place in front
     "{problem.format_message()}", "{name} is {value}; {problem.message}",  # those of click, and of our types
     "the vehicle refuses: {printable(str(data.get('error')))[:600]}",
     "{self.silenced}",  # which ends: start `automarine serve` again
