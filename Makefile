@@ -79,7 +79,7 @@ wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty envi
 test: $(READY) ## Run the tests but for the slow ones, a process for each core
 	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
 
-test-all: $(READY) test ## Then the slow ones: clusters, kills, same bytes, planted effects, real data, every example
+test-all: $(READY) test ## Then the slow ones: clusters, same bytes, planted effects, real data, every example
 	$(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
 
 check: $(READY) ## Lint, format, types and the order of imports

@@ -1,24 +1,29 @@
 """`python -m automarine_cli` is the console script `automarine`."""
 
-from automarine_cli.pipeline import interrupts
+import signal
+import sys
+
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def main() -> None:
-    """The console script: heeds interrupts from here on, while the commands are still being loaded, to the end."""
-    interrupts.heed()
+    """Run the console script: from here on Ctrl-C, SIGTERM and a hang-up end it in order, also while it loads."""
+    for number in SIGNALS:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):  # not what nohup ignores
+            signal.signal(number, _interrupt)
     try:
         from automarine_cli.commands import main as command_line
 
         command_line()
     except KeyboardInterrupt:  # outside of any command
-        interrupts.tell()
-        interrupts.end()
-    except SystemExit as done:
-        if done.code == interrupts.INTERRUPTED:
-            interrupts.end()
-        raise
-    finally:
-        interrupts.disregard()
+        sys.stderr.write("Interrupted; nothing was left half written.\n")
+        sys.exit(130)
+
+
+def _interrupt(number: int, frame: object) -> None:
+    for each in SIGNALS:  # the end has begun; impatience must not cut it short
+        signal.signal(each, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -20,8 +20,7 @@ from small_campaign import make_small_campaign
 
 from automarine_cli.commands import automarine
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.pipeline.attempts import Attempt
-from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.results_folder import Attempt, ResultFolder
 
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
 settings.register_profile(
@@ -46,8 +45,8 @@ def strict_figures() -> Iterator[None]:
     """A figure that cannot be drawn is a warning to a user, and here fails whatever asked for it."""
 
     def taken(folder: ResultFolder, attempt: Attempt[object]) -> object:
-        assert not attempt.warning, attempt.warning
-        return attempt.made
+        assert not attempt[1], attempt[1]
+        return attempt[0]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ResultFolder, "taken", taken)

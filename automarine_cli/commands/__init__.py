@@ -15,7 +15,6 @@ import click
 
 from automarine_cli.commands.terminal import Refusal, WrongUsage, verbosity, versions
 from automarine_cli.errors import AutomarineError
-from automarine_cli.pipeline import interrupts
 
 if TYPE_CHECKING:
     from automarine_cli.commands.command import Command
@@ -110,12 +109,9 @@ class CommandGroup(click.Group):
         except (click.ClickException, click.exceptions.Exit):
             raise
         except (KeyboardInterrupt, click.Abort):
-            interrupts.tell()
-            ctx.exit(interrupts.INTERRUPTED)
+            click.echo("Interrupted; nothing was left half written.", err=True)
+            ctx.exit(130)
         except Exception as problem:
-            if interrupts.struck():  # some libraries make another exception of an interrupt
-                interrupts.tell()
-                ctx.exit(interrupts.INTERRUPTED)
             raise self._refusal(ctx, problem) from problem
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -198,7 +194,6 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, ValueError):
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
-    interrupts.heed()
     try:
         automarine(prog_name="automarine")
     finally:

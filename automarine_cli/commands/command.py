@@ -173,7 +173,7 @@ class Command(click.Command):
         with ExitStack() as stack:
             folder = None
             if out is not None and self.saves:
-                from automarine_cli.pipeline.outputs import result_folder
+                from automarine_cli.pipeline.results_folder import result_folder
 
                 folder = stack.enter_context(result_folder(
                     out, command=str(self.name), options=self.recorded(settings, figure_formats),
@@ -200,7 +200,7 @@ class Command(click.Command):
 
     def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
         """Say why the result in a folder is not what these settings would make; None if it is."""
-        from automarine_cli.pipeline.reuse import why_made_again
+        from automarine_cli.pipeline.manifest import why_made_again
 
         return why_made_again(
             folder, command=str(self.name), options=self.recorded(settings, figure_formats), seed=self.seed(settings),
@@ -331,8 +331,8 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
 
 def _document(value: object, name: str) -> Any:
     """A place, or the file that a result stands for; what we made ourselves is left as it is."""
-    from automarine_cli.pipeline.plain_data import Document
-    from automarine_cli.pipeline.shown import Shown
+    from automarine_cli.pipeline.records import Document
+    from automarine_cli.results.shown import Shown
 
     if isinstance(value, Shown):
         return value.document(name)

@@ -40,7 +40,7 @@ def diagnose(
       automarine diagnose sample_runs/hidden_one --model out/hidden/yaw_model.json -o out/diagnosis
     """
     from automarine_cli.logs import given_columns
-    from automarine_cli.pipeline.plain_data import schema_in
+    from automarine_cli.pipeline.records import schema_in
     from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
     from automarine_cli.runs.channels import AUTO
 

@@ -46,7 +46,7 @@ def init(
       automarine init sample_runs -o out/campaign.toml
     """
     from automarine_cli.logs import find_logs, given_columns
-    from automarine_cli.pipeline.one_file import refuse_existing, write_whole
+    from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
     from automarine_cli.report.campaign_file import answered, new_campaign
     from automarine_cli.runs.survey import survey
 
@@ -64,8 +64,7 @@ def init(
 
 def _is_result(path: Path, folder: Path) -> bool:
     """Whether a table lies in a folder of results: of any command but those that make logs."""
-    from automarine_cli.pipeline.manifest import MANIFEST
-    from automarine_cli.pipeline.reuse import manifest_of
+    from automarine_cli.pipeline.manifest import MANIFEST, manifest_of
 
     above = [place for place in path.parents if place == folder or folder in place.parents]
     manifests = (manifest_of(place) for place in above if (place / MANIFEST).is_file())

@@ -27,7 +27,7 @@ def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
     Example:
       automarine report out/pool_day
     """
-    from automarine_cli.pipeline.one_file import write_whole
+    from automarine_cli.pipeline.results_folder import write_whole
     from automarine_cli.report.campaign_page import FILES, make_report
     from automarine_cli.results.kinds import RUN
 

@@ -70,8 +70,8 @@ def run_campaign(
     if out is None:
         raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
     from automarine_cli.pipeline.manifest import Input
-    from automarine_cli.pipeline.outputs import refuse_unfit, result_folder
     from automarine_cli.pipeline.parallel import ordered_map
+    from automarine_cli.pipeline.results_folder import refuse_unfit, result_folder
     from automarine_cli.report.campaign_run import Campaigns
     from automarine_cli.report.sections import sections
 
@@ -140,7 +140,7 @@ def _run(
     A step that is refused is told, and so are those that need it; the others go on. Raises SettingError for a campaign
     file that makes no sense and OutputError.
     """
-    from automarine_cli.pipeline.outputs import refuse_unfit
+    from automarine_cli.pipeline.results_folder import refuse_unfit
     from automarine_cli.report.campaign_run import CampaignRun, StepOutcome, warnings_of, with_results
     from automarine_cli.results.steps import REPORT, STEP_NAMES, STEPS
 
@@ -172,10 +172,10 @@ def _do(
     step: "Step", campaign: Campaign, out: Path, force: bool, overwrite: bool, jobs: int, progress: Progress
 ) -> tuple[str, str]:
     """Do a step, and say what became of it and why; a result that is no longer of this campaign is taken away."""
-    from automarine_cli.pipeline.reuse import manifest_of, remove_results
+    from automarine_cli.pipeline.manifest import manifest_of
 
     def without_result(did: str, why: str) -> tuple[str, str]:
-        gone = remove_results(folder, step.command)
+        gone = _remove_results(folder, step.command)
         return did, why + ("; its former result was removed" if gone and did == "skipped" else "")
 
     folder, work = out / step.folder, load(step.command)
@@ -224,10 +224,9 @@ def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "
 def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> tuple[str, str]:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
     from automarine_cli.logs import with_joined
-    from automarine_cli.pipeline.codec import to_mapping
-    from automarine_cli.pipeline.manifest import Input, given_as
-    from automarine_cli.pipeline.outputs import json_text, result_folder
-    from automarine_cli.pipeline.reuse import why_made_again
+    from automarine_cli.pipeline.manifest import Input, given_as, why_made_again
+    from automarine_cli.pipeline.records import json_text, to_mapping
+    from automarine_cli.pipeline.results_folder import result_folder
     from automarine_cli.report.campaign_page import make_report
     from automarine_cli.results.kinds import RUN
     from automarine_cli.runs.load import has_bytes
@@ -253,7 +252,7 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
 
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
     """Results of another command or campaign are not replaced without --overwrite."""
-    from automarine_cli.pipeline.reuse import manifest_of
+    from automarine_cli.pipeline.manifest import manifest_of
 
     manifest = manifest_of(out)
     if manifest is None or overwrite:
@@ -277,3 +276,17 @@ def _finish(ctx: click.Context, result: "CampaignRun | Campaigns") -> None:
 
 
 run_campaign.finish = _finish
+
+
+def _remove_results(folder: Path, command: str) -> bool:
+    """Remove what `command` wrote into `folder`, and the folder if that is all; return whether it was there."""
+    from automarine_cli.pipeline.manifest import MANIFEST, manifest_of
+
+    manifest = manifest_of(folder)
+    if manifest is None or manifest.command != command:
+        return False
+    for name in [*(entry.file for entry in manifest.outputs), MANIFEST]:
+        (folder / name).unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+    return True

@@ -57,7 +57,7 @@ def _read(specification: Any) -> "Specification | PlanarSpecification":
     """The specification in a file, of one motion or of motion in the plane. Raises SettingError."""
     if not isinstance(specification, Path):
         return specification
-    from automarine_cli.pipeline.recipe import read_mapping
+    from automarine_cli.pipeline.records import read_mapping
     from automarine_cli.pipeline.words import printable
     from automarine_cli.simulation.specification import is_planar, planar_specification_from, specification_from
 

@@ -281,7 +281,7 @@ def echo_result(
     echo_set_aside(content.get("runs", {}).get("set_aside", ()))
     echo_warnings(_warnings_in(out) if warnings is None else warnings)
     if as_json:
-        from automarine_cli.pipeline.outputs import json_text
+        from automarine_cli.pipeline.records import json_text
 
         click.echo(json_text(content), nl=False)
         return
@@ -308,7 +308,7 @@ def echo_result(
 
 def _warnings_in(out: Path | None) -> Sequence[str]:
     """What the manifest of a folder of results warns of."""
-    from automarine_cli.pipeline.reuse import manifest_of
+    from automarine_cli.pipeline.manifest import manifest_of
 
     manifest = None if out is None else manifest_of(out)
     return () if manifest is None else manifest.warnings

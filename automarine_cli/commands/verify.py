@@ -1,16 +1,17 @@
 """`verify`: are the files of a folder of results, and the inputs, still what its manifest recorded?"""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.inputs import find_inputs
-from automarine_cli.pipeline.manifest import MANIFEST, Manifest, manifests_in, read_manifest, sha256_if_readable
+from automarine_cli.pipeline.manifest import MANIFEST, Entry, Manifest, manifests_in, read_manifest, sha256_if_readable
+from automarine_cli.pipeline.words import printable
 
 if TYPE_CHECKING:
     from automarine_cli.report.verification import FolderVerified, Verification
@@ -41,9 +42,8 @@ def verify(folders: Sequence[Path], inputs: Sequence[Path]) -> "Verification":
 
 
 def _finish(ctx: click.Context, result: Any) -> None:
-    for folder in result.folders:
-        for line in folder.changes():
-            click.echo(line, err=True)
+    for change in (change for folder in result.folders for change in folder.changes()):
+        click.echo(change, err=True)
     if not result.whole:
         ctx.exit(1)
 
@@ -85,7 +85,7 @@ def _verified(
         ours = name in recorded or name == MANIFEST or path.name in NOT_RESULTS
         if not ours and not path.is_dir() and not any(place in path.parents for place in others):
             changes.append(Change(name, "extra", "extra: not among the files that were written"))
-    sought = find_inputs(manifest.inputs, inputs or _likely(folder))
+    sought = list(_find_inputs(manifest.inputs, inputs or _likely(folder)))
     where = f"under {', '.join(str(place) for place in inputs)}" if inputs else "here or beside the results"
     bad = []
     for recorded_input in sought:
@@ -98,6 +98,28 @@ def _verified(
         str(folder), manifest.command, len(recorded), tuple(changes),
         len(sought), len(sought) - len(bad), tuple(bad),
     )  # fmt: skip
+
+
+class Sought(NamedTuple):
+    """A recorded input: `path` holds what was read then; else `changed` is a file of that whole name, if any."""
+
+    entry: Entry
+    path: Path | None
+    changed: Path | None
+
+
+def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[Sought]:
+    """Yield where each recorded input is under the folders, hidden ones left out, by its name and content."""
+    named: dict[str, list[Path]] = {}
+    for here, inside, files in (at for one in folders for at in os.walk(one if one.is_dir() else one.parent)):
+        inside[:] = sorted(name for name in inside if not name.startswith("."))
+        for name in sorted(files):
+            named.setdefault(printable(name), []).append(Path(here, name))
+    for entry in entries:
+        paths = named.get(PurePosixPath(entry.file).name, [])
+        alike = [path for path in paths if printable(path.resolve().as_posix()).endswith(f"/{entry.file}")]
+        same = next((path for path in [*alike, *paths] if entry.sha256 in (None, sha256_if_readable(path))), None)
+        yield Sought(entry, same, alike[0] if alike and same is None else None)
 
 
 def _likely(folder: Path) -> list[Path]:

@@ -12,7 +12,7 @@ from automarine_cli.control.vehicles import Bend, Spread
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid

@@ -24,13 +24,12 @@ from automarine_cli.fits.planar_structure import PLACES, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, discover
 from automarine_cli.models.planar_store import StoredPlanar, planar_json
 from automarine_cli.models.tied import Tied
-from automarine_cli.pipeline.outputs import json_document
-from automarine_cli.pipeline.plain_data import Document
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import Run, SetAside
 
 FEWEST_RUNS = 4

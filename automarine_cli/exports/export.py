@@ -29,10 +29,9 @@ from automarine_cli.exports.planar import PlanarSubject, planar_subject
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.store import file_and_models, motion_of
 from automarine_cli.models.yaw_model import Term, YawModel
-from automarine_cli.pipeline.manifest import sha256
-from automarine_cli.pipeline.one_file import refuse_existing, write_whole
-from automarine_cli.pipeline.plain_data import Source, read_plain
-from automarine_cli.pipeline.reuse import logs_behind
+from automarine_cli.pipeline.manifest import manifest_of, sha256
+from automarine_cli.pipeline.records import Source, read_plain
+from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
@@ -205,7 +204,7 @@ def export_model(
         subject = MapSubject(origin, ThrusterMap.from_json(data, origin.file), frame, form, chosen, full_scale)
         carried = ("thruster map",)
     else:
-        logs = logs_behind(model, origin.sha256)
+        logs = _logs_behind(model, origin.sha256)
         subject = _yaw_subject(target, data, origin, number, form, frame, chosen, logs)
         unit, left_out = subject.model.moment_unit, subject.left_out
         carried = ("inertia", *(term.name for term in subject.model.terms))
@@ -421,3 +420,11 @@ def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
     )
     inertia, unit = model.inertia * newton_metres_per_nu, model.dof.units.forces[1]
     return replace(model, inertia=inertia, terms=terms, moment_unit=unit)
+
+
+def _logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:
+    """Return names and hashes of the logs that a result file was made of, by the manifest beside it; None without."""
+    manifest = manifest_of(file.parent) if isinstance(file, Path) else None
+    if manifest is None or not any(entry.sha256 == sha256 for entry in manifest.outputs):
+        return None
+    return tuple((e.file, e.sha256 or "unreadable") for e in manifest.inputs if e.role in ("log", "hold_out"))

@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.outcome import Outcome
-from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.records import Sensor
 from automarine_cli.runs.channels import ChannelChoice, ChannelVerdict

@@ -16,12 +16,11 @@ from automarine_cli.fits.planar_use import PlanarUse
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_json, units
 from automarine_cli.models.tied import Tied
-from automarine_cli.pipeline.outputs import json_document
-from automarine_cli.pipeline.plain_data import Document
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import Run, SetAside
 
 FULLY = 3

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.plain_data import told
+from automarine_cli.pipeline.records import told
 
 STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"
 RUNS_SCHEMA: Literal["automarine/link-runs/1"] = "automarine/link-runs/1"

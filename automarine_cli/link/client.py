@@ -9,8 +9,7 @@ from urllib.parse import quote, urlsplit
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.answers import Listing, State
-from automarine_cli.pipeline.codec import Codec
-from automarine_cli.pipeline.plain_data import Document, read_plain
+from automarine_cli.pipeline.records import Codec, Document, read_plain
 from automarine_cli.pipeline.words import printable
 
 CONNECT_S, STALL_S = 1.0, 10.0

@@ -10,12 +10,11 @@ from automarine_cli.errors import SettingError
 from automarine_cli.link.answers import Log, State
 from automarine_cli.link.client import PIECE, Client, LinkCut, WrongAnswer
 from automarine_cli.link.document import SHORT, LinkCampaign
-from automarine_cli.pipeline import staging
+from automarine_cli.link.store import sync_folder
 from automarine_cli.pipeline.manifest import sha256
-from automarine_cli.pipeline.one_file import write_whole
-from automarine_cli.pipeline.outputs import json_text
-from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.records import json_text, read_plain
+from automarine_cli.pipeline.results_folder import one_sentence, write_whole
 from automarine_cli.pipeline.words import printable
 
 LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
@@ -97,7 +96,7 @@ class Collector:
         Raises SettingError for no contact, a wrong token, a refused campaign, an answer that makes no sense and a log
         that is not what it was closed as, OutputError for a folder that cannot be written.
         """
-        with staging.one_sentence(self.folder):
+        with one_sentence(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
         going = [one.id for one in self._until_done(self.client.state).campaigns if not one.over]
         if stop and going and not self._until_done(lambda: self.client.stop(going)):
@@ -157,9 +156,9 @@ class Collector:
         for _ in range(TRIES):
             self._fetch_rest(part, target.name, size)
             if sha256(part) == wanted:
-                with staging.one_sentence(self.folder):
+                with one_sentence(self.folder):
                     part.replace(target)
-                    staging.sync_folder(self.folder)
+                    sync_folder(self.folder)
                 return
             part.unlink()
         raise SettingError(
@@ -169,14 +168,16 @@ class Collector:
 
     def _fetch_rest(self, part: Path, name: str, size: int) -> None:
         """What is missing of a log, piece by piece; what came stays, whatever happens."""
-        with staging.one_sentence(self.folder), part.open("ab") as file:
+        with one_sentence(self.folder):
+            file = part.open("ab")
+        with file:
             if file.tell() > size:
                 file.truncate(0)
             while (have := file.tell()) < size:
-                with staging.caller():
-                    came = self._until_done(lambda: self.client.piece(name, have, size))[: size - have]
-                file.write(came)
-                file.flush()
+                came = self._until_done(lambda: self.client.piece(name, have, size))[: size - have]
+                with one_sentence(self.folder):
+                    file.write(came)
+                    file.flush()
                 self.crossing.bytes_in += len(came)
                 self.crossing.cuts += len(came) < min(PIECE, size - have)
                 self.progress(f"fetching {name}", have + len(came), size)

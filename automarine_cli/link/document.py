@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.codec import Codec, to_mapping
-from automarine_cli.pipeline.outputs import json_text
-from automarine_cli.pipeline.plain_data import Document, Source, read_plain
+from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
 from automarine_cli.results.kinds import PLAN

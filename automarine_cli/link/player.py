@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 
 from automarine_cli.errors import AutomarineError, OutputError
 from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
-from automarine_cli.link.store import Store, waiting
+from automarine_cli.link.store import HeldElsewhereError, Store, held, waiting
 from automarine_cli.link.vehicles.base import Vehicle
-from automarine_cli.pipeline.lock import HeldElsewhereError, held
 
 LEASE_S = 3.0
 """A server that has not been heard of for so long is gone."""

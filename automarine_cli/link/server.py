@@ -25,12 +25,10 @@ from automarine_cli.errors import AutomarineError, OutputError, SettingError
 from automarine_cli.link.answers import SHA256, State
 from automarine_cli.link.document import MOST_BYTES, SHORT
 from automarine_cli.link.player import LEASE_S, play
-from automarine_cli.link.store import ASKED, Store
+from automarine_cli.link.store import ASKED, HeldElsewhereError, Store, held, sync_folder
 from automarine_cli.link.vehicles.base import Vehicle
-from automarine_cli.pipeline.lock import HeldElsewhereError, held
-from automarine_cli.pipeline.one_file import write_whole
 from automarine_cli.pipeline.parallel import deaf_to_interrupts
-from automarine_cli.pipeline.staging import sync_folder
+from automarine_cli.pipeline.results_folder import write_whole
 
 BEAT_S = 0.5
 QUIET_S = 5.0

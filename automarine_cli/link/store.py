@@ -20,8 +20,7 @@ from typing import Any, BinaryIO
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link.answers import LOG_NAME, RUNS_SCHEMA, SHA256, STATE_SCHEMA, CampaignState, Listing, Log, State
 from automarine_cli.link.document import ENDS, INTERRUPTED, SHORT, LinkCampaign, PlannedRun, campaign_in
-from automarine_cli.pipeline.one_file import write_whole
-from automarine_cli.pipeline.staging import sync_folder
+from automarine_cli.pipeline.results_folder import write_whole
 from automarine_cli.pipeline.words import printable
 
 ASKED = "asked to stop"
@@ -361,6 +360,38 @@ def _reserve(number: int, size: int) -> None:
         disk = os.fstatvfs(number)
         if disk.f_bavail * disk.f_frsize < size:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+class HeldElsewhereError(Exception):
+    """Somebody else holds the lock."""
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Hold the lock file `path`, which the system frees when its holder ends, however it ends.
+
+    Raises HeldElsewhereError at once, or OSError.
+    """
+    with path.open("w") as file:
+        if sys.platform != "win32":
+            import fcntl
+
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise HeldElsewhereError from None
+        yield
+
+
+def sync_folder(folder: Path) -> None:
+    """See that the names in a folder outlast a power cut, where the system can do that."""
+    if os.name == "nt":
+        return
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
 
 
 def waiting(store: Store) -> Iterator[tuple[LinkCampaign, int, PlannedRun]]:

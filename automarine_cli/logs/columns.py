@@ -9,8 +9,7 @@ from typing import Literal
 
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, ROTATIONS, RUN
-from automarine_cli.pipeline.codec import Codec
-from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.records import Codec, Source, read_plain
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 OLDEST = 5.0  # s; a command older than this is none

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import automarine_cli.logs as folder
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.pipeline.plain_data import Document, Source
+from automarine_cli.pipeline.records import Document, Source
 
 MOST_COLUMNS = 30_000
 MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file

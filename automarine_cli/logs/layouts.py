@@ -20,9 +20,9 @@ from automarine_cli.logs.formats import LogFile, stem_of
 from automarine_cli.logs.reader import whole_log
 from automarine_cli.logs.recognise import Recognised, Span, directed, is_called, is_share, recognise, spans
 from automarine_cli.logs.table import few_words, means_thruster_test, splitting
-from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import Floats
 
 NEEDED = ("time", YAW.position, YAW.command)

@@ -1,6 +1,6 @@
 """A number of a model file: its size."""
 
-from automarine_cli.pipeline.codec import Codec, Place
+from automarine_cli.pipeline.records import Codec, Place
 from automarine_cli.results.estimate import Given
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows

@@ -30,8 +30,7 @@ from automarine_cli.models.planar import (
     parameters_of,
 )
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.pipeline.codec import Codec
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Source, read_plain, told
 from automarine_cli.pipeline.words import LONGEST, printable
 from automarine_cli.results.kinds import PLANAR_MODEL
 

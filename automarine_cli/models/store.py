@@ -9,8 +9,7 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import number_at
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
-from automarine_cli.pipeline.codec import Codec, Place, key_of
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Place, Source, key_of, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.results.estimate import Given
 from automarine_cli.results.kinds import MODELS

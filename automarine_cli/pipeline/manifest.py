@@ -1,25 +1,25 @@
 """`manifest.json`: what a folder of results was made from, by what, and the hash of everything in it."""
 
 import contextlib
-import functools
+import dataclasses
 import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 from typing import NamedTuple
 
 from automarine_cli import __version__
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.plain_data import Source
-from automarine_cli.pipeline.recipe import from_mapping, read_mapping
-from automarine_cli.pipeline.words import printable
+from automarine_cli.pipeline.records import Document, Source, from_mapping, json_text, read_mapping, to_mapping
+from automarine_cli.pipeline.words import listed, printable
 
-MANIFEST = "manifest.json"
-SCHEMA = "automarine/manifest/1"
+MANIFEST, SCHEMA = "manifest.json", "automarine/manifest/1"
 LIBRARIES = ("click", "numpy", "scipy", "pandas", "pyarrow", "matplotlib")
+# Settings that must not change a result, or that `inputs` says already: never in the manifest.
+UNRECORDED = frozenset({"logs", "out", "jobs", "overwrite", "as_json", "json", "progress", "verbose", "quiet"})
 
 
 class Input(NamedTuple):
@@ -31,7 +31,7 @@ class Input(NamedTuple):
 
 
 def given_as(**options: object) -> list[Input]:
-    """Those of the options that are files, each with the option's name as its role."""
+    """Return those of the options that are files, each with the option's name as its role."""
     return [Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Source)]
 
 
@@ -46,9 +46,7 @@ class Entry:
     def __post_init__(self) -> None:
         path = PurePosixPath(self.file)
         if not path.parts or path.is_absolute() or ".." in path.parts or "\0" in self.file:
-            raise SettingError(
-                f"the file name {self.file!r} leads out of the folder; give a manifest as automarine wrote it"
-            )
+            raise SettingError(f"the file name {self.file!r} leads out of the folder; give a manifest of automarine")
 
 
 @dataclass(frozen=True)
@@ -69,61 +67,105 @@ class Manifest:
         if self.schema != SCHEMA:
             raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}, what this version writes")
 
-    @property
-    def versions(self) -> dict[str, str]:
-        """Versions of automarine and of everything below it when the results were made."""
-        return {"automarine": self.automarine, **self.libraries}
-
 
 def read_manifest(path: Path) -> Manifest:
-    """The manifest at `path`. Raises SettingError with the key's path for one that is not automarine's."""
+    """Return the manifest at `path`. Raises SettingError with the key's path for one that is not automarine's."""
     data = read_mapping(path)
-    if not str(data.get("schema", "")).startswith("automarine/manifest/"):
+    if not _is_ours(data):
         raise SettingError(f"{path.name}: is no manifest of automarine; expected the {MANIFEST} in a folder of results")
     return from_mapping(Manifest, data, path.name)
 
 
+def _is_ours(data: object) -> bool:
+    return isinstance(data, dict) and str(data.get("schema", "")).startswith("automarine/manifest/")
+
+
+def is_manifest(path: Path) -> bool:
+    """Whether there is a file that says it is a manifest of automarine, of whatever version. Raises OSError."""
+    try:
+        return path.is_file() and _is_ours(json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, RecursionError):
+        return False
+
+
+def manifest_of(folder: Path) -> Manifest | None:
+    """Return the manifest of a folder of results; None where there is none, or none that this version reads."""
+    try:
+        return read_manifest(folder / MANIFEST) if is_manifest(folder / MANIFEST) else None
+    except (OSError, SettingError):
+        return None
+
+
+def manifests_in(folder: Path) -> Iterator[Path]:
+    yield from filter(is_manifest, sorted(folder.rglob(MANIFEST)))
+
+
 def versions_here() -> dict[str, str]:
-    """Versions of automarine and of everything below it, as `Manifest.versions`."""
-    return {"automarine": __version__, "python": platform.python_version(), **dict(_library_versions())}
+    libraries = {name: metadata.version(name) for name in LIBRARIES}
+    return {"automarine": __version__, "python": platform.python_version(), **libraries}
 
 
-@functools.cache
-def _library_versions() -> tuple[tuple[str, str], ...]:
-    return tuple((name, metadata.version(name)) for name in LIBRARIES)
-
-
-def input_entries(inputs: Sequence[tuple[str, Source] | Input]) -> list[dict[str, object]]:
-    """The list under `"inputs"`: name, role and hash of each file read."""
-    files = (Input(*one) for one in inputs)
+def input_entries(inputs: Sequence[tuple[str, Source] | Input]) -> list[dict[str, str | None]]:
+    """Return the list under `"inputs"`: name, role and hash of each file read."""
+    files = (Input(*file) for file in inputs)
     return [{"file": file.name, "role": file.role, "sha256": sha256_if_readable(file.path)} for file in files]
 
 
 def sha256(path: Source) -> str:
-    """SHA-256 of a file's content. Raises OSError."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_if_readable(path: Source) -> str | None:
-    """SHA-256 of a file's content; None for what cannot be opened, such as a log that was set aside for that."""
+    """Return the SHA-256 of a file's content; None for what cannot be opened, such as a log that was set aside."""
     with contextlib.suppress(OSError):
         return sha256(path)
     return None
 
 
-def manifests_in(folder: Path) -> Iterator[Path]:
-    """Manifests of automarine in a folder and below it, in name order."""
-    found = sorted(folder.rglob(MANIFEST))
-    yield from (path for path in found if is_manifest(path))
+def recorded_options(options: Mapping[str, object]) -> dict[str, object]:
+    """Return options as a manifest records them: those that a result depends on, without places on this machine."""
+    return {key: _without_place(value) for key, value in options.items() if key not in UNRECORDED}
 
 
-def is_manifest(path: Path) -> bool:
-    """Whether there is a file that says it is a manifest of automarine, of whatever version. Raises OSError."""
-    if not path.is_file():
-        return False
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
-        return False
-    return isinstance(data, dict) and str(data.get("schema", "")).startswith("automarine/manifest/")
+def _without_place(value: object) -> object:
+    if isinstance(value, PurePath | Document):
+        return value.name
+    if isinstance(value, str):
+        return PurePath(value).name if PurePath(value).is_absolute() else value
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = to_mapping(value)
+    if isinstance(value, Mapping):
+        return {str(key): _without_place(entry) for key, entry in value.items()}
+    return [_without_place(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def why_made_again(
+    folder: Path, *, command: str, options: Mapping[str, object], seed: int | None, inputs: Sequence[Input]
+) -> str | None:
+    """Return why `command` must run although there is `folder`; None if that holds what would be made again.
+
+    Looked at are, in this order: whether there is a result, versions, settings, inputs, files that somebody changed.
+    """
+    manifest = manifest_of(folder)
+    if manifest is None or manifest.command != command:
+        return "no result yet"
+    versions, here = {"automarine": manifest.automarine, **manifest.libraries}, versions_here()
+    if odd := _different(versions, here):
+        return "version: " + listed(f"{n} {versions.get(n, 'none')} then, {here.get(n, 'none')} now" for n in odd)
+    settings = {**json.loads(json_text(recorded_options(options))), "seed": seed}
+    if odd := _different({**manifest.options, "seed": manifest.seed}, settings):
+        return f"settings changed: {listed(odd)}"
+    then = {(entry.role, entry.file): entry.sha256 for entry in manifest.inputs}
+    now = {(str(entry["role"]), str(entry["file"])): entry["sha256"] for entry in input_entries(inputs)}
+    odd = [name for (role, name), sha in now.items() if then.get((role, name), sha) != sha]
+    odd += [f"{name} (new)" for role, name in now if (role, name) not in then]
+    odd += [f"{name} (gone)" for role, name in then if (role, name) not in now]
+    if odd:
+        return f"inputs changed: {listed(odd)}"
+    odd = [entry.file for entry in manifest.outputs if sha256_if_readable(folder / entry.file) != entry.sha256]
+    return f"results changed since they were written: {listed(odd)}" if odd else None
+
+
+def _different(then: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
+    return [key for key in {**then, **now} if then.get(key) != now.get(key)]

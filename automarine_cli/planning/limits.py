@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.recipe import from_mapping, read_mapping
+from automarine_cli.pipeline.records import from_mapping, read_mapping
 from automarine_cli.simulation.checks import at_least_zero, between, positive
 
 SCHEMA = "automarine/plan-limits/1"

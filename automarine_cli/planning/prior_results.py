@@ -11,7 +11,7 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError
 from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.information import (
     ANGLE,

@@ -9,9 +9,8 @@ from typing import Any
 from automarine_cli.dofs import DOFS
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import AutomarineError
-from automarine_cli.pipeline.codec import to_mapping
-from automarine_cli.pipeline.reuse import manifest_of
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.manifest import manifest_of
+from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, TuningFile, ValidationFile
@@ -26,6 +25,7 @@ from automarine_cli.results.kinds import (
     ResultKind,
 )
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile, VoltagePower
+from automarine_cli.results.shown import Shown
 from automarine_cli.results.steps import REPORT, STEPS, folder_of
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end

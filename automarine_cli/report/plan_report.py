@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from automarine_cli.pipeline.recipe import toml_text
+from automarine_cli.pipeline.records import toml_text
 from automarine_cli.planning.campaign import Campaign, specification
 from automarine_cli.planning.plan import Plan, command_path
 from automarine_cli.planning.rivals import Split

@@ -7,14 +7,13 @@ from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.attempts import Attempt
-from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.tables import Table
+from automarine_cli.results.shown import Shown
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.outputs import ResultFolder
     from automarine_cli.pipeline.parallel import Each
+    from automarine_cli.pipeline.results_folder import ResultFolder
     from automarine_cli.report.figures.files import Draw
     from automarine_cli.results.estimate import Estimate
 
@@ -78,7 +77,7 @@ class Sections:
             else:
                 folder.write_json(name, content)
         for warning in self.warnings:
-            folder.taken(Attempt(None, warning))
+            folder.taken((None, warning))
         write_figures(folder, self.figures if formats else {}, formats, each)
 
 

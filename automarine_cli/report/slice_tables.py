@@ -3,11 +3,11 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from automarine_cli.pipeline.outputs import file_stems
-from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import Table, number
 from automarine_cli.results.records import runs_json
+from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import SetAside
 
 SCHEMA = "automarine/slices/1"

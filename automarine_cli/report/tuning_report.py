@@ -8,7 +8,7 @@ import numpy as np
 from automarine_cli.control.design import Designed
 from automarine_cli.control.flown import TuningCheck, in_print
 from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, margins_of, promises
-from automarine_cli.pipeline.recipe import toml_text
+from automarine_cli.pipeline.records import toml_text
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
@@ -50,15 +50,16 @@ def _(tuning: Tuning) -> Sections:
     if tuning.settling is not None:
         plan.append(f"{SETTLES}/")
     warnings = []
-    if tuning.plan is not None and tuning.plan.made is not None:
-        planned, limits = sections(tuning.plan.made), tuning.plan.made.campaign.limits
+    planned_runs, failure = tuning.plan or (None, "")
+    if planned_runs is not None:
+        planned, limits = sections(planned_runs), planned_runs.campaign.limits
         moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
         goal = {"half_width_percent": limits.goal.half_width_percent}
         below = dict(planned.files) | {LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}
         files |= {f"{SETTLES}/{name}": content for name, content in below.items()}
         figures |= {f"{SETTLES}/{name}": draw for name, draw in planned.figures.items()}
-    elif tuning.plan is not None:
-        warnings.append(tuning.plan.warning)
+    elif failure:
+        warnings.append(failure)
     listed = (*plan, TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png")
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
     return Sections((verdict, *more, *designed.notes, *tables), files, figures, listed, rows, warnings)
@@ -140,7 +141,7 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     parts = [f"# A controller for {designed.target.name}, from {tuning.source}", *_sentences(designed)]
     if designed.new is not None:
         parts.append(f"The file to load: `{designed.target.file}`. {FIRST_FLIGHT}")
-    if tuning.plan is not None and tuning.plan.made is not None:
+    if tuning.plan is not None and tuning.plan[0] is not None:
         page = f"{SETTLES}/plan.md"
         parts.append(f"Runs that settle it, with their command files: [{page}]({page}).")
     parts += [table.to_markdown().rstrip() for table in tables]

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.codec import keyed
-from automarine_cli.pipeline.plain_data import told
+from automarine_cli.pipeline.records import keyed, told
 from automarine_cli.results.estimate import Given
 from automarine_cli.results.models import Use
 from automarine_cli.results.records import ResultRecord

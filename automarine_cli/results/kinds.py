@@ -7,8 +7,7 @@ from typing import Generic, TypeVar
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import AutomarineError, ModelError
-from automarine_cli.pipeline.codec import Codec, Record
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Record, Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, TuningFile, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile

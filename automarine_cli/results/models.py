@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.codec import keyed
-from automarine_cli.pipeline.plain_data import told
+from automarine_cli.pipeline.records import keyed, told
 from automarine_cli.results.estimate import Given
 from automarine_cli.results.records import Covariance, ResultRecord, Sensor
 

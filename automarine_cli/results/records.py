@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from automarine_cli.dofs import Dof
-from automarine_cli.pipeline.codec import FILLER, to_mapping
+from automarine_cli.pipeline.records import FILLER, to_mapping
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run, SetAside, command_warnings
 

@@ -3,7 +3,7 @@
 import re
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.codec import Record, key_of
+from automarine_cli.pipeline.records import Record, key_of
 
 
 def positive(settings: Record, *names: str) -> None:

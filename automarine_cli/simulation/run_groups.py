@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, TypeAlias
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.models.closed_form import response
-from automarine_cli.pipeline.codec import FILLER, Codec, Place, key_of, keyed
+from automarine_cli.pipeline.records import FILLER, Codec, Place, key_of, keyed
 from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]

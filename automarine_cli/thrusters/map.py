@@ -8,8 +8,7 @@ import numpy as np
 
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.entries import number_at
-from automarine_cli.pipeline.codec import Codec, Place
-from automarine_cli.pipeline.plain_data import Source, read_plain, told
+from automarine_cli.pipeline.records import Codec, Place, Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Given

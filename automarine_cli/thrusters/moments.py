@@ -6,7 +6,7 @@ from functools import partial
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.records import Source
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.propulsion import drive_run_by_thrusters

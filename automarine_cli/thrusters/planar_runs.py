@@ -9,8 +9,8 @@ from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.allocation import Allocation
-from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.records import Source
 from automarine_cli.runs.load import Campaign, load_runs, none_left, refused_by_strict
 from automarine_cli.runs.planar import read_planar
 from automarine_cli.runs.run import Run, SetAside

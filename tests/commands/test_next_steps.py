@@ -11,7 +11,7 @@ import pytest
 import automarine_cli
 from automarine_cli.logs.csv import SIGNATURES
 from automarine_cli.logs.mixing import ELSE, FETCH
-from automarine_cli.pipeline.staging import ADVICE
+from automarine_cli.pipeline.results_folder import ADVICE
 
 PACKAGE = Path(automarine_cli.__file__).parent
 DATA = {"LogError", "RunError", "FitError", "OutputError", "Unclear"}

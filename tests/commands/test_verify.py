@@ -9,7 +9,7 @@ import pytest
 from click.testing import Result
 
 from automarine_cli.pipeline.manifest import Input
-from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.results_folder import result_folder
 
 Run = Callable[..., Result]
 
@@ -117,7 +117,7 @@ def test_results_in_a_folder_of_results_are_not_extra(pool: Path, run: Run) -> N
         ('{"schema": "automarine/manifest/1", "automarine": 3}', "Error: manifest.json: automarine: found 3, expected"),
         ('{"schema": "automarine/manifest/1", "automarine": "1", "command": "c", "outputs": [{"file": "/etc/passwd"}]}',
          "Error: manifest.json: outputs[0]: the file name '/etc/passwd' leads out of the folder; "
-     "give a manifest as automarine wrote it\n"),
+     "give a manifest of automarine\n"),
     ],
 )  # fmt: skip
 def test_a_folder_without_a_sound_manifest_is_refused(pool: Path, run: Run, text: str | None, sentence: str) -> None:

@@ -29,7 +29,7 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, r
 from automarine_cli.logs.cells import MISSING
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.outputs import json_text
+from automarine_cli.pipeline.records import json_text
 from automarine_cli.simulation.campaign import make_plans
 from automarine_cli.thrusters.map import ThrusterMap
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from automarine_cli.pipeline.lock import HeldElsewhereError, held
+from automarine_cli.link.store import HeldElsewhereError, held
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:

@@ -6,7 +6,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogFile, LogTable
-from automarine_cli.pipeline.recipe import read_mapping
+from automarine_cli.pipeline.records import read_mapping
 from automarine_cli.pipeline.words import printable
 from automarine_cli.runs.load import runs_of_table
 from automarine_cli.runs.run import Run

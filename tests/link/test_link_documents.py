@@ -14,7 +14,7 @@ from automarine_cli.link.document import PlannedRun, campaign_in, read_campaign
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.replay import Replay
 from automarine_cli.link.vehicles.simulated import Simulated
-from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.pipeline.records import to_mapping
 
 
 def test_a_document_is_read_back_as_it_was_written() -> None:

@@ -20,7 +20,7 @@ from automarine_cli.commands.check import check
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import LogFile, read_log
-from automarine_cli.pipeline.outputs import json_text
+from automarine_cli.pipeline.records import json_text
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -12,7 +12,7 @@ from broken_logs.make import csv_of, good_table
 from click.testing import Result
 from fuzzing import COLUMN_MAP, KINDS, SPECIFICATION, THRUSTER_MAP
 
-from automarine_cli.pipeline.plain_data import DEEPEST, MOST_BYTES, MOST_VALUES
+from automarine_cli.pipeline.records import MOST_BYTES
 
 Command = Callable[..., Result]
 
@@ -70,8 +70,7 @@ def test_no_data_at_all(ask: Callable[[str, bytes], list[Result]], name: str) ->
     say(ask(name, deep), f"{name}: not valid {kind}: nested too deep")
     digits = b"9" * (most // 2)
     long = b'{"a": ' + digits + b"}" if kind == "JSON" else b"a = " + digits
-    say(ask(name, long), f"{name}: not valid {kind}: a whole number of thousands of digits")
-    for found in ask(name, open_ended):
+    for found in (*ask(name, long), *ask(name, open_ended)):
         assert found.exit_code == 1 and found.stderr.startswith(f"Error: {name}: not valid {kind}: ")
 
 
@@ -79,11 +78,6 @@ def test_no_data_at_all(ask: Callable[[str, bytes], list[Result]], name: str) ->
 def test_no_object(ask: Callable[[str, bytes], list[Result]], name: str) -> None:
     say(ask(name, b""), f"{name}: the file is empty; expected JSON")
     say(ask(name, b"[1, 2]"), f"{name}: found a list of 2, expected an object with named keys")
-    many = b'{"a": [' + b"0," * MOST_VALUES + b"0]}"
-    say(ask(name, many), f"{name}: holds more than {MOST_VALUES} values; expected a file of a few kilobytes")
-    nested = b'{"a": {"b": ' + b"[" * DEEPEST + b"]" * DEEPEST + b"}}"
-    for found in ask(name, nested):
-        assert found.exit_code == 1 and found.stderr.endswith(f"[0]: nested more than {DEEPEST} deep\n")
     twice = b'{"schema": 1, "schema": 2}'
     say(ask(name, twice), f"{name}: not valid JSON: the key 'schema' is given more than once")
 
@@ -123,7 +117,7 @@ def test_numbers_that_are_none(ask: Callable[[str, bytes], list[Result]], name: 
         say(ask(name, content), f"{name}: {path}: found {json.dumps(value)}, expected a finite number")
     say(
         ask(name, changed(GOOD[name], path, 10**400)),
-        f"{name}: {path}: found a whole number of more than 300 digits, expected a smaller one",
+        f"{name}: {path}: found a number of more than 300 digits, expected a smaller one",
     )
     say(
         ask(name, changed(GOOD[name], path, 1e300)),
@@ -154,12 +148,10 @@ SPECIFICATIONS = {
     ("I_r = 1.018", "I_r = 1e-300"): "vehicle.I_r: found 1e-300, expected 0 or a size of 1e-12 to 1e+12",
     ("levels = [-50, 50, 100]", "levels = [-50, 1e99]"): "bollard.levels[1]: found 1e+99, expected 0 or a size of "
     "1e-12 to 1e+12",
-    ("seed = 4", "seed = 0x" + "f" * 400): "seed: found a whole number of more than 300 digits, expected a smaller one",
+    ("seed = 4", "seed = 0x" + "f" * 400): "seed: found a number of more than 300 digits, expected a smaller one",
     ("seed = 4", "seed = '4'"): 'seed: found "4", expected a whole number',
     ("I_r = 1.018", "I_r = [1]"): "vehicle.I_r: found a list of 1, expected a number",
     ("[logger]", "[loger]"): 'unknown key "loger"; did you mean "logger"?',
-    ("noise_deg = 1.0", "noise_deg = 1.0\n" + "a." * 60 + "a = 1"): "not valid TOML: a key of more than 40 parts "
-    "(at line 9)",
     ("seed = 4", 'seed = 4\n"\\u001b[31m" = 1'): 'unknown key "\\u001b[31m"; known are schema, vehicle, seed, '
     "effects, logger, scatter, campaign, runs, bollard",
     ("repeats = 2", "repeats = 1_000_000_000"): "more than 1000000 runs would be made; ask for fewer",
@@ -176,7 +168,7 @@ def test_a_specification(ask: Callable[[str, bytes], list[Result]], tmp_path: Pa
 
 COLUMN_MAPS = {
     ("offset = 0.5", "offset = nan"): "columns.time_s.offset is nan; expected a finite number",
-    ("offset = 0.5", "offset = 0x" + "f" * 400): "columns.time_s.offset: found a whole number of more than 300 digits, "
+    ("offset = 0.5", "offset = 0x" + "f" * 400): "columns.time_s.offset: found a number of more than 300 digits, "
     "expected a smaller one",
     ("sign = -1", "sign = true"): "columns.heading_deg.sign is true; expected 1 or -1",
     ('unit = "ms"', 'unite = "ms"'): "columns.time_s.unite is not known; a column takes from, unit, sign, "

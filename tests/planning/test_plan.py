@@ -13,7 +13,7 @@ from specified import read_specification
 
 import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
-from automarine_cli.pipeline.recipe import from_mapping
+from automarine_cli.pipeline.records import from_mapping
 from automarine_cli.planning.limits import EXAMPLE, Limits, Pool
 from automarine_cli.planning.plan import Plan
 

@@ -12,8 +12,7 @@ from few_candidates import few_candidates
 
 import automarine_cli as am
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline import attempts
-from automarine_cli.pipeline.attempts import attempted
+from automarine_cli.pipeline.results_folder import attempted
 from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.simulation.specification import SCHEMA
 
@@ -184,12 +183,6 @@ def test_an_interrupt_and_a_want_of_memory_pass(
     assert not (tmp_path / "out").exists()
 
 
-def test_what_fails_after_an_interrupt_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(attempts, "struck", lambda: True)
-    with pytest.raises(RuntimeError):
-        attempted("The figure drag could not be drawn", boom)
-
-
 def test_what_an_exception_says_stands_on_one_line() -> None:
     def bare() -> None:
         raise ValueError
@@ -197,8 +190,8 @@ def test_what_an_exception_says_stands_on_one_line() -> None:
     def long() -> None:
         raise KeyError("a\x1b[31m")
 
-    assert attempted("It failed", bare).warning == "It failed (ValueError); everything else was written."
-    assert attempted("It failed", long).warning == ("It failed (KeyError: 'a\\x1b[31m'); everything else was written.")
+    assert attempted("It failed", bare)[1] == "It failed (ValueError); everything else was written."
+    assert attempted("It failed", long)[1] == ("It failed (KeyError: 'a\\x1b[31m'); everything else was written.")
 
 
 CALLS: Sequence[Callable[[], object]] = (

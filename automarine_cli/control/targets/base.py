@@ -19,7 +19,7 @@ import numpy as np
 from automarine_cli.control.vehicles import Bend
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.records import Source
 from automarine_cli.pipeline.words import printable, quoted
 from automarine_cli.quantities import Complexes, Floats
 

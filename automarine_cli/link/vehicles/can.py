@@ -19,7 +19,7 @@ from automarine_cli.logs import ColumnMap, ColumnRule, given_columns
 from automarine_cli.logs.can import messages_of
 from automarine_cli.logs.canonical import CANONICAL, LABELS
 from automarine_cli.logs.streams import needed
-from automarine_cli.pipeline.plain_data import Document, Source
+from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.planning.vehicle import CommandTable, Drive, command_table, drive_of
 from automarine_cli.thrusters.moments import map_and_arm
 

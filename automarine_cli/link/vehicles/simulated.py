@@ -14,8 +14,8 @@ from automarine_cli.link.document import LinkCampaign, PlannedRun
 from automarine_cli.link.vehicles.base import Halted, Pace, refuse_beyond
 from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.records import read_plain
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.planning.information import Logger
 from automarine_cli.planning.vehicle import MOMENT_COLUMNS

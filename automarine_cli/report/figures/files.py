@@ -6,9 +6,8 @@ from functools import partial
 from matplotlib.figure import Figure
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.attempts import Attempt, attempted
-from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import Each
+from automarine_cli.pipeline.results_folder import Attempt, ResultFolder, attempted
 from automarine_cli.report.figures.style import FORMATS
 
 Draw = Callable[[], Figure]

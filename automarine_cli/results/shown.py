@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar
 
-from automarine_cli.pipeline.plain_data import Document
+from automarine_cli.pipeline.records import Document
 
 
 class Shown:

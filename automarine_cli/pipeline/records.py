@@ -1,0 +1,365 @@
+"""Plain data (JSON, TOML) to and from typed records, by their type hints; what does not fit is refused by file and key.
+
+A record is any frozen dataclass whose fields are `bool`, `int`, `float`, `str`, `Literal[...]`, `object`, `X | None`,
+`tuple[X, ...]`, `tuple[X, Y]`, `Mapping[str, X]` or another such dataclass. A field called `from_` is the key `from`;
+the key of a `keyed` field is a template, filled by whom the reader gives. A record with a class method `of_number`
+takes a plain number too. A record checks its own values in `__post_init__` and raises SettingError with the bare
+reason; the place in the file is put in front of it here.
+"""
+
+import dataclasses
+import difflib
+import functools
+import io
+import json
+import math
+import re
+import sys
+import tomllib
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Protocol, TypeVar, Union
+
+from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.pipeline.words import LONGEST, printable, quoted
+
+# A model is a few kilobytes, with ten thousand runs set aside a few megabytes; TOML is written by hand.
+MOST_BYTES = {"JSON": 16_000_000, "TOML": 1_000_000}
+LARGEST_WHOLE = 10**300  # beyond it a whole number is no float any more
+FILLER: Mapping[str, object] = {"filler": True}
+"""Metadata of a field that is in no file: who fills the keys, as given to the codec."""
+Place = tuple[object, ...]
+"""Keys and numbers of list entries, from the outside in."""
+
+
+class Record(Protocol):
+    """A dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, "Field[Any]"]]
+
+
+class Words(Protocol):
+    """Fills the keys of records, such as the record of a motion."""
+
+    def fill(self, template: str) -> str: ...
+
+
+Kind = TypeVar("Kind", bound=Record)
+
+
+def keyed(*keys: str) -> Mapping[str, object]:
+    """Return the metadata of a field whose key in files is a template such as "noise_{log_unit}", for the codec's
+    words; of several the first that is there is read."""
+    return {"keys": keys}
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file that is on no disk: the name and the bytes that a result of Python would have been written as."""
+
+    name: str
+    content: bytes
+
+    def open(self, mode: Literal["rb"]) -> io.BytesIO:
+        return io.BytesIO(self.content)
+
+    def read_bytes(self) -> bytes:
+        return self.content
+
+
+Source = Path | Document
+"""What a model, a map or a diagnosis is read from."""
+
+
+def read_plain(
+    path: Source, kind: Literal["JSON", "TOML"], refuse: type[AutomarineError], *, most: int | None = None
+) -> dict[str, object]:
+    """Read the table (JSON: object) in a file of at most `most` bytes; nothing in it is executed.
+
+    Raises `refuse` with the file, and the key's path where there is one.
+    """
+    name, most = printable(path.name), MOST_BYTES[kind] if most is None else most
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)  # what has no end (a device) must not fill the memory
+    except OSError as problem:
+        raise refuse(f"{name}: cannot be read ({problem.strerror or problem})") from None
+    if len(content) > most:
+        raise refuse(f"{name}: more than {most} bytes; expected a file of a few kilobytes")
+    if kind == "JSON" and not content.strip():
+        raise refuse(f"{name}: the file is empty; expected JSON")
+    try:
+        text = content.decode("utf-8-sig")
+        data: object = tomllib.loads(text) if kind == "TOML" else json.loads(text, object_pairs_hook=_unique)
+        for value, place in everything(data):
+            if isinstance(value, float) and kind == "JSON" and not math.isfinite(value):
+                raise refuse(f"{name}: {in_words(place)}found {told(value)}, expected a finite number")
+            if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+                raise refuse(f"{name}: {in_words(place)}found a number of more than 300 digits, expected a smaller one")
+    except UnicodeDecodeError:
+        raise refuse(f"{name}: expected UTF-8 text, found other bytes; save it as UTF-8") from None
+    except RecursionError:
+        raise refuse(f"{name}: not valid {kind}: nested too deep") from None
+    except ValueError as problem:
+        raise refuse(f"{name}: not valid {kind}: {printable(str(problem))[:300]}") from None
+    if not isinstance(data, dict):
+        raise refuse(f"{name}: found {told(data)}, expected an object with named keys")
+    return data
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    names = [key for key, _ in pairs]
+    for key in names if len(set(names)) < len(names) else ():
+        if names.count(key) > 1:
+            raise ValueError(f"the key {quoted(key)} is given more than once")
+    return dict(pairs)
+
+
+def read_mapping(path: Path) -> dict[str, object]:
+    """Read the table in a TOML or JSON file (distinguished by the extension `.json`). Raises SettingError."""
+    return read_plain(path, "JSON" if path.suffix == ".json" else "TOML", SettingError)
+
+
+def schema_in(source: object) -> str:
+    """Return the schema that a JSON file says it has; empty where there is none, or nothing that can be read."""
+    try:
+        return str(read_plain(source, "JSON", AutomarineError).get("schema")) if isinstance(source, Source) else ""
+    except AutomarineError:
+        return ""
+
+
+def everything(data: object, place: Place = ()) -> Iterator[tuple[object, Place]]:
+    """Yield every value with its place, outer ones first."""
+    yield data, place
+    if isinstance(data, dict | list | tuple):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from everything(value, (*place, key))
+
+
+def in_words(place: Place) -> str:
+    """Return `models.3.k_rr: `, or nothing at the top; a long path is shortened."""
+    parts = [f"[{part}]" if isinstance(part, int) else f".{printable(str(part)[:LONGEST])}" for part in place]
+    text = "".join(parts).removeprefix(".")
+    return f"{text if len(text) <= 2 * LONGEST else text[: 2 * LONGEST] + '...'}: " if text else ""
+
+
+def told(value: object) -> str:
+    """Return a value in words, short enough for one line."""
+    if value is None or isinstance(value, Mapping):
+        return "nothing" if value is None else "an object"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    if isinstance(value, str) and len(value) > LONGEST:
+        value = value[:LONGEST] + "..."
+    text = printable(json.dumps(value, ensure_ascii=False, default=str))
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+@dataclass(frozen=True)
+class Codec:
+    """How the data of one file become records.
+
+    `name` is that of the file or table, for messages; `words` fill the keys and become the value of the field marked
+    `FILLER`; `refuse` is raised. `writer` is the command that writes such files; where none is named they are settings
+    that people write. `others` are words that may be mistaken for these. A record of results refuses unknown keys
+    only if it names in `unread` those that may be there; settings refuse all.
+    """
+
+    name: str
+    words: Words | None = None
+    refuse: type[AutomarineError] = SettingError
+    writer: str = ""
+    others: tuple[Words, ...] = ()
+
+    def refusal(self, place: Place, why: str) -> AutomarineError:
+        return self.refuse(f"{self.name}: {in_words(place)}{why}")
+
+    def missing(self, place: Place, key: str, expected: str = "") -> AutomarineError:
+        then = f"give a file as `automarine {self.writer}` writes it" if self.writer else f"expected {expected}"
+        return self.refusal(place, f"key {told(key)} is missing; {then}")
+
+    def read(self, record: type[Kind], data: object, place: Place = ()) -> Kind:
+        """Return the `record` that plain data hold; raises `refuse` with the place for a key or value that is wrong."""
+        if not isinstance(data, Mapping):
+            table = "an object with named keys" if self.writer else "a table of settings"
+            raise self.refusal(place, f"found {told(data)}, expected {table}")
+        self._refuse_unknown(record, data, place)
+        values: dict[str, object] = {}
+        for field in dataclasses.fields(record):
+            keys, hint = _keys(field, self.words), _hints(record)[field.name]
+            key = next((key for key in keys if key in data), None)
+            if "filler" in field.metadata:
+                values[field.name] = self.words
+            elif key is not None:
+                values[field.name] = self.value(hint, data[key], (*place, key))
+            elif field.default is MISSING and field.default_factory is MISSING:
+                raise self.missing(place, keys[0], _expected(hint))
+        try:
+            return record(**values)
+        except SettingError as problem:
+            raise self.refusal(place, str(problem)) from None
+
+    def _refuse_unknown(self, record: type[Record], data: Mapping[object, object], place: Place) -> None:
+        """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
+        fields = [field for field in dataclasses.fields(record) if "filler" not in field.metadata]
+        known = [key for field in fields for key in _keys(field, self.words)]
+        if (unread := getattr(record, "unread", None if self.writer else ())) is None:
+            return
+        known += unread
+        for key in (key for key in data if key not in known):
+            free = [name for name in known if name not in data] if self.writer else known
+            twins = {(theirs, ours) for other in self.others for field in fields
+                     for theirs, ours in zip(_keys(field, other), _keys(field, self.words))}  # fmt: skip
+            meant = [ours for theirs, ours in twins if theirs == key and ours in free]
+            cutoff = 0.8 if self.writer else 0.6
+            close = meant or difflib.get_close_matches(str(key)[:LONGEST], free, n=1, cutoff=cutoff)
+            hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(known)}"
+            raise self.refusal(place, f"unknown key {told(key)}; {hint}")
+
+    def value(self, hint: Any, value: Any, place: Place = ()) -> Any:
+        """Return a plain value as the type `hint`, which a record's field may have. Raises `refuse` with the place."""
+        origin, args = typing.get_origin(hint), typing.get_args(hint)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if hasattr(hint, "of_number") and not isinstance(value, Mapping):
+            return hint.of_number(self.value(float, value, place))
+        if dataclasses.is_dataclass(hint):
+            return self.read(typing.cast(type[Record], hint), value, place)
+        if origin in (Union, types.UnionType):
+            members = [member for member in args if member is not types.NoneType]
+            if value is None and len(members) < len(args):
+                return None
+            for member in members:
+                try:
+                    return self.value(member, value, place)
+                except AutomarineError:
+                    if len(members) == 1:
+                        raise
+        elif origin is tuple and isinstance(value, list | tuple):
+            inner = (args[0],) * len(value) if args[-1] is Ellipsis else args
+            if len(inner) == len(value):
+                return tuple(self.value(part, entry, (*place, i)) for i, (part, entry) in enumerate(zip(inner, value)))
+        elif isinstance(origin, type) and issubclass(origin, Mapping) and isinstance(value, Mapping):
+            return {str(key): self.value(args[1], entry, (*place, key)) for key, entry in value.items()}
+        elif hint is float and number:
+            if abs(value) <= sys.float_info.max:
+                return float(value)
+            raise self.refusal(place, f"found {told(value)}, expected a finite number")
+        elif (
+            hint in (Any, object)
+            or (origin is Literal and value in args and not isinstance(value, bool))
+            or (hint in (bool, str) and isinstance(value, hint))
+            or (hint is int and number and isinstance(value, int))
+        ):
+            return value
+        found = "a table" if isinstance(value, Mapping) and not self.writer else told(value)
+        raise self.refusal(place, f"found {found}, expected {_expected(hint)}")
+
+
+def from_mapping(cls: type[Kind], mapping: object, where: str, words: Words | None = None) -> Kind:
+    """Return the settings `cls` that plain data hold; `where` names the file or table. Raises SettingError by key."""
+    return Codec(where, words).read(cls, mapping)
+
+
+def to_mapping(record: Record) -> dict[str, object]:
+    """Return the plain data of a record, field order kept; what is None is left out (TOML has no null)."""
+    values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    return {
+        key_of(record, field.name): _plain(values[field.name])
+        for field in dataclasses.fields(record)
+        if values[field.name] is not None and "filler" not in field.metadata
+    }
+
+
+def key_of(record: Record, name: str) -> str:
+    fields = {field.name: field for field in dataclasses.fields(record)}
+    words = (getattr(record, field.name) for field in fields.values() if "filler" in field.metadata)
+    return _keys(fields[name], next(words, None))[0]
+
+
+def _plain(value: object) -> object:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return to_mapping(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def _keys(field: "Field[Any]", words: Words | None) -> tuple[str, ...]:
+    templates = field.metadata.get("keys", ())
+    return tuple(map(words.fill, templates)) if templates and words is not None else (field.name.rstrip("_"),)
+
+
+@functools.cache
+def _hints(record: type[Record]) -> dict[str, object]:
+    return typing.get_type_hints(record)
+
+
+def _expected(hint: Any) -> str:
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (Union, types.UnionType):
+        return " or ".join(_expected(arg) for arg in args if arg is not types.NoneType)
+    if origin is Literal:
+        return "one of " + ", ".join(repr(arg) for arg in args)
+    if origin is tuple:
+        entry = _expected(args[0]).removeprefix("a ")
+        return f"a list, each entry a {entry}" if args[-1] is Ellipsis else f"a list of {len(args)} values"
+    plain = {bool: "true or false", int: "a whole number", float: "a number", str: "a text in quotes"}
+    return plain.get(hint, "a number" if hasattr(hint, "of_number") else "a table")
+
+
+def json_text(data: object) -> str:
+    """Return the JSON of automarine: order kept, indent 1, letters of any alphabet kept, newline at the end.
+
+    Raises OutputError for a value that is not a finite number: a result file never holds NaN.
+    """
+    try:
+        text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False, default=_as_plain) + "\n"
+    except ValueError:
+        plain = json.loads(json.dumps(data, default=_as_plain))
+        odd = (place for value, place in everything(plain) if isinstance(value, float) and not math.isfinite(value))
+        where = in_words(("result", *next(odd))).removesuffix(": ")
+        raise OutputError(f"{where} is not a finite number; this is a bug, please report it") from None
+    # a byte of a file's name that is not UTF-8 has no letter, only an escape
+    return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
+
+
+def json_document(name: str, data: object) -> Document:
+    return Document(name, json_text(data).encode("utf-8"))
+
+
+def _as_plain(value: Any) -> object:
+    return value.tolist()
+
+
+def toml_text(mapping: Mapping[str, object], prefix: str = "") -> str:
+    """Return plain data as TOML: values first, then tables, then arrays of tables; read back it is the same data."""
+    values, tables = [], []
+    for key, value in mapping.items():
+        name = prefix + _toml_key(key)
+        if isinstance(value, Mapping):
+            tables.append(f"\n[{name}]\n" + toml_text(value, f"{name}."))
+        elif isinstance(value, list | tuple) and value and all(isinstance(entry, Mapping) for entry in value):
+            tables += [f"\n[[{name}]]\n" + toml_text(entry, f"{name}.") for entry in value]
+        else:
+            values.append(f"{toml_line(key, value)}\n")
+    return "".join(values + tables)
+
+
+def toml_line(key: str, value: object) -> str:
+    """Return `key = value` on one line, a table as an inline one."""
+    return f"{_toml_key(key)} = {_toml_value(value)}"
+
+
+def _toml_key(key: str) -> str:
+    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else _toml_value(key)
+
+
+def _toml_value(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(toml_line(key, entry) for key, entry in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml_value(entry) for entry in value) + "]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")  # as TOML wants that one

@@ -1,0 +1,249 @@
+"""Results in a folder appear whole or not at all: filled beside the target, then renamed; old ones stay until then.
+
+While a process writes to `NAME`, `.NAME.automarine-new` beside it is what it fills, and nobody else can make one.
+`.NAME.automarine-old` holds the former results between two renames.
+"""
+
+import contextlib
+import copy
+import errno
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from automarine_cli.errors import AutomarineError, OutputError
+from automarine_cli.pipeline import manifest
+from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest
+from automarine_cli.pipeline.records import Source, json_text
+from automarine_cli.pipeline.words import printable
+
+Made = TypeVar("Made")
+Attempt = tuple[Made | None, str]
+"""What was made; or None, and a sentence that says why."""
+
+MOST_FOREIGN = 1000  # files of others in a folder that may be replaced by a rename: not a home, not a project
+ROOM, RIGHT = "Make room, or choose another folder with -o", "Choose a folder that you may write to with -o"
+ADVICE = {errno.ENOSPC: ROOM, errno.EDQUOT: ROOM, errno.EROFS: RIGHT, errno.EACCES: RIGHT, errno.EPERM: RIGHT}
+
+
+def attempted(failure: str, work: Callable[[], Made]) -> tuple[Made | None, str]:
+    """Do what results can do without; `failure` begins the sentence on why there is none."""
+    try:
+        return work(), ""
+    except MemoryError:
+        raise
+    except Exception as problem:
+        kind = "" if isinstance(problem, AutomarineError) else f"{type(problem).__name__}: "
+        why = printable(" ".join(f"{kind}{problem}".split()).removesuffix(":"))
+        return None, f"{failure} ({why}); everything else was written."
+
+
+def file_stems(names: Sequence[str]) -> list[str]:
+    """Return a safe, distinct part of a file name for each run name (which may hold slashes, blanks, anything)."""
+    stems: dict[str, str] = {}  # by lower case: some file systems do not tell A from a
+    for name in names:
+        stem = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in name).strip(".")[:80] or "run"
+        unique, n = stem, 1
+        while unique.lower() in stems:
+            unique, n = f"{stem}_{n + 1}", n + 1
+        stems[unique.lower()] = unique
+    return list(stems.values())
+
+
+class ResultFolder:
+    """The folder under construction: everything written here appears together at the end."""
+
+    def __init__(self, out: Path, new: Path, occupied: Path | None) -> None:
+        self._out, self._new, self._occupied, self._below = out, new, occupied, ""
+        self._hashes: dict[str, str] = {}
+        self._warnings: list[str] = []
+
+    def below(self, name: str) -> "ResultFolder":
+        """Return the same folder, whose files go into the subfolder `name`."""
+        inner = copy.copy(self)
+        inner._below = f"{self._below}{name}/"
+        return inner
+
+    @property
+    def hashes(self) -> Mapping[str, str]:
+        return dict(sorted(self._hashes.items()))
+
+    def write(self, name: str, content: bytes | str) -> None:
+        """Write one file; `name` is relative, with forward slashes. Raises OutputError if the disk refuses, or a file
+        of that name that is not ours would be replaced."""
+        name = f"{self._below}{name}"
+        if {"..", ".", ""} & {*name.split("/")} or "\\" in name or name in self._hashes:
+            raise ValueError(f"result file {name!r}: expected a new relative name")
+        if self._occupied is not None and (self._occupied / name).exists():
+            raise OutputError(f"{self._out} already holds a file {name}; give --overwrite to replace it")
+        data = content.encode("utf-8") if isinstance(content, str) else content
+        with one_sentence(self._out):
+            (self._new / name).parent.mkdir(parents=True, exist_ok=True)
+            (self._new / name).write_bytes(data)
+        self._hashes[name] = hashlib.sha256(data).hexdigest()
+
+    def write_json(self, name: str, data: object) -> None:
+        self.write(name, json_text(data))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return tuple(self._warnings)
+
+    def attempt(self, failure: str, work: Callable[[], Made]) -> Made | None:
+        return self.taken(attempted(failure, work))
+
+    def taken(self, attempt: tuple[Made | None, str]) -> Made | None:
+        """Return what was `attempted`; where nothing was made None, and the warning is in the manifest."""
+        self._warnings += filter(None, attempt[1:])
+        return attempt[0]
+
+
+@contextlib.contextmanager
+def result_folder(
+    out: Path, *, command: str, options: Mapping[str, object], inputs: Sequence[tuple[str, Source] | Input],
+    seed: int | None, overwrite: bool,
+) -> Iterator[ResultFolder]:  # fmt: skip
+    """Write the results of `command` into the folder `out`, whole or not at all.
+
+    `inputs` are the files read, each with the short name that results use and its role (without one: a log);
+    `options` and `seed` must hold all else that the results depend on. On leaving without an error the manifest is
+    added and the whole folder takes the place of the former one; what others put there stays. Raises OutputError if
+    `out` holds results and `overwrite` is false, is a file, is being written to by another, or cannot be written.
+    """
+    refuse_unfit(out)
+    target = Path(os.path.realpath(out))
+    new, old = (target.with_name(f".{target.name}.automarine-{role}") for role in ("new", "old"))
+    missing = [parent for parent in target.parents if not parent.exists()]
+    with one_sentence(out):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            new.mkdir()
+        except FileExistsError:
+            raise OutputError(
+                f"another automarine is writing results to {target.name}; wait until it has ended, or, if it was "
+                f"killed, delete {new}"
+            ) from None
+    try:
+        with one_sentence(out):
+            _put_back(old, target)
+            replaced = _replaced(target, out, command, overwrite)
+            read = manifest.input_entries(inputs)
+        folder = ResultFolder(out, new, target if not (replaced or overwrite) else None)
+        yield folder
+        versions = manifest.versions_here()
+        record = {
+            "schema": manifest.SCHEMA, "automarine": versions.pop("automarine"), "libraries": versions,
+            "command": command, "options": manifest.recorded_options(options), "seed": seed, "inputs": read,
+            "outputs": [{"file": name, "sha256": sha} for name, sha in folder.hashes.items()],
+            **({"warnings": folder.warnings} if folder.warnings else {}),
+        }  # fmt: skip
+        with one_sentence(out):
+            (new / MANIFEST).write_text(json_text(record), encoding="utf-8")
+            _carry_over(target, new, _replaced(target, out, command, overwrite))  # again: it may be there by now
+            shutil.rmtree(old, ignore_errors=True)
+            if target.exists():
+                target.rename(old)
+            new.rename(target)
+            shutil.rmtree(old, ignore_errors=True)
+    finally:
+        _put_back(old, target)
+        shutil.rmtree(new, ignore_errors=True)
+        for parent in missing:  # those that stay empty
+            with contextlib.suppress(OSError):
+                parent.rmdir()
+
+
+def _put_back(old: Path, target: Path) -> None:
+    """Undo the first of two renames where the second was not made."""
+    if old.is_dir() and not target.exists():
+        old.rename(target)
+
+
+def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str]:
+    """Return the names in `target` that new results replace; none where there are no results. Raises OutputError."""
+    if not (target / MANIFEST).exists():
+        ours = {path.parent for path in manifest.manifests_in(target)}  # results of the steps of a campaign
+        count = sum(not ours & {path, *path.parents} for path in target.rglob("*"))
+        if count > MOST_FOREIGN:
+            raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")
+        return set()
+    if not is_manifest(target / MANIFEST):
+        raise OutputError(f"{out} holds a {MANIFEST} that is not automarine's; choose another folder with -o")
+    there = json.loads((target / MANIFEST).read_text(encoding="utf-8"))
+    if not overwrite:
+        raise OutputError(
+            f"{out} already holds results of {there.get('command', 'automarine')}; give --overwrite to replace them, "
+            "or another folder with -o"
+        )
+    outputs = there.get("outputs", []) if there.get("command") == command else []  # those of another command stay
+    return {MANIFEST, *(str(entry["file"]) for entry in outputs)}
+
+
+def _carry_over(target: Path, new: Path, replaced: set[str]) -> None:
+    """Link (or copy) what `target` holds into `new`, except names in `replaced` and names already there."""
+
+    def leave(folder: str, names: list[str]) -> set[str]:
+        inside = Path(folder).relative_to(target)
+        return {name for name in names if (inside / name).as_posix() in replaced or (new / inside / name).is_file()}
+
+    def link(source: str, copied: str) -> None:
+        try:
+            os.link(source, copied)
+        except (OSError, NotImplementedError):
+            shutil.copy2(source, copied)
+
+    if target.exists():
+        shutil.copytree(target, new, symlinks=True, ignore=leave, copy_function=link, dirs_exist_ok=True)
+
+
+def refuse_unfit(out: Path) -> None:
+    """Raise OutputError for a folder that can never be replaced as a whole: rather before the work than after."""
+    target, here = Path(os.path.realpath(out)), Path.cwd()
+    with one_sentence(out):
+        nearest = next(path for path in (target, *target.parents) if path.exists())
+        if not nearest.is_dir():
+            raise OutputError(f"{nearest.name} is a file; give a folder for the results after -o")
+        if target in (here, *here.parents) or os.path.ismount(target):
+            raise OutputError(
+                f"{target.name or target} is the folder this command runs in (or holds it, or is a mounted disk) "
+                "and cannot be replaced as a whole; give a folder inside it, for example -o results"
+            )
+        if nearest == target and not (os.access(target, os.W_OK) and target.stat().st_mode & 0o222):
+            raise OutputError(f"{target.name} is read-only; choose another folder with -o, or allow writing to it")
+
+
+@contextlib.contextmanager
+def one_sentence(out: Path) -> Iterator[None]:
+    """Turn trouble with the disk into an OutputError."""
+    try:
+        yield
+    except OSError as problem:
+        reason = problem.strerror or type(problem).__name__
+        advice = ADVICE.get(problem.errno or 0, "Choose another folder with -o")
+        raise OutputError(
+            f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed there. {advice}"
+        ) from None
+
+
+def refuse_existing(target: Path, *, overwrite: bool) -> None:
+    """Raise OutputError for a file that is there already unless `overwrite`, and for a folder."""
+    if target.is_dir():
+        raise OutputError(f"{target} is a folder; give the name of a file after -o")
+    if target.exists() and not overwrite:
+        raise OutputError(f"{target} is there already; give --overwrite to replace it, or another name with -o")
+
+
+def write_whole(target: Path, text: str) -> None:
+    """Write one file that stands alone beside its place, to the disk itself, then put it there. Raises OutputError."""
+    new = target.with_name(f".{target.name}.automarine-new")
+    with one_sentence(target.parent):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with new.open("wb") as file:
+            file.write(text.encode("utf-8"))
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(target)

@@ -1,0 +1,204 @@
+"""Results whole or not at all: what stands on the disk after success, refusal, error, interrupt and kill."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from repository import ROOT
+
+from automarine_cli.errors import OutputError
+from automarine_cli.pipeline import results_folder
+from automarine_cli.pipeline.manifest import MANIFEST
+from automarine_cli.pipeline.results_folder import file_stems, result_folder
+
+
+def write(
+    out: Path, files: dict[str, str], *, command: str = "fit-yaw", overwrite: bool = False, **more: object
+) -> None:
+    settings: dict[str, object] = {"options": {}, "inputs": (), "seed": None} | more
+    with result_folder(out, command=command, overwrite=overwrite, **settings) as folder:  # type: ignore[arg-type]
+        for name, text in files.items():
+            folder.write(name, text)
+
+
+def content(out: Path) -> dict[str, str]:
+    """Every file under `out` but the manifest, by relative name."""
+    files = (path for path in out.rglob("*") if path.is_file() and path.name != MANIFEST)
+    return {path.relative_to(out).as_posix(): path.read_text() for path in sorted(files)}
+
+
+def test_new_folder_appears_with_its_manifest(tmp_path: Path) -> None:
+    log, out = tmp_path / "run.csv", tmp_path / "deep" / "er" / "out"
+    log.write_bytes(b"time_s,tau\n")
+    options = {"arm": 0.44, "model": tmp_path / "m.json", "file": str(log), "out": out, "jobs": 4, "overwrite": False}
+    write(out, {"b.csv": "1\n", "sub/a.csv": "ψ\n"}, options=options, inputs=[("steps/run.csv", log)], seed=3)
+    assert content(out) == {"b.csv": "1\n", "sub/a.csv": "ψ\n"} and list(out.parent.iterdir()) == [out]
+    manifest = json.loads((out / MANIFEST).read_text())
+    assert (manifest["schema"], manifest["command"], manifest["seed"]) == ("automarine/manifest/1", "fit-yaw", 3)
+    assert manifest["options"] == {"arm": 0.44, "model": "m.json", "file": "run.csv"}  # nothing of the machine
+    assert manifest["inputs"] == [
+        {"file": "steps/run.csv", "role": "log", "sha256": hashlib.sha256(b"time_s,tau\n").hexdigest()}
+    ]
+    assert manifest["outputs"] == [
+        {"file": "b.csv", "sha256": hashlib.sha256(b"1\n").hexdigest()},
+        {"file": "sub/a.csv", "sha256": hashlib.sha256("ψ\n".encode()).hexdigest()},
+    ]
+    assert manifest["libraries"]["numpy"] == np.__version__
+
+
+def test_overwrite_replaces_ours_and_keeps_theirs(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write(out, {"a": "old", "gone.png": "old"})
+    with pytest.raises(OutputError, match=r"already holds results of fit-yaw; give --overwrite to replace them"):
+        write(out, {"a": "new"})
+    assert content(out) == {"a": "old", "gone.png": "old"}
+    (out / "notes.txt").write_text("mine")
+    (out / "sub" / "empty").mkdir(parents=True)
+    (out / "sub" / "x").write_text("mine too")
+    (out / "link").symlink_to("notes.txt")
+    out.chmod(0o750)
+    write(out, {"a": "new"}, overwrite=True)
+    assert content(out) == {"a": "new", "link": "mine", "notes.txt": "mine", "sub/x": "mine too"}
+    assert (out / "link").is_symlink() and (out / "sub" / "empty").is_dir()
+    assert out.stat().st_mode & 0o777 == 0o750
+    write(out, {"map": "1"}, command="fit-thrusters", overwrite=True)  # those of another command stay beside
+    assert content(out).keys() == {"a", "map", "link", "notes.txt", "sub/x"} and list(tmp_path.iterdir()) == [out]
+
+
+def test_a_folder_of_others_takes_results_but_loses_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "a").write_text("mine")
+    with pytest.raises(OutputError, match=r"already holds a file a; give --overwrite"):
+        write(out, {"b": "ours", "a": "ours"})
+    assert content(out) == {"a": "mine"}
+    write(out, {"b": "ours"})
+    assert content(out) == {"a": "mine", "b": "ours"}
+    (out / MANIFEST).write_text('{"name": "a web page"}')
+    with pytest.raises(OutputError, match="not automarine's"):
+        write(out, {"a": "1"}, overwrite=True)
+    for i in range(1001):
+        (tmp_path / f"{i}.txt").touch()
+    with pytest.raises(OutputError, match=r"holds 100\d other files; give a folder inside it"):
+        write(tmp_path, {"a": "1"})
+
+
+def test_unfit_targets_are_refused_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    for target in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(OutputError, match="file is a file; give a folder"):
+            write(target, {"a": "1"})
+    write(tmp_path / "out", {"a": "old"})
+    (tmp_path / "out").chmod(0o555)
+    with pytest.raises(OutputError, match="out is read-only; choose another folder"):
+        write(tmp_path / "out", {"a": "new"}, overwrite=True)
+    (tmp_path / "out").chmod(0o755)
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    write(tmp_path / "link", {"a": "2"}, overwrite=True)
+    assert (tmp_path / "link").is_symlink() and content(tmp_path / "out") == {"a": "2"}
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OutputError, match="the folder this command runs in"):
+        write(Path(), {"a": "1"})
+
+
+@pytest.mark.parametrize("problem", [KeyboardInterrupt(), ValueError("x"), FileNotFoundError(2, "No such log")])
+def test_error_or_interrupt_inside_leaves_nothing_and_passes_unchanged(tmp_path: Path, problem: BaseException) -> None:
+    with (
+        pytest.raises(type(problem)) as caught,
+        result_folder(tmp_path / "made" / "out", command="c", options={}, inputs=(), seed=None, overwrite=False) as out,
+    ):
+        out.write("a", "1")
+        raise problem
+    assert caught.value is problem and list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_one_sentence_and_an_error_between_two_renames_is_undone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, rename = tmp_path / "out", Path.rename
+    write(out, {"a": "old"})
+
+    def no_room(path: Path, target: Path) -> Path:
+        if path.name == ".out.automarine-new":
+            raise OSError(28, "No space left on device")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", no_room)
+    with pytest.raises(OutputError) as refused:
+        write(out, {"a": "new"}, overwrite=True)
+    assert str(refused.value) == (
+        f"results cannot be written to {out}: no space left on device; nothing was changed there. "
+        "Make room, or choose another folder with -o"
+    )
+    assert content(out) == {"a": "old"} and list(tmp_path.iterdir()) == [out]
+
+
+KILLED = """
+import os, shutil, signal, sys
+from pathlib import Path
+from automarine_cli.pipeline.results_folder import result_folder
+how = dict(command="fit-yaw", options={}, inputs=(), seed=None, overwrite=True)
+with result_folder(Path("out"), **how) as folder:
+    folder.write("a", "new")
+    if sys.argv[1] == "filling":
+        os.kill(os.getpid(), signal.SIGKILL)
+    rename = Path.rename
+    def struck(path, target):
+        rename(path, target)
+        os.kill(os.getpid(), signal.SIGKILL)
+    Path.rename = struck
+"""
+
+
+@pytest.mark.parametrize("when", ["filling", "between two renames"])
+def test_a_killed_command_leaves_the_old_results(tmp_path: Path, when: str) -> None:
+    """The next one says what to delete, and then finds the old results."""
+    out = tmp_path / "out"
+    write(out, {"a": "old"})
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    killed = subprocess.run([sys.executable, "-c", KILLED, when], cwd=tmp_path, env=environment, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert content(out if when == "filling" else tmp_path / ".out.automarine-old") == {"a": "old"}
+    with pytest.raises(OutputError) as busy:
+        write(out, {"a": "newer"}, overwrite=True)
+    assert str(busy.value) == (
+        f"another automarine is writing results to out; wait until it has ended, or, if it was killed, delete "
+        f"{tmp_path / '.out.automarine-new'}"
+    )
+    results_folder.shutil.rmtree(tmp_path / ".out.automarine-new")
+    with pytest.raises(OutputError, match="already holds results"):
+        write(out, {"a": "newer"})
+    assert content(out) == {"a": "old"} and list(tmp_path.iterdir()) == [out]
+
+
+def test_a_second_writer_is_refused_and_results_that_appear_meanwhile_stay(tmp_path: Path) -> None:
+    how = {"command": "c", "options": {}, "inputs": (), "seed": None, "overwrite": False}
+    with pytest.raises(OutputError, match="already holds results"), result_folder(tmp_path / "out", **how):  # type: ignore[arg-type]
+        with pytest.raises(OutputError, match="another automarine is writing results to out"):
+            write(tmp_path / "out", {"a": "1"})
+        write(tmp_path / "beside", {"a": "first"})
+        (tmp_path / "beside").rename(tmp_path / "out")
+    assert content(tmp_path) == {"out/a": "first"}
+
+
+@pytest.mark.parametrize("name", ["", "/abs", "../up", "a/../../up", "back\\slash", "twice"])
+def test_names_stay_inside(tmp_path: Path, name: str) -> None:
+    with (
+        pytest.raises(ValueError, match="expected a new relative name"),
+        result_folder(tmp_path / "out", command="c", options={}, inputs=(), seed=None, overwrite=False) as folder,
+    ):
+        folder.write("twice", "1")
+        folder.write(name, "1")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_file_stems_are_safe_and_distinct() -> None:
+    assert file_stems(["steps/run 1", "steps/run_1", "../x", "", "Ab", "aB"]) == [
+        "steps_run_1", "steps_run_1_2", "_x", "run", "Ab", "aB_2",
+    ]  # fmt: skip
