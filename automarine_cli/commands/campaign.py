@@ -209,14 +209,18 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
         expected, fits = EXPECTED.get(where) or EXPECTED.get(key) or ("", lambda value: True)
         if not fits(value):
             raise SettingError(f"{where}: found {told(value)}, expected {expected}")
+        if key == "map" or (work and key in work.files and _is_text(value)):
+            value = home / value
+            if not value.is_file():
+                raise SettingError(f"{where}: there is no file {printable(value.name)}; give it relative to this file")
         if key == "map":
-            yield key, home / value
+            yield key, value
         elif key in ("seed", "strict"):
             yield key, _converted(load("validate"), key, value, where)
         elif key == "per_test":
             yield key, _converted(load("fit-thrusters"), "thrusters_per_test", value, where)
         elif work is not None and key not in KEYS[section]:
-            yield key, _converted(work, key, home / value if key in work.files and _is_text(value) else value, where)
+            yield key, _converted(work, key, value, where)
         else:
             yield key, value
 

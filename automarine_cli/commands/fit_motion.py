@@ -3,6 +3,7 @@ whole runs where there are no steps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -149,6 +150,17 @@ def _trim(within: float | None, depths: tuple[float, float] | None) -> "Trim":
     return UNTRIMMED if within is None else Trim(within)
 
 
+def _checked(place: str, dof: Dof, type: click.ParamType = click.STRING) -> options.Checked:
+    """A type whose values a function of another room checks for a motion; nothing is imported for none."""
+    module, _, name = place.rpartition(".")
+
+    def check(value: Any) -> None:
+        if value != ():  # no effects ask none of the library
+            getattr(import_module(f"automarine_cli.{module}"), name)(value, dof)
+
+    return options.Checked(check, type)
+
+
 def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     """The fit of a motion, with the options that are its own."""
     steps, unit = ("half-turns", "DEGREES") if dof is YAW else ("steps", "METRES")
@@ -158,25 +170,22 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         help=f"Part of the runs to fit; auto takes {steps} where{where}.",
     )  # fmt: skip
 
-    def check_tail(tail: float) -> None:
-        from automarine_cli.fits.tails import asked_tail
-
-        asked_tail(tail, dof)
-
     tail = option(
-        "--tail", type=options.Checked(check_tail, options.Finite()), metavar=unit,
+        "--tail", type=_checked("fits.tails.asked_tail", dof, options.Finite()), metavar=unit,
         help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
         "is smallest.",
     )  # fmt: skip
 
-    def check_channels(text: str) -> None:
-        from automarine_cli.runs.channels import wanted_channels
-
-        wanted_channels(text, dof)
-
     channels = option(
-        "--channels", type=options.Checked(check_channels), default="auto", show_default=True, metavar="WHICH",
-        seldom=True, help=options.CHANNELS_HELP,
+        "--channels", type=_checked("runs.channels.wanted_channels", dof), default="auto", show_default=True,
+        metavar="WHICH", seldom=True, help=options.CHANNELS_HELP,
+    )  # fmt: skip
+
+    with_effects = option(
+        "--with", "with_effects", default="", type=_checked("fits.driven.wanted_effects", dof, options.Names()),
+        metavar="EFFECTS", seldom=True,
+        help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven "
+        "ones.",
     )  # fmt: skip
 
     def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":
@@ -185,7 +194,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     fit.__doc__ = HELP[dof.name]
     declared = options.together(
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
-        options.with_effects, options.known, options.ending(options.strict, options.jobs),
+        with_effects, options.known, options.ending(options.strict, options.jobs),
     )  # fmt: skip
     return command(f"fit-{dof.name}", report="yaw_report")(declared(fit))
 

@@ -105,10 +105,6 @@ def _check_known(text: str) -> None:
     Known.of(text)
 
 
-with_effects = option(
-    "--with", "with_effects", default="", type=Names(), metavar="EFFECTS", seldom=True,
-    help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven ones.",
-)  # fmt: skip
 known = option(
     "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
     help="What is known of a parameter beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "

@@ -3,7 +3,6 @@ several campaigns side by side, with an overview of all."""
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,9 +75,10 @@ def run_campaign(
     from automarine_cli.report.sections import sections
 
     refuse_unfit(out)
-    named = zip(names_of(campaigns), campaigns)
-    tasks = [_Task(name, path.absolute(), out.absolute() / name, how) for name, path in named]
-    outcomes = ordered_map(_outcome, tasks, jobs, cluster=cluster, progress=progress, stage="running campaigns")
+    tasks = [(name, path.absolute(), out.absolute() / name) for name, path in zip(names_of(campaigns), campaigns)]
+    outcomes = ordered_map(
+        partial(_outcome, how=how), tasks, jobs, cluster=cluster, progress=progress, stage="running campaigns"
+    )
     result = Campaigns(out, tuple(outcomes))
     inputs = [Input(name, path, "campaign") for name, path in zip(_below(campaigns), campaigns)]
     manifest: dict[str, Any] = {"command": "campaigns", "options": {"until": until}, "inputs": inputs, "seed": None}
@@ -87,24 +87,15 @@ def run_campaign(
     return result
 
 
-@dataclass(frozen=True)
-class _Task:
-    """One of several campaigns: its name, its file, the folder of its results, and how it is run."""
-
-    name: str
-    campaign: Path
-    out: Path
-    how: dict[str, Any]
-
-
-def _outcome(task: _Task) -> "CampaignOutcome":
+def _outcome(task: tuple[str, Path, Path], how: dict[str, Any]) -> "CampaignOutcome":
     """What becomes of one of several campaigns; one that is refused does not stop the others."""
     from automarine_cli.report.campaign_run import CampaignOutcome
 
+    name, campaign, out = task
     try:
-        return CampaignOutcome(task.name, _run(task.campaign, task.out, **task.how))
+        return CampaignOutcome(name, _run(campaign, out, **how))
     except AutomarineError as refusal:
-        return CampaignOutcome(task.name, refusal=str(refusal))
+        return CampaignOutcome(name, refusal=str(refusal))
 
 
 def names_of(campaigns: Sequence[Path]) -> list[str]:

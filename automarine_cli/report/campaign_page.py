@@ -22,16 +22,7 @@ from automarine_cli.report.html.page import page
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.judged import (
-    CheckFile,
-    DiagnosisFile,
-    GapSize,
-    RunFile,
-    Score,
-    StepDone,
-    TuningFile,
-    ValidationFile,
-)
+from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, Score, StepDone, TuningFile, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
 from automarine_cli.results.records import ResultRecord
 from automarine_cli.results.steps import STEPS, folder_of
@@ -414,7 +405,7 @@ def _paragraph(steps: Steps, dof: Dof) -> Iterator[str]:
     parts.append(f"{said[:1].upper()}{said[1:]}." if any(found) else "")
     if model is not None and model.file.buoyancy is not None:
         parts.append(escape(model.file.buoyancy.says))
-    parts += [_predicts(judged, model, added_by(lacks)), _lacks(lacks)]
+    parts += [_predicts(judged, model, added_by(lacks)), _verdict(lacks)]
     if any(parts):
         yield " ".join(filter(None, parts))
 
@@ -443,7 +434,7 @@ def _paragraph_together(steps: Steps) -> Iterator[str]:
                 f"Driven by the commands of {used} run{'s' * (used != 1)} it misses the heading by "
                 f"**{number(score.rmse, 3)}** degrees rms over whole runs."
             )
-    parts.append(_lacks(lacks))
+    parts.append(_verdict(lacks))
     if any(parts):
         yield " ".join(filter(None, parts))
 
@@ -573,32 +564,6 @@ def _seen(step: StepResult[ValidationFile], fitted: StepResult[ModelFile] | None
     return " that was not fitted" if step.file.runs.used == 1 else " that were not fitted"
 
 
-def _lacks(step: StepResult[DiagnosisFile] | None) -> str:
-    if step is None:
-        return ""
-    file = step.file
-    words = "newtons" if file.of_thrusters else step.dof.words.units
-
-    def sizes(gap: GapSize) -> list[str]:
-        values = (gap.before, gap.after, gap.noise_floor)
-        return [number(value, 3) if file.of_thrusters else f"{value:.2f}" for value in values]
-
-    before, after, noise = sizes(file.gap.fitted_runs)
-    names = " and ".join(f"**{escape(effect.name)}**" for effect in file.effects)
-    if file.verdict == "nothing-missing":
-        return f"Nothing is missing that these runs could show: the gap is {before} {words}, the noise {noise}."
-    if file.verdict == "unexplained":
-        return (
-            f"Something is missing that no effect of the library explains: the gap is {after} {words}, the noise "
-            f"{noise}."
-        )
-    if file.verdict == "suspected":
-        return f"Suspected, and not added, is {names}. {escape(file.why)}"
-    held, fitted, out = "", "", file.gap.held_out_runs
-    if out is not None:
-        held, fitted = " on what was held out", f" (from {before} to {after} on what was fitted)"
-        before, after, noise = sizes(out)
-    return (
-        f"The {'thruster map' if file.of_thrusters else 'model'} lacks {names}: with it the gap{held} falls from "
-        f"{before} to {after} {words}{fitted}, where the noise is {noise}."
-    )
+def _verdict(step: StepResult[DiagnosisFile] | None) -> str:
+    """What a diagnosis says first on its own page."""
+    return "" if step is None else re.sub(r"\A# .*\n+", "", step.text("diagnosis.md")).partition("\n\n")[0].strip()

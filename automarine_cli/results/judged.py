@@ -87,10 +87,9 @@ class GapSize:
 
 @dataclass(frozen=True)
 class Gaps:
-    """The gap on the runs that were fitted, and on those held out."""
+    """The gap on the runs that were fitted."""
 
     fitted_runs: GapSize
-    held_out_runs: GapSize | None = None
 
 
 @dataclass(frozen=True)

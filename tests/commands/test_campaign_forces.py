@@ -84,11 +84,32 @@ def test_the_tail_of_yaw_is_in_degrees(tmp_path: Path) -> None:
         read_campaign(file)
 
 
+def test_a_section_has_the_settings_of_its_command(tmp_path: Path) -> None:
+    """Converted as those of the command line; what a later step has too goes to that as well."""
+    file = tmp_path / "campaign.toml"
+    file.write_text(
+        f'schema = "automarine/campaign/1"\nseed = 3\n[logs]\nsteps = ["{SAMPLE_RUNS / "steps"}"]\n'
+        '[thrusters]\nform = "square"\n[yaw]\nfit_to = "whole-runs"\nwith_effects = ["dead-band"]\n'
+        'channels = "position"\nknown = { I_r = [1, 0.1], k_r = 0 }\n'
+    )
+    (tmp_path / "yaw").mkdir()
+    (tmp_path / "yaw" / "yaw_model.json").touch()
+    campaign, steps = read_campaign(file), {step.name: step for step in STEPS}
+    fit, diagnosis = (campaign.plan(steps[name], tmp_path) for name in ("fit-yaw", "diagnose"))
+    assert isinstance(fit, dict) and isinstance(diagnosis, dict)
+    assert fit["with_effects"] == ("dead-band",) and fit["known"] == ("I_r=1±0.1", "k_r=0")
+    assert (fit["fit_to"], fit["channels"], fit["tail"], len(fit["logs"])) == ("whole-runs", "position", None, 42)
+    assert (diagnosis["channels"], diagnosis["seed"], diagnosis["hold_out"]) == ("position", 3, ())
+    assert campaign.sections["thrusters"] == {"form": "square"}
+    assert campaign.plan(steps["validate"], tmp_path) == "the campaign names no validation runs"
+
+
 @pytest.mark.parametrize(("line", "why"), [
     ("within = 3.0", 'heave: unknown key "within"'), ("depths = [1.0]", r"heave\.depths is \[1\.0\]; "),
     ('force = "guessed"', r'heave\.force: found "guessed", expected "logged" or "thrusters"'),
     ("tail = [1.0]", r"heave\.tail is \[1\.0\]; expected a float"), ('tail = "far"', r"heave\.tail is 'far'; "),
     ('fit_to = "half-turns"', r"heave\.fit_to is 'half-turns'; 'half-turns' is not one of"),
+    ('with_effects = "nothing"', r"heave\.with_effects: with is 'nothing'; expected effects such as"),
     ("taill = 1.0", 'heave: unknown key "taill"; did you mean "tail"'), ("steps = 'heave'", r"heave\.steps: found"),
     ('steps = ["no"]', "heave.steps"), ("tail = -1.0", r"heave\.tail is -1; expected metres above 0"),
 ])  # fmt: skip

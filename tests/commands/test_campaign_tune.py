@@ -48,6 +48,22 @@ def test_a_setting_that_there_is_not_is_refused_with_its_key(small_day: Path, tm
         run_campaign(campaign, out=tmp_path / "out")
 
 
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ("full = 1", r"^campaign\.toml: tune\.target is missing"),
+        ('target = "pid"\nfull = -1', r"^campaign\.toml: tune\.full is -1; -1\.0 is not in the range x>0"),
+        ('target = "pid"\nthrusters = 1', r"^campaign\.toml: tune\.thrusters: found 1, expected true or false"),
+        ('target = "pid"\npresent = "no.param"', r"^campaign\.toml: tune\.present: there is no file no\.param"),
+    ],
+)
+def test_settings_are_those_of_the_command(tmp_path: Path, lines: str, says: str) -> None:
+    campaign = tmp_path / "campaign.toml"
+    campaign.write_text(f'schema = "automarine/campaign/1"\n[logs]\nsteps = ["x"]\n[tune]\n{lines}\n')
+    with pytest.raises(SettingError, match=says):
+        read_campaign(campaign)
+
+
 def test_the_campaign_s_thruster_map_is_flown(small_day: Path, tmp_path: Path) -> None:
     """Its own map with the vehicle's arm; without a map it says so."""
     (step,) = (step for step in STEPS if step.name == "tune")

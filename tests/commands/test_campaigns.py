@@ -73,7 +73,7 @@ def test_a_cluster_gets_whole_paths_of_the_common_disk(
     mapped = parallel.ordered_map
 
     def elsewhere(function, tasks, jobs, *, cluster, **how):  # type: ignore[no-untyped-def]
-        assert cluster == "tcp://there:1" and all(task.campaign.is_absolute() for task in tasks)
+        assert cluster == "tcp://there:1" and all(path.is_absolute() for task in tasks for path in task[1:])
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(tmp_path)
             return mapped(function, tasks, 1)
