@@ -20,7 +20,6 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits.channel_noise import fit_sentences
 from automarine_cli.fits.run_effects import GAIN
-from automarine_cli.report import planar_diagnosis_report, thruster_diagnosis  # noqa: F401 their sections
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure

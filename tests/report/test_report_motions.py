@@ -19,6 +19,7 @@ from automarine_cli.report.diagnosis_report import page, tables, verdict_sentenc
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
+from automarine_cli.report.sections import sections
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
@@ -90,7 +91,7 @@ def test_only_drag_that_may_differ_is_told_by_way(fits: dict[str, YawFit], name:
 @EVERY_FORCE
 def test_figures_of_a_fit_are_labelled_in_letters_and_units_of_the_motion(fits: dict[str, YawFit], name: str) -> None:
     fit, dof = fits[name], FORCES[name]
-    drawn = yaw_report.drawings(fit)
+    drawn = sections(fit).figures
     assert list(drawn) == ["steps", "drag", "inertia", "collapse"]
     written = {stem: labels(draw()) for stem, draw in drawn.items()}
     for texts in written.values():
