@@ -81,11 +81,6 @@ class Campaign:
         return title
 
     @property
-    def supply(self) -> float | None:
-        """The supply voltage of the vehicle [V]."""
-        return self.sections["vehicle"].get("supply_V")
-
-    @property
     def beside(self) -> dict[str, Path]:
         """Files that it needs beside its logs, by role: a thruster map, the DBC of CAN logs, the vehicle's gains."""
         every = {
@@ -234,7 +229,8 @@ def _converted(work: Any, name: str, value: Any, where: str) -> Any:
         return work.convert(name, value)
     except SettingError as problem:
         why = str(problem)
-        raise SettingError(where + (why.removeprefix(name) if why.startswith(f"{name} ") else f": {why}")) from None
+        begins = why.startswith((f"{name} ", f"{name}:"))
+        raise SettingError(where + (why.removeprefix(name) if begins else f": {why}")) from None
 
 
 def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:

@@ -207,9 +207,8 @@ def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "
             entries.append(StepDone(step.name, refused=outcome.why))
     place = out / "thrusters" / THRUSTER_MAP.file
     tested = THRUSTER_MAP.read(place) if place.is_file() else None
-    return RunFile(
-        RUN.schema, campaign.title, campaign.path.name, tuple(entries), tuple(cautions(tested, campaign.supply))
-    )
+    cautioned = tuple(cautions(tested, campaign.sections["vehicle"].get("supply_V")))
+    return RunFile(RUN.schema, campaign.title, campaign.path.name, tuple(entries), cautioned)
 
 
 def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> tuple[str, str]:

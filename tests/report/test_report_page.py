@@ -44,9 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     am.fit_yaw(logs / "steps", out=made / "yaw", figure_formats=figures)
     model, thrusters = made / "yaw" / "yaw_model.json", made / "thrusters" / "thrusters.json"
     am.validate(logs / "validation", model=model, out=made / "validation", figure_formats=figures)
-    am.diagnose(
-        logs / "thrusters", model=thrusters, thrusters_per_test=2, out=made / "diagnosis", figure_formats=figures
-    )
+    am.diagnose(logs / "thrusters", model=thrusters, out=made / "diagnosis", figure_formats=figures)
     return made
 
 
