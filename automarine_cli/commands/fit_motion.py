@@ -102,7 +102,7 @@ def _fit(
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
-    from automarine_cli.thrusters.moments import moment_maker
+    from automarine_cli.thrusters.propulsion import moment_maker
 
     if tail is not None and fit_to == WHOLE_RUNS:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")

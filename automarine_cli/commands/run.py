@@ -18,7 +18,7 @@ from automarine_cli.pipeline.progress import Progress, silent
 
 if TYPE_CHECKING:
     from automarine_cli.report.campaign_run import CampaignOutcome, CampaignRun, Campaigns, StepOutcome
-    from automarine_cli.results.judged import RunFile
+    from automarine_cli.results.files import RunFile
     from automarine_cli.results.steps import Step
 
 RESULTS = "results"
@@ -194,7 +194,7 @@ def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "
     """The result file."""
     from automarine_cli.pipeline.manifest import MANIFEST, sha256
     from automarine_cli.report.campaign_run import cautions
-    from automarine_cli.results.judged import RunFile, StepDone
+    from automarine_cli.results.files import RunFile, StepDone
     from automarine_cli.results.kinds import RUN, THRUSTER_MAP
 
     entries = []

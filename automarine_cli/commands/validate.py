@@ -47,8 +47,7 @@ def validate(
     from automarine_cli.runs.channels import AUTO, choose_channels, wanted_channels
     from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
     from automarine_cli.runs.run import command_warnings
-    from automarine_cli.thrusters.moments import moment_maker
-    from automarine_cli.thrusters.planar_runs import load_planar
+    from automarine_cli.thrusters.propulsion import load_planar, moment_maker
 
     names = given_columns(columns)
     execution = {"strict": strict, "jobs": jobs, "progress": progress}

@@ -15,10 +15,8 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.results.estimate import Estimate, Given
-from automarine_cli.results.judged import DiagnosisFile, ValidationFile
+from automarine_cli.results.files import DiagnosisFile, ModelFile, ResultRecord, ThrusterFile, ValidationFile
 from automarine_cli.results.kinds import DIAGNOSIS, MODELS, THRUSTER_MAP, VALIDATION, ResultKind
-from automarine_cli.results.models import ModelFile, ThrusterFile
-from automarine_cli.results.records import ResultRecord
 
 DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"
 LEVEL = 0.05

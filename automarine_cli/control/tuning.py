@@ -28,7 +28,7 @@ from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import TUNING
 from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.moments import map_and_arm
+from automarine_cli.thrusters.propulsion import map_and_arm
 
 BAND_DEG, BAND_M = 2.0, 0.05
 """Within what a step counts as settled: the field's two degrees of heading, and 5 cm."""

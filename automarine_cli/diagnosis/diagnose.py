@@ -35,8 +35,8 @@ from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, json_document
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.kinds import DIAGNOSIS
-from automarine_cli.results.records import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import Run, SetAside

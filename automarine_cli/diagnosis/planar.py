@@ -40,8 +40,8 @@ from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.kinds import DIAGNOSIS
-from automarine_cli.results.records import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import Run, SetAside
 

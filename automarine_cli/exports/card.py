@@ -14,8 +14,7 @@ from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.estimate import Given
-from automarine_cli.results.models import AddedEffect, ModelEntry, Parent, ValidRange
-from automarine_cli.results.records import Covariance
+from automarine_cli.results.files import AddedEffect, Covariance, ModelEntry, Parent, ValidRange
 
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
 NO_RANGE = "The file does not tell which {forces} were fitted; fit again with this version of automarine."

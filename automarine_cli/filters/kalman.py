@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
-from automarine_cli.models.vehicle import Bound, Vehicle, actuators
+from automarine_cli.models.allocation import Bound, Vehicle, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.plane import in_body_axes

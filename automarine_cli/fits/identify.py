@@ -55,7 +55,7 @@ from automarine_cli.fits.whole_runs import (
 from automarine_cli.models.store import model_json
 from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.records import runs_json
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven

@@ -35,7 +35,7 @@ from automarine_cli.models.tied import Tied
 from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.records import runs_json
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.simulation.batch import make_batch

@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
-from automarine_cli.report.table_text import text_table
+from automarine_cli.report.tables import text_table
 
 INDENT = "  "  # of code
 LINK = re.compile(r"(?<!!)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")

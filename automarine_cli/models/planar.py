@@ -23,7 +23,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import PLANAR, Motion
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
-from automarine_cli.models.vehicle import Bound
+from automarine_cli.models.allocation import Bound
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.quantities import Floats
 

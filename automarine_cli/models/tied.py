@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from automarine_cli.dofs.motion import Motion
+from automarine_cli.models.allocation import Bound
 from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.vehicle import Bound
 from automarine_cli.quantities import Floats
 
 

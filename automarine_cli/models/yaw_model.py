@@ -10,7 +10,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.errors import ModelError
-from automarine_cli.models.vehicle import Bound
+from automarine_cli.models.allocation import Bound
 from automarine_cli.quantities import Floats
 
 BASE_TERMS = {"1": ("linear-drag",), "2": ("quadratic-drag", "linear-drag"), "3": ("quadratic-drag",)}

@@ -19,7 +19,7 @@ from automarine_cli.results.kinds import PLAN
 from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.moments import map_and_arm
+from automarine_cli.thrusters.propulsion import map_and_arm
 
 LARGEST_NU = 1.0
 """Largest moment of a normalised model where the limits do not say."""

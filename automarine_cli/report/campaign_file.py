@@ -19,7 +19,7 @@ from automarine_cli.pipeline.records import everything, in_words, to_mapping, to
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, number
-from automarine_cli.results.records import runs_json
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.survey import Placed, Survey
 

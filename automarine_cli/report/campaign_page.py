@@ -18,13 +18,23 @@ from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.pipeline.words import listed
 from automarine_cli.report.diagnosis_report import escape
-from automarine_cli.report.html.page import page
+from automarine_cli.report.page import page
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, Score, StepDone, TuningFile, ValidationFile
-from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
-from automarine_cli.results.records import ResultRecord
+from automarine_cli.results.files import (
+    CheckFile,
+    DiagnosisFile,
+    ModelFile,
+    PlanarFile,
+    ResultRecord,
+    RunFile,
+    Score,
+    StepDone,
+    ThrusterFile,
+    TuningFile,
+    ValidationFile,
+)
 from automarine_cli.results.steps import STEPS, folder_of
 
 FILES = ("report.html", "report.md")

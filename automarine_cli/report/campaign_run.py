@@ -13,7 +13,17 @@ from automarine_cli.pipeline.manifest import manifest_of
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, TuningFile, ValidationFile
+from automarine_cli.results.files import (
+    CheckFile,
+    DiagnosisFile,
+    ModelFile,
+    PlanarFile,
+    RunFile,
+    ThrusterFile,
+    TuningFile,
+    ValidationFile,
+    VoltagePower,
+)
 from automarine_cli.results.kinds import (
     CHECK,
     DIAGNOSIS,
@@ -24,7 +34,6 @@ from automarine_cli.results.kinds import (
     VALIDATION,
     ResultKind,
 )
-from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile, VoltagePower
 from automarine_cli.results.shown import Shown
 from automarine_cli.results.steps import REPORT, STEPS, folder_of
 

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.kinds import CHECK
-from automarine_cli.results.records import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import SetAside

@@ -6,7 +6,7 @@ from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarS
 from automarine_cli.diagnosis.residual_regions import Where
 from automarine_cli.diagnosis.verdict import Outlook
 from automarine_cli.dofs import YAW
-from automarine_cli.report.figures.planar_diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report.figures.planar import before_after_figure, where_figure, why_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
 

@@ -7,14 +7,14 @@ from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
-from automarine_cli.report.html.markdown import to_html
+from automarine_cli.report.page import to_html
 from automarine_cli.report.tables import Table
 from automarine_cli.results.shown import Shown
 
 if TYPE_CHECKING:
     from automarine_cli.pipeline.parallel import Each
     from automarine_cli.pipeline.results_folder import ResultFolder
-    from automarine_cli.report.figures.files import Draw
+    from automarine_cli.report.figures.style import Draw
     from automarine_cli.results.estimate import Estimate
 
 WIDTH = 110  # columns of a result at Python's prompt
@@ -68,7 +68,7 @@ class Sections:
 
     def save(self, folder: "ResultFolder", formats: Sequence[str] = ("png",), each: "Each | None" = None) -> None:
         """Write the files, then the figures in each of the formats, drawn by `each`."""
-        from automarine_cli.report.figures.files import write_figures
+        from automarine_cli.report.figures.style import write_figures
 
         for name, content in self.files.items():
             content = content() if callable(content) else content

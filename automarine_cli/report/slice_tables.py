@@ -6,7 +6,7 @@ from typing import Any
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import Table, number
-from automarine_cli.results.records import runs_json
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import SetAside
 

@@ -5,7 +5,7 @@ from functools import partial
 from automarine_cli.diagnosis.thruster_map import WELL_ABOVE, ThrusterDiagnosis
 from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
 from automarine_cli.report.diagnosis_report import regions_table
-from automarine_cli.report.figures import thruster_diagnosis as figures
+from automarine_cli.report.figures import thrusters as figures
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.report.thruster_tables import cells

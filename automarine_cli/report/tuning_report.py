@@ -10,7 +10,7 @@ from automarine_cli.control.flown import TuningCheck, in_print
 from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, margins_of, promises
 from automarine_cli.pipeline.records import toml_text
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
-from automarine_cli.report.figures.files import Draw
+from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number

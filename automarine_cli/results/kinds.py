@@ -9,10 +9,18 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import AutomarineError, ModelError
 from automarine_cli.pipeline.records import Codec, Record, Source, read_plain, told
 from automarine_cli.pipeline.words import printable
-from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, TuningFile, ValidationFile
-from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
-from automarine_cli.results.plans import PlanFile
-from automarine_cli.results.records import ResultRecord
+from automarine_cli.results.files import (
+    CheckFile,
+    DiagnosisFile,
+    ModelFile,
+    PlanarFile,
+    PlanFile,
+    ResultRecord,
+    RunFile,
+    ThrusterFile,
+    TuningFile,
+    ValidationFile,
+)
 
 Read = TypeVar("Read", bound=Record, covariant=True)
 

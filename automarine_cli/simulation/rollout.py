@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects import Commands, Place, State
-from automarine_cli.models.vehicle import Bound, Vehicle, actuators
+from automarine_cli.models.allocation import Bound, Vehicle, actuators
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch, Channel

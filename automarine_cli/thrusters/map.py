@@ -12,8 +12,8 @@ from automarine_cli.pipeline.records import Codec, Place, Source, read_plain, to
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Given
+from automarine_cli.results.files import CurveEntry
 from automarine_cli.results.kinds import THRUSTER_MAP
-from automarine_cli.results.models import CurveEntry
 from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Bollard

@@ -16,8 +16,8 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.pipeline.words import listed
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.files import runs_json
 from automarine_cli.results.kinds import THRUSTER_MAP
-from automarine_cli.results.records import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.bollard_data import (
     Ints,

@@ -18,8 +18,7 @@ from small_campaign import make_small_campaign
 
 from automarine_cli.commands.terminal import Bar, terminal_progress
 from automarine_cli.pipeline.progress import foretell
-from automarine_cli.report.table_text import text_table
-from automarine_cli.report.tables import Table
+from automarine_cli.report.tables import Table, text_table
 
 STEPS = ROOT / "sample_runs" / "hidden_one"
 

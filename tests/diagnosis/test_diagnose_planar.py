@@ -21,11 +21,11 @@ from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_json
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.report.figures.diagnosis_where import where_panels
-from automarine_cli.report.figures.planar_diagnosis import why_figure
+from automarine_cli.report.figures.diagnosis import where_panels
+from automarine_cli.report.figures.planar import why_figure
 from automarine_cli.report.planar_diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.planar_runs import load_planar
+from automarine_cli.thrusters.propulsion import load_planar
 
 GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
 """About the bare craft, as somebody would write it down."""

@@ -11,9 +11,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import escape, gap_table, page
-from automarine_cli.report.figures.diagnosis_gap import before_after_figure
-from automarine_cli.report.figures.diagnosis_where import where_figure
-from automarine_cli.report.figures.diagnosis_why import why_figure
+from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
 from automarine_cli.report.figures.style import png
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch

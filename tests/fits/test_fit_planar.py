@@ -30,8 +30,8 @@ from automarine_cli.report import planar_report
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.thrusters.planar_runs import driven as driven_run
-from automarine_cli.thrusters.planar_runs import load_planar
+from automarine_cli.thrusters.propulsion import driven as driven_run
+from automarine_cli.thrusters.propulsion import load_planar
 
 Floats = NDArray[np.float64]
 NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.01}

@@ -17,7 +17,7 @@ from automarine_cli.diagnosis.verdict import gap
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.learned import KNOTS, basis
-from automarine_cli.models.vehicle import Bound
+from automarine_cli.models.allocation import Bound
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch

@@ -16,9 +16,7 @@ from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.campaign_page import alternatives
 from automarine_cli.report.diagnosis_report import page, tables, verdict_sentence
-from automarine_cli.report.figures.diagnosis_gap import before_after_figure
-from automarine_cli.report.figures.diagnosis_where import where_figure
-from automarine_cli.report.figures.diagnosis_why import why_figure
+from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
 from automarine_cli.report.sections import sections
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.many import FINE, distinct, lines
 from automarine_cli.report.figures.style import new_figure, png
+from automarine_cli.report.figures.yaw import FINE, distinct, lines
 
 SIZES = (0.2, 0.5, 0.8, 1.1)
 

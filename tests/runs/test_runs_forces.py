@@ -24,8 +24,7 @@ from automarine_cli.runs.unwrap import find_glitches, unwrap
 from automarine_cli.simulation.specification import specification_from
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.moments import moment_maker
-from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
+from automarine_cli.thrusters.propulsion import drive_run_by_thrusters, moment_maker
 
 MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))
 HEAVE_SPEC = {

@@ -1,14 +1,21 @@
 """Figures of a yaw fit: half-turns with their trims, drag (the paper's Fig. 7), inertia (Fig. 9), the
-collapse, whole runs."""
+collapse, whole runs.
+"""
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from automarine_cli.comparison.simulated_runs import free_runs
+from automarine_cli.filters.kalman import shown_channel
+from automarine_cli.fits.driven import JUDGED, Use
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.mixed_model import MixedFit
@@ -17,7 +24,6 @@ from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Floats
-from automarine_cli.report.figures.many import distinct, lines
 from automarine_cli.report.figures.style import (
     COLOURS,
     MEASURED,
@@ -29,6 +35,36 @@ from automarine_cli.report.figures.style import (
     new_figure,
 )
 from automarine_cli.runs.half_turn import HalfTurn
+
+FINE = 400
+"""Cells a side of an axes within which points count as one: half a marker, at the size that figures have."""
+MANY, ENOUGH = 50_000, 40
+"""Points of all lines from which on each keeps about so many: among hundreds of lines no more are told apart."""
+
+
+def lines(ax: Axes, each: Sequence[Floats], **look: Any) -> None:
+    """Lines (N, 2) each, as one collection; `look` goes to it. The axes grow to hold them."""
+    if sum(map(len, each)) > MANY:
+        each = [line[_some(len(line))] for line in each]
+    collection = LineCollection([line for line in each if len(line) > 1], capstyle="projecting", **look)
+    collection.set_in_layout(False)  # it stays within the axes: to measure every line for the layout takes its time
+    ax.add_collection(collection)
+    ax.autoscale_view()
+
+
+def distinct(x: Floats, y: Floats) -> NDArray[np.int64]:
+    """Which of the points (N,) are drawn: of those that lie in one cell of a fine grid the last, in their order."""
+    if len(x) < 2:
+        return np.arange(len(x))
+    cells = [np.floor(FINE * (one - one.min()) / max(float(np.ptp(one)), 1e-300)).astype(np.int64) for one in (x, y)]
+    key = (cells[0] * (FINE + 1) + cells[1])[::-1]
+    return np.sort(len(x) - 1 - np.unique(key, return_index=True)[1])
+
+
+def _some(count: int) -> NDArray[np.int64]:
+    """Places along a line of `count` points, its ends among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, ENOUGH)).round().astype(np.int64)) if count else np.arange(0)
+
 
 MOMENT_MAP = "cividis"
 MOST_PANELS = 24  # whole runs that are drawn
@@ -251,3 +287,73 @@ def _moment_scale(moment: Any) -> tuple[Any, Any]:
     low, high = float(sizes.min()), float(sizes.max())
     scale = matplotlib.cm.ScalarMappable(Normalize(low if high > low else 0.9 * low, high), MOMENT_MAP)
     return scale, scale.to_rgba
+
+
+DRIVEN_MOST_RUNS, COLUMNS = 12, 3
+
+
+@house_style
+def driven_runs_figure(fit: YawFit, use: Use) -> Figure:
+    """Of each run its position with predictions of the model fitted to the other runs and the free run of the preferred
+    model, and below these the disturbance beside the command."""
+    dof, shown = fit.dof, min(len(fit.runs), DRIVEN_MOST_RUNS)
+    columns = min(COLUMNS, shown)
+    rows = -(-shown // columns)
+    figure, axes = new_figure(2 * rows, columns, PAGE_IN, 0.9 + 2.6 * rows, height_ratios=[2.0, 1.0] * rows)
+    for i in range(rows * columns):
+        top, bottom = axes[2 * (i // columns), i % columns], axes[2 * (i // columns) + 1, i % columns]
+        if i >= shown:
+            top.set_axis_off()
+            bottom.set_axis_off()
+            continue
+        _positions(top, fit, use, i)
+        _forces(bottom, fit, use, i)
+        bottom.sharex(top)
+    for row in range(rows):
+        axes[2 * row, 0].set_ylabel(
+            f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]"
+        )
+        axes[2 * row + 1, 0].set_ylabel(f"{dof.words.force.capitalize()}\n[{fit.moment_unit}]")
+    for column in range(columns):
+        axes[-1, column].set_xlabel("Time in the run [s]")
+    handles = [*zip(*axes[0, 0].get_legend_handles_labels()), *zip(*axes[1, 0].get_legend_handles_labels())]
+    figure.legend([one for one, _ in handles], [name for _, name in handles], loc="outside lower center", ncols=3)
+    some = "" if shown == len(fit.runs) else f"The first {shown} of {len(fit.runs)} runs. "
+    figure.suptitle(
+        f"{some}Model {fit.preference.number}: predictions start from filtered states, which know the readings until "
+        "then;\nthe disturbance is what the filter makes of the runs, no measurement",
+        fontsize=7.5,
+    )
+    return figure
+
+
+def _positions(axes: Axes, fit: YawFit, use: Use, i: int) -> None:
+    dof, run, time = fit.dof, fit.runs[i], use.course.time[i]
+    axes.plot(run.time - run.time[0], dof.shown(run.position), color=MEASURED, lw=2.2, label="measured")
+    ahead = next((one for one in use.predictions if one.horizon == JUDGED), None)
+    if ahead is not None:
+        own = ahead.run == i
+        measured = shown_channel(use.course).values[i, ahead.target[own]]
+        axes.plot(
+            time[ahead.target[own]], dof.shown(measured - ahead.error[own]), ".", color=COLOURS["vermilion"],
+            ms=2.2, label=f"predicted {JUDGED:g} s ahead, run left out of the fit",
+        )  # fmt: skip
+    axes.plot(
+        time, dof.shown(use.free[i]), color=COLOURS["blue"], lw=0.9, ls=(0, (4, 1.5)),
+        label="free run of the model",
+    )  # fmt: skip
+    measured = dof.shown(run.position)
+    middle, half = 0.5 * (measured.max() + measured.min()), 0.5 * float(np.ptp(measured))
+    axes.set_ylim(middle - 2.0 * half - 1e-6, middle + 2.0 * half + 1e-6)  # a free run may leave the picture
+    axes.set_title(run.name, parse_math=False)
+    axes.tick_params(labelbottom=False)
+
+
+def _forces(axes: Axes, fit: YawFit, use: Use, i: int) -> None:
+    run, end = fit.runs[i], int((use.course.length[i] > 0).sum()) + 1
+    command = fit.dof.words.force
+    axes.step(run.time - run.time[0], run.command, where="post", color="0.6", lw=0.6, label=f"{command} commanded")
+    axes.plot(
+        use.course.time[i, :end], use.disturbance[i, :end], color=COLOURS["green"], lw=1.0,
+        label="disturbance that was needed",
+    )  # fmt: skip
