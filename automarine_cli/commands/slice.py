@@ -64,7 +64,7 @@ def slice_log(
 
     if keep and by != "mode":
         raise click.UsageError("--keep MODE goes with --by mode.")
-    sliced = {"by": by, "keep": keep, "lead": lead, "shortest": shortest, "form": form}
+    sliced: dict[str, Any] = {"by": by, "keep": keep, "lead": lead, "shortest": shortest, "form": form}
     cut = partial(_cut, columns=given_columns(columns), **sliced)
     results = ordered_map(cut, logs, jobs, progress=progress, stage="cutting logs")
     set_aside = tuple(result for result in results if isinstance(result, SetAside))
