@@ -16,12 +16,14 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """The commands, and the library of effects, loaded when first asked for."""
     from importlib import import_module
+    from importlib.util import find_spec
 
     if name == "effects":
         return import_module(f"{__name__}.effects")
-    if name in __all__:
+    if not name.startswith("_") and find_spec(f"{__name__}.{name}") is None:
         commands = import_module(f"{__name__}.commands")
-        globals()[name] = commands.load(commands.in_python()[name])
+        if name in commands.in_python():
+            globals()[name] = commands.load(commands.in_python()[name])
     if name in globals():
         return globals()[name]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -120,8 +120,7 @@ def _of_the_plane(
     from dataclasses import replace
 
     from automarine_cli.diagnosis.diagnose import split_off
-    from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing
-    from automarine_cli.diagnosis.planar_where import find_planar_where
+    from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
     from automarine_cli.models.planar_store import load_planar_model
     from automarine_cli.thrusters.planar_runs import load_planar

@@ -14,7 +14,7 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
-    from automarine_cli.fits.yaw_fit import YawFit
+    from automarine_cli.fits.identify import YawFit
     from automarine_cli.pipeline.progress import Progress
     from automarine_cli.runs.half_turn import Trim
 
@@ -97,8 +97,8 @@ def _fit(
     from automarine_cli.fits.identify import identify_turns
     from automarine_cli.fits.known import Known, names_in
     from automarine_cli.fits.linear_mixed import in_words_of
-    from automarine_cli.fits.output_error import OutputErrorFit
-    from automarine_cli.fits.tails import asked_tail
+    from automarine_cli.fits.paper import asked_tail
+    from automarine_cli.fits.whole_runs import OutputErrorFit
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside

@@ -29,8 +29,7 @@ def fit_planar(
       automarine fit-planar sample_runs/planar -o out/planar
     """
     from automarine_cli.fits.known import Known
-    from automarine_cli.fits.planar_fit import PlanarFit, search
-    from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+    from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, search
     from automarine_cli.fits.planar_structure import OWN, Structure, observed
     from automarine_cli.logs import given_columns
     from automarine_cli.runs.run import command_warnings

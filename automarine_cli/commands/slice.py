@@ -1,20 +1,21 @@
 """`slice`: one long log is cut into runs, each a log of its own that names its source and interval."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
+from automarine_cli.errors import LogError, RunError
+from automarine_cli.pipeline.words import printable
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile, LogTable
     from automarine_cli.pipeline.progress import Progress
     from automarine_cli.report.slice_tables import SlicedLog, Slices
     from automarine_cli.runs.run import SetAside
-
-By = Literal["mode", "arm", "moment"]
+    from automarine_cli.runs.slices import By
 
 
 @command("slice", report="slice_tables", figures=False, python="slice_log")
@@ -39,7 +40,7 @@ By = Literal["mode", "arm", "moment"]
 )  # fmt: skip
 @options.ending(options.strict, options.jobs)
 def slice_log(
-    logs: Sequence[Any], by: By, columns: Any, keep: tuple[str, ...], lead: float, shortest: float, form: str,
+    logs: Sequence[Any], by: "By", columns: Any, keep: tuple[str, ...], lead: float, shortest: float, form: str,
     strict: bool, jobs: int, progress: "Progress",
 ) -> "Slices":  # fmt: skip
     """Cut one long log into runs: a log of each, which names the file and the interval that it comes from.
@@ -55,7 +56,6 @@ def slice_log(
     """
     from functools import partial
 
-    from automarine_cli.errors import RunError
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.slice_tables import SlicedLog, Slices
@@ -64,9 +64,8 @@ def slice_log(
 
     if keep and by != "mode":
         raise click.UsageError("--keep MODE goes with --by mode.")
-    cut = partial(
-        _cut, columns=given_columns(columns), by=by, keep=keep, lead=lead, shortest=shortest, form=form
-    )  # fmt: skip
+    sliced: dict[str, Any] = {"by": by, "keep": keep, "lead": lead, "shortest": shortest, "form": form}
+    cut = partial(_cut, columns=given_columns(columns), **sliced)
     results = ordered_map(cut, logs, jobs, progress=progress, stage="cutting logs")
     set_aside = tuple(result for result in results if isinstance(result, SetAside))
     if strict and set_aside:
@@ -84,13 +83,11 @@ def slice_log(
 
 
 def _cut(
-    file: "LogFile", columns: "ColumnMap", by: By, keep: tuple[str, ...], lead: float, shortest: float, form: str
+    file: "LogFile", columns: "ColumnMap", by: "By", keep: tuple[str, ...], lead: float, shortest: float, form: str
 ) -> "SlicedLog | SetAside":
     """The runs of one log as files, or why it was set aside."""
-    from automarine_cli.errors import LogError
     from automarine_cli.logs import read_log
     from automarine_cli.logs.formats import stem_of
-    from automarine_cli.pipeline.words import printable
     from automarine_cli.report.slice_tables import Between, Cut, SlicedLog
     from automarine_cli.runs.load import unreadable
     from automarine_cli.runs.slices import find_slices

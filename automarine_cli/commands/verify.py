@@ -42,9 +42,8 @@ def verify(folders: Sequence[Path], inputs: Sequence[Path]) -> "Verification":
 
 
 def _finish(ctx: click.Context, result: Any) -> None:
-    for folder in result.folders:
-        for line in folder.changes():
-            click.echo(line, err=True)
+    for change in (change for folder in result.folders for change in folder.changes()):
+        click.echo(change, err=True)
     if not result.whole:
         ctx.exit(1)
 

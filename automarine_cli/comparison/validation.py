@@ -31,14 +31,10 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError
 from automarine_cli.filters.course import make_course
-from automarine_cli.filters.prediction import Predicted, predict
-from automarine_cli.fits.channel_noise import channels_of, measured_noises
-from automarine_cli.fits.driven import base_starts, disturbed, driven_problem
-from automarine_cli.fits.driven_fit import Worth, worth_of
-from automarine_cli.fits.driven_models import STEPS
-from automarine_cli.fits.driven_use import judged_of
+from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.fits.driven import STEPS, Worth, base_starts, disturbed, driven_problem, judged_of, worth_of
 from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.innovations import fit_innovations
+from automarine_cli.fits.innovations import channels_of, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel

@@ -7,30 +7,30 @@ from functools import partial
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.estimates import base_estimates, detectable
 from automarine_cli.diagnosis.extended_model import extended_model
-from automarine_cli.diagnosis.gap import Gap, gap
-from automarine_cli.diagnosis.learned import learn
-from automarine_cli.diagnosis.learned_curve import with_curves
-from automarine_cli.diagnosis.outlook import Outlook, outlook
-from automarine_cli.diagnosis.refits import variants, varied
-from automarine_cli.diagnosis.search import TIE, search
+from automarine_cli.diagnosis.learned_curve import learn, with_curves
+from automarine_cli.diagnosis.residual_regions import Where, find_where
+from automarine_cli.diagnosis.search import STANDS, TIE, Found, search, variants, varied
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.trials import STANDS, Found
 from automarine_cli.diagnosis.verdict import (
     NAMED,
     SUSPECTED,
     UNEXPLAINED,
+    Gap,
     NamedEffect,
+    Outlook,
     Verdict,
+    base_estimates,
+    detectable,
+    gap,
     named_effects,
+    outlook,
     verdict_of,
 )
-from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import TooFewRunsError
-from automarine_cli.filters.nodes import LEAST_STEP
-from automarine_cli.fits.channel_noise import channels_json
+from automarine_cli.filters.course import LEAST_STEP
 from automarine_cli.fits.driven import stepped
+from automarine_cli.fits.innovations import channels_json
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone

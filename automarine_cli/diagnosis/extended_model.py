@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
+from automarine_cli.diagnosis.search import Trial, gain_exponent
 from automarine_cli.diagnosis.study import Study
-from automarine_cli.diagnosis.thrust_curve import gain_exponent
-from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
+from automarine_cli.fits.cautions import covariance_json, valid_range
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
-from automarine_cli.fits.run_effects import GAIN
-from automarine_cli.fits.validity import covariance_json, valid_range
+from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.models.store import StoredModels, model_json
 from automarine_cli.results.estimate import Estimate
 

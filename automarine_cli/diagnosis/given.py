@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import JUDGED, Study
-from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import Problem, derivatives

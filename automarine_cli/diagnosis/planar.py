@@ -4,26 +4,39 @@ Each candidate is added to the model and everything is fitted again by innovatio
 more than a penalty and a head start, run by run beyond chance, and where runs that no fit saw are more likely with it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.outlook import Outlook, outlook_of
-from automarine_cli.diagnosis.planar_candidates import Candidate, base_of, candidates
-from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED, stretch
-from automarine_cli.diagnosis.where import Where
-from automarine_cli.dofs import YAW
+from automarine_cli import effects
+from automarine_cli.diagnosis.residual_regions import (
+    Column,
+    Gap,
+    Where,
+    last_side,
+    look,
+    of_run_or_sample,
+    since_change,
+)
+from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED, Outlook, outlook_of, stretch
+from automarine_cli.dofs import SWAY, YAW
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
-from automarine_cli.filters.prediction import Predicted, predict
+from automarine_cli.filters.course import Course
+from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, Tried
-from automarine_cli.fits.planar_likelihood import PlanarLikelihood, Promise
-from automarine_cli.fits.planar_structure import PLACES, Observed, Structure
+from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarLikelihood, Promise, Tried
+from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, PLACES, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, discover
+from automarine_cli.models.planar import derivative, parameters_of
 from automarine_cli.models.planar_store import StoredPlanar, planar_json
 from automarine_cli.models.tied import Tied
+from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Document, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
@@ -31,6 +44,104 @@ from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.results.records import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import Run, SetAside
+
+SMALL = 0.02
+"""Share of its usual size at which an actuator effect is as good as none."""
+OF_YAW = ("input-delay", "thruster-lag", "dead-band")
+SAYS = {
+    "cross-coupling": "One motion drives another",
+    "munk-moment": "Sway takes more water along than surge, which turns a drifting hull",
+    "current": "The water moves",
+}
+SPLIT_BY = {
+    "Y_r": "turns on the spot under a moment alone",
+    "N_v": "thrust abeam from rest, without way on",
+    "N_ur": "turns under one moment at several speeds ahead",
+    "Y_uv": "thrust abeam at several speeds ahead",
+    "m_vr": "short pulses of thrust abeam from rest",
+    "m_v": "oblique courses at several speeds: its moment grows with surge times sway",
+    "north": "drifting without thrust",
+}
+"""Runs that tell one coupling from others, by the first letter that it adds."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect by its name, the parameters that it adds, and the model with it, which begins as the model without it,
+    or so near to that that slopes are those there."""
+
+    name: str
+    added: tuple[str, ...]
+    model: Tied
+
+    @property
+    def label(self) -> str:
+        """The name with the letters of what is added: cross-coupling N_v."""
+        return f"{self.name} {', '.join(name.rpartition('.')[2] for name in self.added)}"
+
+    @property
+    def says(self) -> str:
+        """What it is, and by which parameters."""
+        what = SAYS.get(self.name) or effects.get(self.name).card(YAW).says.rstrip(".")
+        return f"{what} ({', '.join(self.added)})."
+
+    @property
+    def split_by(self) -> str:
+        """The run that would tell it from what is named."""
+        run = SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
+        return f"{run[:1].upper()}{run[1:]}."
+
+
+def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
+    """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
+
+    Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it.
+    """
+    model = stored.model
+    known = set(model.parameter_names)
+    ties = {name: tie for name, tie in Structure.simplest(seen).ties.items() if {name, tie[0]} <= known}
+    if SWAY.parameter("inertia") not in ties and model.inertia.m_v == model.inertia.m_u:
+        ties[SWAY.parameter("inertia")] = ("surge.m_u", 1.0)
+    wanted = stored.free or tuple(name for name, value in zip(model.parameter_names, model.theta) if value)
+    return Tied(model, tuple(name for name in model.parameter_names if name in wanted and name not in ties), ties)
+
+
+def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate]:
+    """What may be added to a model; `largest` is the largest moment [N m]."""
+    model, have = base.model, {term.name for term in base.model.cross}
+    for name in COUPLINGS:
+        if name in have or not (SWAY in seen.dofs or name == "N_ur"):
+            continue
+        added = f"{base.motion.dofs[derivative(name)[0]].name}.{name}"
+        wider = replace(model, cross=(*model.cross, Term(name, (0.0,))))
+        yield Candidate("cross-coupling", (added,), Tied(wider, (*base.free, added), base.ties))
+    if SWAY in seen.dofs and "planar.m_vr" not in base.free:
+        yield Candidate("cross-coupling", ("planar.m_vr",), Tied(model, (*base.free, "planar.m_vr"), base.ties))
+    for dof in seen.dofs:
+        own: tuple[Term, ...] = getattr(model, dof.name)
+        for law in [law for law in LAWS[-1] if law not in [term.name for term in own]]:
+            added_drag = dof.parameter(law.removesuffix("-drag"))
+            more: dict[str, Any] = {dof.name: (*own, Term(law, (0.0,)))}
+            wider = replace(model, **more)
+            yield Candidate(law, (added_drag,), Tied(wider, (*base.free, added_drag), base.ties))
+    mass = SWAY.parameter("inertia")
+    if mass in base.ties:
+        ties = {name: tie for name, tie in base.ties.items() if name != mass}
+        yield Candidate("munk-moment", (mass,), Tied(model, (*base.free, mass), ties))
+    if model.water is None and seen.over_ground:
+        added_both = ("current.north", "current.east")
+        wider = replace(model, water=(0.0, 0.0))
+        yield Candidate("current", added_both, Tied(wider, (*base.free, *added_both), base.ties))
+    for name in OF_YAW:
+        if name in {term.name for term in model.yaw}:
+            continue
+        effect = effects.get(name)
+        values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
+        term = Term(name, values)
+        names = [n for n, held in zip(parameters_of(YAW, term), effect.held(values)) if not held]
+        wider = replace(model, yaw=(*model.yaw, term))
+        yield Candidate(name, tuple(names), Tied(wider, (*base.free, *names), base.ties))
+
 
 FEWEST_RUNS = 4
 """Runs of which one is held out: those of motion in the plane are few and long."""
@@ -412,3 +523,118 @@ class PlanarDiagnosis(Shown):
             "noise_floor_deg": float(YAW.shown(self.search.after.noises[YAW.position])),
             "horizon_s": judged.horizon,
         }
+
+
+STRETCH = 10.0
+"""Length [s] of a stretch: twice the horizon, and several time constants of usual disturbances."""
+
+
+def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
+    """Look at the gap of the model before anything was added against every variable; `seed` draws the signs. None where
+    all runs are too short for predictions."""
+    every, before = search.every, search.before
+    course, runs, fit = every.course, every.runs, fit_of(before)
+    found = judged(search.foretold[0][YAW.position])
+    if not len(found.error):
+        return None
+    residual, seen = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
+    residual[found.run, found.target], seen[found.run, found.target] = found.error, True
+    problem = every.problem(before.model)
+    followed = problem.follow(problem.search(fit.theta)[None], keep=True)
+    assert followed.states is not None
+    places, states = followed.places, followed.states[:, 0]
+    (inertia,) = before.model.inertia_matrix(fit.of_model[None])
+    missing = np.einsum("ij,jrk->irk", inertia, states[list(places.pushed)])
+    command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])
+    sign: Floats = np.where(seen, last_side(command[-1]), 0.0)
+    gain = 100.0 * followed.states[places.gain, 0, :, -1]
+    kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
+    for dof, force in zip(PLANAR.dofs, missing):
+        if dof in every.seen.dofs:
+            kinds[dof.words.full_force] = (dof.units.forces[1], np.where(seen, force, 0.0))
+    floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, seen)
+    r, part = _stretches(course, seen)
+    pieces = {name: (unit, part * values[r]) for name, (unit, values) in kinds.items()}
+    gap = Gap(
+        tuple(course.names[i] for i in r),
+        part * residual[r],
+        part * residual[r],
+        np.where(part, sign[r], 0.0),
+        part,
+        gain[r],
+        floor,
+        shown=YAW.shown,
+    )
+    looked = look([replace(one, values=np.where(part, one.values[r], np.nan)) for one in columns], pieces, gap, seed)
+    kept = {one.name: one for one in columns}
+    return Where(
+        variables=looked.variables,
+        columns=tuple(kept[one.name] for one in looked.variables),
+        regions=tuple(replace(one, runs=tuple(dict.fromkeys(one.runs))) for one in looked.regions),
+        names=course.names,
+        residual=residual,
+        moment=np.where(seen, missing[-1], 0.0),
+        sign=sign,
+        gain=gain,
+        mean_moment=np.array([float(run.command.mean()) for run in runs]),
+        time=course.time,
+        seen=seen,
+        floor=floor,
+        moment_unit=course.moment_unit,
+        dof=YAW,
+    )
+
+
+def judged(each: tuple[Predicted, ...]) -> Predicted:
+    """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
+    some = [one for one in each if len(one.error) and one.horizon <= JUDGED]
+    return max(some or each[:1], key=lambda one: one.horizon)
+
+
+def _columns(
+    runs: tuple[Run, ...], course: Course, states: Floats, command: Floats, seen: NDArray[np.bool_]
+) -> list[Column]:
+    """Motion as filtered, products of velocities, commands, clocks and what else all runs log, at the nodes (R, K)."""
+    heading = np.asarray(YAW.shown(states[2]))
+    (u, v), turning = states[3:5], np.asarray(YAW.shown(states[5]))
+    number = np.any(np.diff(command, axis=2, prepend=0.0) != 0.0, axis=0).cumsum(axis=1).astype(float)
+    found = [
+        Column("surge", "m/s", u),
+        Column("sway", "m/s", v),
+        Column("yaw-rate", "deg/s", turning),
+        Column("surge times yaw-rate", "m/s deg/s", u * turning),
+        Column("surge times sway", "m²/s²", u * v),
+        Column(YAW.words.position, YAW.units.shown, heading % 360.0),
+        *(
+            Column(dof.words.full_force.replace(" ", "-"), dof.units.forces[1], force)
+            for dof, force in zip(PLANAR.dofs, command)
+        ),
+        Column("time-in-run", "s", course.time),
+        Column("time-since-command-change", "s", since_change(number, course.time)),
+    ]
+    forces = {dof.command for dof in PLANAR.dofs}
+    for name in sorted(set.intersection(*(set(run.extras) for run in runs)) - {*CHANNELS, *forces}):
+        found.append(of_run_or_sample(name, "", _at_nodes(course, [run.extras[name] for run in runs], runs)))
+    kept = [replace(one, values=np.where(seen, one.values, np.nan)) for one in found if not one.of_the_run]
+    return [one for one in kept if np.nanmax(one.values) > np.nanmin(one.values)]
+
+
+def _stretches(course: Course, seen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The run of each stretch, (S,), and which of its nodes are in it, (S, K)."""
+    number = np.floor(course.time / STRETCH)
+    each = [
+        (r, own)
+        for r in range(len(seen))
+        for n in np.unique(number[r, seen[r]])
+        if (own := seen[r] & (number[r] == n)).any()
+    ]
+    return np.array([r for r, _ in each]), np.array([own for _, own in each])
+
+
+def _at_nodes(course: Course, columns: list[Floats], runs: tuple[Run, ...]) -> Floats:
+    """What is held at the filter's nodes, (R, K)."""
+    out = np.zeros(course.time.shape)
+    for row, column, run, time in zip(out, columns, runs, course.time):
+        at = np.searchsorted(run.time - run.time[0], time + 1e-9, side="right") - 1
+        row[:] = column[np.clip(at, 0, len(column) - 1)]
+    return out

@@ -6,37 +6,386 @@ penalty, the run as the unit; the threshold is what the best of all candidates r
 in which nothing is missing; runs predicted from the others have a veto.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.crowd import compensating, one_instead
-from automarine_cli.diagnosis.physical import drag_drives
-from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, varied, without
-from automarine_cli.diagnosis.scores import candidates, law_of, penalty, probes, score
-from automarine_cli.diagnosis.study import ITERATIONS, Study
-from automarine_cli.diagnosis.thrust_curve import curved, settles
-from automarine_cli.diagnosis.trials import (
-    CLEAR,
-    DRAG,
-    LEVEL,
-    MOST_EFFECTS,
-    STANDS,
-    WEAK,
-    Found,
-    Rival,
-    Round,
-    Trial,
-    clear,
-    corrects,
+from automarine_cli.diagnosis.scores import (
+    Probe,
+    Scores,
+    candidates,
+    drag_drives,
+    fitted_parameters,
+    law_of,
+    penalty,
+    probes,
+    score,
 )
+from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, discover
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.parallel import Each
+from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
+
+LEVEL = 0.005
+"""Share of campaigns with nothing missing in which something may still be claimed."""
+WEAK = 0.05
+"""The same of what is suspected."""
+CLEAR = 2.0
+"""Standard errors over runs by which runs have to gain in the mean."""
+MOST_EFFECTS = 3
+STANDS = 1.3
+"""Times the floor above which what is left is said, and above which residuals that hang together are unexplained,
+however much larger they were before."""
+
+
+DRAG = BASE_TERMS["2"]
+"""Effects that put the drag of the base right."""
+CURVE = ("dead-band", "thrust-exponent")
+"""What together is the curve of the thrust against its command, and counts as one effect."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with its fit; `evidence` is in deviance, smaller is better."""
+
+    added: tuple[str, ...]
+    model: YawModel
+    fit: Fit
+    evidence: float
+
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """The effects added, without what puts the drag of the base right beside others."""
+        return tuple(name for name in self.added if not corrects(name)) or self.added
+
+    @property
+    def count(self) -> int:
+        """How many effects these are."""
+        return len(self.counted) - (set(CURVE) <= set(self.counted))
+
+
+def corrects(name: str) -> bool:
+    """Whether an effect puts the drag of the base right."""
+    return name in DRAG
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the search: the scores, every candidate's full fit, and the threshold on the gain in evidence."""
+
+    before: Trial
+    scores: Scores
+    trials: tuple[Trial, ...]
+    threshold: float
+
+    def gain(self, trial: Trial) -> float:
+        """Evidence gained over the model that the round began with."""
+        return self.before.evidence - trial.evidence
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An explanation that the runs cannot exclude: what it replaces, how far behind it is (deviance), its fit."""
+
+    replaces: str
+    name: str
+    behind: float
+    trial: Trial
+
+
+@dataclass(frozen=True)
+class Compensating:
+    """Two effects of opposite pull: the correlation of their sizes, and the largest share of what both gain that one of
+    them gains alone."""
+
+    names: tuple[str, str]
+    correlation: float
+    alone: float
+
+    @property
+    def says(self) -> str:
+        """The sentence for people."""
+        first, second = self.names
+        return (
+            f"{first} and {second} undo each other (correlation {self.correlation:.2f}; alone either gains at most "
+            f"{100 * self.alone:.0f}% of what both do): together they may stand for one law that is not in the library."
+        )
+
+
+@dataclass(frozen=True)
+class Found:
+    """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
+
+    `more` says that after MOST_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
+    what chance reaches in WEAK of all campaigns were enough, where nothing was added. `crowd` is a sentence where one
+    effect took the place of several that had been added, `compensating` has the pairs of final effects of which each
+    undoes most of what the other does: neither has earned its name. `equals` is a sentence where runs held out decided
+    between laws or sizes.
+    """
+
+    study: Study
+    base: Trial
+    final: Trial
+    rounds: tuple[Round, ...]
+    p_values: dict[str, float]
+    rivals: tuple[Rival, ...]
+    more: bool = False
+    doubtful: "Found | None" = None
+    crowd: str = ""
+    compensating: tuple["Compensating", ...] = ()
+    equals: str = ""
+
+    @property
+    def without_effects(self) -> "Found":
+        """The same with nothing added."""
+        return replace(self, final=self.base, p_values={}, rivals=(), doubtful=None)
+
+    def weight(self, name: str) -> float:
+        """Weight of an effect of the final model against its rivals."""
+        others = sum(float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name)
+        return 1.0 / (1.0 + others)
+
+
+def clear(gains: Floats, errors: float = CLEAR) -> bool:
+    """Whether gains in log density (R,) are more than so many standard errors above nothing in the mean."""
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else np.inf
+    return bool(gains.mean() > errors * error)
+
+
+def trial_of(study: Study, model: YawModel, added: tuple[str, ...], fit: Fit) -> Trial:
+    """A fit as a trial: the fitted model, and its evidence with the penalty for what was added."""
+    model = study.told(model, fit)
+    own = model.terms[len(study.base.terms) :]
+    cost = penalty(sum(fitted_parameters(term.name, term.values) for term in own), len(study.runs))
+    return Trial(added, model, fit, -2.0 * fit.log_likelihood + cost)
+
+
+def add_effect(
+    study: Study, current: Trial, candidate: tuple[str, Floats], iterations: int = ITERATIONS
+) -> Trial | None:
+    """The current model with one more effect, everything refitted; None where no fit is found."""
+    name, start = candidate
+    values = np.concatenate([current.fit.of_model, start])
+    return _fitted(study, current, current.model.with_effect(name, start), values, current.fit, iterations)
+
+
+def go_on(study: Study, current: Trial, trial: Trial, iterations: int) -> Trial | None:
+    """A trial's fit taken further from where it stands."""
+    return _fitted(study, current, trial.model, trial.fit.of_model, trial.fit, iterations)
+
+
+def _fitted(study: Study, current: Trial, model: YawModel, values: Floats, near: Fit, iterations: int) -> Trial | None:
+    try:
+        fit = study.fit(model, values, near, iterations)
+    except (FitError, np.linalg.LinAlgError):
+        return None
+    return trial_of(study, model, (*current.added, model.terms[-1].name), fit)
+
+
+def variants(study: Study, trial: Trial) -> list[YawModel]:
+    """A trial's model with each effect that was added in every shape of every law of it."""
+    return [
+        replace(trial.model, terms=tuple(replace(t, values=shape) if t is term else t for t in trial.model.terms))
+        for term in trial.model.terms[len(study.base.terms) :]
+        for shape in dict.fromkeys(tuple(map(float, probe.values[-1])) for probe in probes(study, term.name))
+        if len(effects.get(term.name).parameters) > 1
+    ]
+
+
+def varied(study: Study, trial: Trial, iterations: int, model: YawModel) -> Trial | None:
+    """A variant of a trial's model, refitted from where the trial ended; None where no fit is found."""
+    try:
+        return trial_of(study, model, trial.added, study.fit(model, model.theta, trial.fit, iterations))
+    except (FitError, np.linalg.LinAlgError):
+        return None
+
+
+def without(study: Study, trial: Trial, out: str) -> Trial | None:
+    """The trial's model with one effect taken out, refitted."""
+    own = len(study.base.terms)
+    kept = [term for term in trial.model.terms[own:] if term.name != out]
+    model = study.base.with_theta(trial.model.theta[: len(study.base.theta)])
+    for term in kept:
+        model = model.with_effect(term.name, term.values)
+    try:
+        fit = study.fit(model, model.theta, trial.fit)
+    except (FitError, np.linalg.LinAlgError):
+        return None
+    return trial_of(study, model, tuple(term.name for term in kept), fit)
+
+
+AS_WELL = 10.0
+"""Evidence (in deviance) by which several effects have to be better than one."""
+BRIEF = 6
+"""Iterations that tell whether a fit comes near the several effects."""
+WITHIN = 0.3
+"""Share of what the several gain that such a brief fit may lack to be taken to its end."""
+OPPOSED = 0.8
+"""Correlation of sizes from which two effects count as of opposite pull."""
+USELESS = 0.5
+"""Share of what a pair gains below which either alone counts as useless: two of their own gain at least half."""
+
+CrowdEach = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["Trial | None"]]
+Stands = Callable[..., bool]
+
+
+def one_instead(study: Study, current: Trial, first: Round, each: CrowdEach, may_stand: Stands) -> tuple[Trial, str]:
+    """The single effect that does as well as the several of `current`, with a sentence; or `current` and no sentence.
+
+    It has to do better than each of them alone. Every law of the effects added, of what they are mistaken for and of
+    the leaders of the first round is fitted, unless the first round did.
+    """
+    if len(current.counted) < 2:
+        return current, ""
+    base: Trial | None = first.before
+    if current.added != current.counted:  # the drag put right stays
+        base = current
+        for name in current.counted:
+            base = base and without(study, base, name)
+    if base is None:
+        return current, ""
+    trials = first.trials if base is first.before else ()
+    known = {law_of(t.added[-1], t.model.terms[-1].values): t.evidence for t in trials}
+    own = [law_of(term.name, term.values) for term in current.model.terms if term.name in current.counted]
+    lone = min((known[law] for law in own if law in known), default=np.inf)
+    asked = dict.fromkeys([*current.counted, *(s.effect for s in first.scores.ranked[:6])])
+    asked |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
+    can = {s.effect for s in first.scores.ranked}
+    work = [
+        (name, probe.values[-1])
+        for name in asked if name in can and name not in base.added
+        for probe in _one_a_law(study, name)
+        if law_of(name, probe.values[-1]) not in known
+    ]  # fmt: skip
+    singles = [*trials, *_fits(each(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws"))]
+    near = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
+    close = [t for t in singles if t.evidence < max(near, current.evidence + AS_WELL)]
+    unsettled = [t for t in close if not t.fit.converged]
+    settled = each(partial(go_on, study, base, iterations=ITERATIONS), unsettled, "fitting one instead of several")
+    able = [
+        t for t in (*(t for t in close if t.fit.converged), *_fits(settled))
+        if t.evidence <= current.evidence + AS_WELL and t.evidence < lone and may_stand(study, t, base)
+    ]  # fmt: skip
+    if not able:
+        return current, ""
+    best = min(able, key=lambda trial: trial.evidence)
+    return best, f"{best.added[-1]} alone does as well as {' and '.join(current.counted)} together."
+
+
+def _one_a_law(study: Study, name: str) -> list[Probe]:
+    """The middle one of the shapes of each law."""
+    laws: dict[tuple[object, ...], list[Probe]] = {}
+    for probe in probes(study, name):
+        laws.setdefault(law_of(name, probe.values[-1]), []).append(probe)
+    return [shapes[len(shapes) // 2] for shapes in laws.values()]
+
+
+def _fits(trials: Sequence[Trial | None]) -> list[Trial]:
+    return [trial for trial in trials if trial is not None]
+
+
+def compensating(study: Study, base: Trial, final: Trial) -> tuple[Compensating, ...]:
+    """The pairs of effects of `final` of which each undoes what the other does: their sizes go together and neither
+    gains much alone."""
+    if len(final.counted) < 2:
+        return ()
+    covariance, found = study.covariance(final.model, final.fit), []
+    for pair in combinations(final.counted, 2):
+        together = _correlation(final, covariance, pair)
+        if together < OPPOSED:
+            continue
+        one, other = (without(study, final, name) for name in pair)
+        neither = base if final.added == pair else (one and without(study, one, pair[1]))
+        if one is None or other is None or neither is None:
+            continue
+        gained = neither.evidence - final.evidence
+        alone = (neither.evidence - min(one.evidence, other.evidence)) / max(gained, 1e-9)
+        if alone < USELESS:
+            found.append(Compensating(pair, together, max(alone, 0.0)))
+    return tuple(found)
+
+
+def _correlation(final: Trial, covariance: Floats, pair: tuple[str, str]) -> float:
+    """Largest correlation of two effects' fitted parameters, both counted away from nothing: opposite pull is
+    positive."""
+    names = final.model.parameter_names
+    off = [final.model.inertia] + [o for t in final.model.terms for o in effects.get(t.name).off]
+    size = final.model.theta - np.array(off)
+    places = [[i for i, name in enumerate(names) if name.startswith(f"{one}.")] for one in pair]
+    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    best = 0.0
+    for i in places[0]:
+        for j in places[1]:
+            if spread[i] > 0 and spread[j] > 0:
+                sign = float(np.sign(size[i] * size[j]) or 1.0)
+                best = max(best, sign * float(covariance[i, j]) / float(spread[i] * spread[j]))
+    return best
+
+
+LARGE, STEEP, SURE = 0.1, 0.2, 5.0
+"""Scatter of the gains, exponent by which they go with the size of the command, and its standard errors, from which
+both are no chance and no trifle."""
+SETTLES = 1.0 / 3.0
+"""Share of the scatter that may stay where something explains it."""
+WIDTHS = (0.1, 0.5)
+"""Dead-bands that fits begin with, in shares of the smallest command."""
+
+
+def gain_exponent(study: Study, fit: Fit) -> Estimate | None:
+    """With which power of the command's size (root mean square while there is one) the gains of single runs go; None
+    where the runs have commands of one size, or a disturbance hides their gains."""
+    if study.driven:
+        return None
+    size = _sizes(study)
+    used = np.isfinite(size)
+    x, y = np.log(size[used]), fit.own(GAIN)[used, 0]
+    dof = len(x) - 2
+    spread = float(((x - x.mean()) ** 2).sum()) if dof > 0 else 0.0
+    if spread < 0.05:
+        return None
+    slope = float(((x - x.mean()) * y).sum()) / spread
+    left = y - y.mean() - slope * (x - x.mean())
+    return Estimate.from_stderr(slope, float(np.sqrt((left**2).sum() / dof / spread)), dof, "1")
+
+
+def _sizes(study: Study) -> Floats:
+    driving = (run.command[run.command != 0.0] for run in study.runs)
+    return np.array([np.sqrt(np.mean(one**2)) if len(one) else np.nan for one in driving])
+
+
+def curved(study: Study, base: Trial) -> Trial | None:
+    """The base with a dead-band and an exponent of the thrust, fitted together, where the gains of its runs go with the
+    size of the command and do so no longer with both; None where not."""
+    steep = gain_exponent(study, base.fit)
+    scatter = base.fit.factor(GAIN)
+    if steep is None or scatter < LARGE or abs(steep.value) < max(STEEP, SURE * steep.stderr):
+        return None
+    smallest, found = float(np.nanmin(_sizes(study))), list[Trial]()
+    for share in WIDTHS:
+        model = base.model.with_effect("dead-band", (share * smallest, 0.0, 0.5))
+        model = model.with_effect("thrust-exponent", (1.0 + steep.value, study.reference("moment")))
+        try:
+            found.append(trial_of(study, model, (*base.added, *CURVE), study.fit(model, model.theta, base.fit)))
+        except (FitError, np.linalg.LinAlgError):
+            continue
+    best = min(found, key=lambda trial: trial.evidence, default=None)
+    return best if best is not None and settles(best, base) and best.evidence < base.evidence else None
+
+
+def settles(trial: Trial, base: Trial) -> bool:
+    """Whether a trial explains most of what the gains of the base scatter by."""
+    return trial.fit.factor(GAIN) < SETTLES * base.fit.factor(GAIN)
+
 
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
@@ -44,7 +393,7 @@ LEADERS = 6
 """Candidates that are fitted in every case: the first by their scores."""
 LIKELY = 0.1
 """Share of the best score from which the others are fitted."""
-BRIEF = 4
+SEARCH_BRIEF = 4
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within REACH of it; fits that far
@@ -231,7 +580,7 @@ def _round(study: Study, current: Trial, seed: int, each: Each, whole: bool) -> 
     done, tried = dict[tuple[object, ...], Trial](), set[str]()
     while ranked:
         work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
-        found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
+        found = each(partial(add_effect, study, current, iterations=SEARCH_BRIEF), work, "trying effects")
         done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
         tried |= {s.effect for s in ranked}
         leader = min(done.values(), key=lambda trial: trial.evidence, default=current)
@@ -279,9 +628,11 @@ def _from_many_starts(
     ]
     found = [
         *each(
-            partial(add_effect, study, current, iterations=BRIEF), [(name, shape) for shape in shapes], "more starts"
+            partial(add_effect, study, current, iterations=SEARCH_BRIEF),
+            [(name, shape) for shape in shapes],
+            "more starts",
         ),
-        *each(partial(varied, study, best, BRIEF), others, "more starts"),
+        *each(partial(varied, study, best, SEARCH_BRIEF), others, "more starts"),
     ]
     climbers = sorted((trial for trial in found if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
     climbers += [best] if not best.fit.converged else []

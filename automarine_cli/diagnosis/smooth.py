@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.effects.learned import DRAG, FIRST, GAIN, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
-from automarine_cli.fits.gram import Gram, Grams
-from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit
+from automarine_cli.fits.linear_mixed import Gram, Grams, RunEffects
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
-from automarine_cli.fits.run_effects import RunEffects
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.quantities import Floats
 

@@ -12,17 +12,14 @@ from automarine_cli.diagnosis.limit_cycle import LimitCycle, limit_cycle
 from automarine_cli.diagnosis.smooth import fit_smooth, learned_term, with_prior
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.prediction import Predicted, predict
+from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
+from automarine_cli.fits.half_turns import MOST_OFFSET
 from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
-from automarine_cli.fits.innovations_problem import DrivenProblem
-from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
-from automarine_cli.fits.mixed_problem import SWITCH
-from automarine_cli.fits.output_error import run_covariance
-from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
-from automarine_cli.fits.step_response import MOST_OFFSET
-from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
+from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, SWITCHES
+from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, fit_mixed
+from automarine_cli.fits.whole_runs import run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automarine_cli.diagnosis.variables import Column
+from automarine_cli.diagnosis.residual_regions import Column, Gap, Looked, look
 from automarine_cli.diagnosis.verdict import (
     ASTRAY,
     EVEN,
@@ -16,8 +16,7 @@ from automarine_cli.diagnosis.verdict import (
     NamedEffect,
     apart,
     stretch,
-)  # fmt: skip
-from automarine_cli.diagnosis.where import Gap, Looked, look
+)
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.quantities import Floats

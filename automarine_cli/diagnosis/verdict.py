@@ -1,6 +1,6 @@
 """Named, suspected, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -8,18 +8,200 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.estimates import parameter_estimates
-from automarine_cli.diagnosis.gap import Gap, gap, residuals
-from automarine_cli.diagnosis.given import log_density
-from automarine_cli.diagnosis.outlook import Outlook
-from automarine_cli.diagnosis.search import obstacle
-from automarine_cli.diagnosis.study import Study
-from automarine_cli.diagnosis.trials import MOST_EFFECTS, STANDS, WEAK, Found, Trial, clear
-from automarine_cli.diagnosis.where import Region, Where
+from automarine_cli.diagnosis.given import log_density, missed, run_effects_given
+from automarine_cli.diagnosis.residual_regions import Region, Where
+from automarine_cli.diagnosis.scores import fitted_parameters, penalty
+from automarine_cli.diagnosis.search import MOST_EFFECTS, STANDS, WEAK, Found, Trial, clear, obstacle
+from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.filters.kalman import Predicted
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
+from automarine_cli.fits.whole_runs import estimate_of, varying_terms
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square of measured less simulated heading [rad] over all samples of a set of runs.
+
+    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
+    is left is what the model lacks, and noise. `floor` is the noise of the heading estimated without a model.
+    `residuals_before` and `residuals_after` (R, N) are the headings' own, zero in the padding.
+    """
+
+    before: float
+    after: float
+    floor: float
+    residuals_before: Floats
+    residuals_after: Floats
+
+    def above(self, size: float) -> float:
+        """By how much a gap's mean square is above the noise [rad²]."""
+        return size**2 - self.floor**2
+
+    @property
+    def in_noises(self) -> str:
+        """Both in units of the noise, in words."""
+        floor = max(self.floor, 1e-12)
+        return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
+
+    def to_json(self, dof: Dof) -> dict[str, float]:
+        """The contract's form, in the unit in which people see positions."""
+        key = dof.units.key
+        return {
+            f"before_{key}": float(dof.shown(self.before)),
+            f"after_{key}": float(dof.shown(self.after)),
+            f"noise_floor_{key}": float(dof.shown(self.floor)),
+        }
+
+
+def gap(study: Study, base: Trial, final: Trial, fitted: bool = False) -> Gap:
+    """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
+    before, after = residuals(study, base, fitted), residuals(study, final, fitted)
+    return Gap(_size(study, before), _size(study, after), study.floor, before, after)
+
+
+def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
+    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
+    runs measured less predicted ones, JUDGED seconds ahead from the filtered state."""
+    if isinstance(trial.fit, InnovationsFit):
+        return missed(study, trial.model, trial.fit)
+    problem = study.problem(trial.model)
+    if fitted:
+        return study.residual(trial.fit.fitted)
+    simulated = run_effects_given(problem, problem.search(trial.fit.theta), trial.fit.variances)[1]
+    return study.residual(simulated)
+
+
+def _size(study: Study, residual: Floats) -> float:
+    shown = study.batch.seen if not study.driven else residual != 0.0
+    return float(np.sqrt((residual**2).sum() / max(int(shown.sum()), 1)))
+
+
+DECIDING = 5.0
+"""Horizons [s] up to this have a veto. Over longer ones the logged command answers disturbances that a prediction does
+not know."""
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Root mean square errors of positions predicted `horizon` seconds ahead from the filtered state [rad or m]."""
+
+    horizon: float
+    before: float
+    after: float
+    constant_rate: float
+    constant: float
+
+    def to_json(self, dof: Dof) -> dict[str, float]:
+        """The contract's form, in the unit in which people see positions."""
+        key = dof.units.key
+        return {
+            "horizon_s": self.horizon,
+            f"before_{key}": float(dof.shown(self.before)),
+            f"after_{key}": float(dof.shown(self.after)),
+            f"constant_rate_{key}": float(dof.shown(self.constant_rate)),
+            f"constant_{dof.words.position}_{key}": float(dof.shown(self.constant)),
+        }
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What both models predict of a set of runs, by horizon, and what the log density of these runs gained."""
+
+    ahead: tuple[Ahead, ...]
+    density_gain: float
+
+    @property
+    def judged(self) -> Ahead | None:
+        """Over the horizon that shows the gap."""
+        return next((one for one in self.ahead if one.horizon == JUDGED), None)
+
+    def doubt(self, dof: Dof) -> str:
+        """Why runs that were not fitted do not bear the effects out; empty where they do."""
+        if self.density_gain <= 0:
+            return f"their log density falls by {-self.density_gain:.1f}"
+        deciding = [one for one in self.ahead if one.horizon <= DECIDING]
+        if not deciding or deciding[-1].after < deciding[-1].before:
+            return ""
+        one, unit = deciding[-1], dof.units.shown
+        return (
+            f"predictions {one.horizon:g} s ahead miss by {dof.shown(one.after):.2f} {unit} with them and by "
+            f"{dof.shown(one.before):.2f} without"
+        )
+
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        """The horizon that shows the gap, and all of them."""
+        judged = self.judged or self.ahead[-1]
+        every = [one.to_json(dof) for one in self.ahead]
+        return {**judged.to_json(dof), "log_density_gain": self.density_gain, "horizons": every}
+
+
+def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
+    """The outlook on the runs of `study`, which need not have been fitted; None for runs that are not driven, or too
+    short for any prediction."""
+    first, last = base.fit, final.fit
+    if not (isinstance(first, InnovationsFit) and isinstance(last, InnovationsFit)):
+        return None
+    before, after = study.predictions(base.model, first), study.predictions(final.model, last)
+    gained = study.log_density(final.model, last) - study.log_density(base.model, first)
+    return outlook_of(before, after, float(np.sum(gained)))
+
+
+def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> Outlook | None:
+    """The outlook of predictions over each horizon of so many runs; None where there are none."""
+    pairs = [(b, a) for b, a in zip(before, after) if len(b.error)]
+    if not pairs:
+        return None
+    ahead = tuple(Ahead(b.horizon, b.rmse(), a.rmse(), b.rmse(b.constant_rate), b.rmse(b.constant)) for b, a in pairs)
+    return Outlook(ahead, density_gain)
+
+
+def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
+    """Estimates of one effect's parameters with the run as the unit, by their names in files."""
+    found = _estimates(study, trial)
+    own = effects.get(name).names_in(trial.model.dof)
+    return {one: found[trial.model.index(f"{name}.{one}")] for one in own}
+
+
+def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
+    """Estimates of the base model's parameters, inertia first, by their names in files."""
+    return dict(zip(study.base.short_names, _estimates(study, trial)))
+
+
+def _estimates(study: Study, trial: Trial) -> list[Estimate]:
+    """Estimates of a model's parameters, in the order of theta."""
+    model, covariance = trial.model, study.covariance(trial.model, trial.fit)
+    units = [model.dof.unit_of("inertia", model.moment_unit)]
+    for term in model.terms:
+        units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
+    found = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
+    for varying in varying_terms(model):
+        size = effects.get(varying).names_in(model.dof)[0]
+        found[model.index(f"{varying}.{size}")] = _amplitude(study, trial, varying)
+    return found
+
+
+def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
+    """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
+    scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
+    low, high = (scale * end for end in trial.fit.factor_interval(name))
+    value, unit = scale * trial.fit.factor(name), trial.model.moment_unit
+    return Estimate(value, (high - low) / (2.0 * float(special.ndtri(0.975))), (low, high), unit)
+
+
+def detectable(study: Study, found: Found) -> dict[str, float]:
+    """Smallest size of each candidate's first parameter that these runs would have shown four times in five."""
+    last = found.rounds[-1]
+    sizes = {}
+    for score in last.scores.ranked:
+        needed = last.threshold + penalty(fitted_parameters(score.effect), len(study.runs))
+        sizes[score.effect] = float(score.unit_size) * float(np.sqrt(max(needed, 1.0)) + special.ndtri(0.8))
+    return sizes
+
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 

@@ -11,16 +11,254 @@ Smoothing, chapter 5; Nørgaard, Poulsen and Ravn (2000), Automatica 36:1627 (di
 of Mathematical Statistics 35:73 (readings far off count linearly).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
+from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
-from automarine_cli.filters.states import States, Step
-from automarine_cli.models.vehicle import Vehicle
+from automarine_cli.models.vehicle import Bound, Vehicle, actuators
 from automarine_cli.quantities import Floats
+from automarine_cli.simulation.batch import Channel
+from automarine_cli.simulation.plane import in_body_axes
+from automarine_cli.simulation.rollout import right_hand_side
+
+SMALL = 1e-3
+"""Least difference [rad, m, per s] by which a state is moved to see what depends on it."""
+SHARE = 0.02
+"""Difference of the log gain, likewise."""
+
+
+@dataclass(frozen=True)
+class States:
+    """Places of the n states of a run. The first `dynamic` of them are advanced by the equation of motion: positions,
+    velocities, states of the water, and what slow sensors show (`memory`, each with the position `remembered`). Then
+    come the disturbing accelerations `pushed`, the log `gain`, what effects let vary (`own`), and each velocity
+    channel's `bias`, with its degree of freedom, where its position is read too."""
+
+    position: tuple[int, ...]
+    velocity: tuple[int, ...]
+    water: tuple[int, ...]
+    memory: tuple[int, ...]
+    remembered: Mapping[int, int]
+    dynamic: int
+    pushed: tuple[int, ...]
+    gain: int
+    own: Mapping[str, tuple[int, ...]]
+    bias: Mapping[str, tuple[int, int]]
+    count: int
+
+
+def _places(dofs: int, terms: list[Bound], course: Course) -> States:
+    movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
+    slow = [term for term in terms if term.effect.place is Place.SENSOR and term.effect.remembers]
+    water = sum(len(term.effect.states) for term in movers)
+    first = 2 * dofs
+    memory = tuple(range(first + water, first + water + len(slow)))
+    dynamic = first + water + len(slow)
+    gain = dynamic + dofs
+    own, at = {}, gain + 1
+    for term in terms:
+        if term.effect.varies(tuple(float(value.flat[0]) for value in term.values)):
+            own[term.effect.name] = tuple(range(at, at + term.effect.per_run))
+            at += term.effect.per_run
+    bias, read = {}, {channel.quantity for channel in course.channels}
+    for channel in course.channels:
+        if channel.velocity and course.motion.positions[channel.dof] in read:  # else nothing tells it from the velocity
+            bias[channel.quantity] = (at, channel.dof)
+            at += 1
+    return States(
+        position=tuple(range(dofs)),
+        velocity=tuple(range(dofs, first)),
+        water=tuple(range(first, first + water)),
+        memory=memory,
+        remembered={place: term.dof for place, term in zip(memory, slow)},
+        dynamic=dynamic,
+        pushed=tuple(range(dynamic, gain)),
+        gain=gain,
+        own=own,
+        bias=bias,
+        count=at,
+    )
+
+
+class Step:
+    """One model on one course for P parameter sets: commands delivered, steps, readings.
+
+    `delivered` (D, P, R, K) is what the actuators give without the runs' gain, the mean over each step, and `tilt` how
+    it rises over the step [per s]; `inverse` (P, D, D) is that of the inertia, `columns` are the states on which the
+    dynamic ones depend nonlinearly, or that push them.
+    """
+
+    def __init__(self, model: Vehicle, course: Course, theta: Floats, late: Floats) -> None:
+        self.course, self.sets, self.runs = course, len(theta), len(course.names)
+        dofs, terms = len(model.motion.dofs), list(model.forces(theta))
+        self.places = _places(dofs, terms, course)
+        self.origin = _first_readings(course)
+        self.sensors = [t for t in terms if t.effect.place is Place.SENSOR and not t.effect.remembers]
+        self.clock, self.signals = course.time, course.averaged_signals
+        self.inverse = np.linalg.inv(model.inertia_matrix(theta))
+        self.delivered, self.tilt = _delivered(terms, course, late)
+        self.water_moves = model.current(theta)
+        places = self.places
+        placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
+        turning = places.position[-1:] if model.motion.turns else ()
+        own = [place for group in places.own.values() for place in group]
+        self.columns = np.array([
+            *(places.position if placed else turning), *places.velocity, *places.water, *places.memory,
+            *places.pushed, places.gain, *own,
+        ])  # fmt: skip
+        self._pushed = np.array(places.pushed)
+        self._model, self._theta = model, theta
+        count = len(self.columns)
+        self._ahead, self._behind = 1 + np.arange(count), 1 + count + np.arange(count)
+        self._least = np.array([SHARE if c == places.gain else SMALL for c in self.columns])[:, None, None] ** 2
+        self._build(model, theta, 1 + 2 * count, self.origin)
+
+    def _bound(self, term: Bound) -> Bound:
+        """A term with the coefficients that each run has of its own; these arrays are filled anew in every step."""
+        if term.effect.name not in self._own:
+            return replace(term, values=(*term.values, *[np.zeros((1, 1))] * term.effect.per_run))
+        return replace(term, values=(*term.values, *self._own[term.effect.name]))
+
+    def of_pieces(self, cut: Course, begin: Floats, run: NDArray[np.int64], at: NDArray[np.int64]) -> "Step":
+        """The same for A pieces of the runs as runs of their own: `cut` has their names and lengths, `begin` (A,) [s]
+        is when they begin in their `run` (A,), and `at` (A, K) are the steps that they are made of."""
+        own = copy(self)
+        own.course, own.runs = cut, len(run)
+        own.delivered, own.tilt = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt))
+        own.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
+        own.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
+        own._build(self._model, self._theta, 1, self.origin[:, run])
+        return own
+
+    def _build(self, model: Vehicle, theta: Floats, copies: int, origin: Floats) -> None:
+        """The right-hand side for so many copies of every run."""
+        wide = np.tile(theta, (copies, 1))
+        self._copies = copies
+        self._own = {name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.own.items()}
+        terms = model.forces(wide)
+        movers = [self._bound(term) for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
+        self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
+        inertia, current = model.inertia_matrix(wide), model.current(wide)
+        self._slope = right_hand_side(model.motion, movers, inertia, current, origin[:, None])
+
+    def moved(self, m: int, mean: Floats, ramp: Floats) -> Floats:
+        """The state (n, P, R) at the end of step m, without derivatives, if it was built for one copy."""
+        every = mean.copy()
+        every[self._pushed] *= ramp
+        after = mean.copy()
+        after[: self.places.dynamic] = self._moved(m, every[:, None])
+        return after
+
+    def advance(self, m: int, mean: Floats, covariance: Floats, ramp: Floats) -> tuple[Floats, Floats]:
+        """The state at the end of step m, (n, P, R), and the derivatives (dynamic, columns, P, R) of its dynamic part
+        by the states of `columns`; `ramp` (D, P, R) is the mean of a disturbance over the step as a share of what it
+        begins with, and those by disturbances are by such a mean."""
+        places, columns, count = self.places, self.columns, len(self.columns)
+        every = np.repeat(mean[:, None], self._copies, axis=1)
+        every[self._pushed] *= ramp[:, None]
+        sizes = np.sqrt(np.maximum(covariance[..., columns, columns].transpose(2, 0, 1), self._least))
+        every[columns, self._ahead] += sizes
+        every[columns, self._behind] -= sizes
+        moved = self._moved(m, every).reshape(places.dynamic, self._copies, self.sets, self.runs)
+        after = mean.copy()
+        after[: places.dynamic] = moved[:, 0]
+        return after, (moved[:, 1 : 1 + count] - moved[:, 1 + count :]) / (2.0 * sizes)
+
+    def _moved(self, m: int, every: Floats) -> Floats:
+        """The dynamic states of all copies after step m, (dynamic, copies P, R), by Runge and Kutta's method."""
+        places, dofs = self.places, len(self.places.position)
+        flat = every.reshape(len(every), self._copies * self.sets, self.runs)
+        for name, group in places.own.items():
+            np.copyto(self._own[name], flat[list(group)])
+        h = self.course.length[:, m]
+        begin, end = self.clock[:, m], self.clock[:, m + 1]
+        half = 0.5 * (begin + end)
+        signals = {name: column[:, m] for name, column in self.signals.items()}
+        gain = np.exp(every[places.gain])
+        force = [(one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.delivered]
+        rise = [(0.5 * h * one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.tilt]
+        first = tuple(middle - half for middle, half in zip(force, rise))
+        last = tuple(middle + half for middle, half in zip(force, rise))
+        pushed = flat[self._pushed]
+        x, v, w = flat[:dofs], flat[dofs : 2 * dofs], [flat[place] for place in places.water]
+
+        def slope(x, v, w, force, time):  # type: ignore[no-untyped-def]
+            swing, move, stirred = self._slope(x, v, w, force, time, signals)
+            return swing + pushed, move, stirred
+
+        def ahead(w, step, slopes):  # type: ignore[no-untyped-def]
+            return [a + step * b for a, b in zip(w, slopes)]
+
+        a1, m1, w1 = slope(x, v, w, first, begin)
+        a2, m2, w2 = slope(x + 0.5 * h * m1, v + 0.5 * h * a1, ahead(w, 0.5 * h, w1), force, half)
+        a3, m3, w3 = slope(x + 0.5 * h * m2, v + 0.5 * h * a2, ahead(w, 0.5 * h, w2), force, half)
+        a4, m4, w4 = slope(x + h * m3, v + h * a3, ahead(w, h, w3), last, end)
+        out = np.empty((places.dynamic, *flat.shape[1:]))
+        out[:dofs] = x + h / 6.0 * (m1 + 2.0 * (m2 + m3) + m4)
+        out[dofs : 2 * dofs] = v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        for place, old, s1, s2, s3, s4 in zip(places.water, w, w1, w2, w3, w4):
+            out[place] = old + h / 6.0 * (s1 + 2.0 * (s2 + s3) + s4)
+        for place, term in zip(places.memory, self._slow):
+            of = places.remembered[place]
+            out[place] = term.effect.remember(flat[place], x[of], out[of], h, term.values)
+        return out
+
+    def _delivered_at(self, dof: int, m: int) -> Floats:
+        """What the actuators give as node m is reached, (P, R, 1)."""
+        step, half = max(m - 1, 0), 0.5 if m else -0.5
+        rise = half * self.course.length[:, step] * self.tilt[dof, :, :, step]
+        return np.asarray((self.delivered[dof, :, :, step] + rise)[..., None])
+
+    def reading(
+        self, channel: Channel, m: int, mean: Floats, covariance: Floats
+    ) -> tuple[Floats, list[tuple[int, Floats]]]:
+        """What a channel shows at node m, (P, R), and its derivatives by the states that it depends on."""
+        places, one = self.places, np.ones(mean.shape[1:])
+        if channel.velocity:
+            at = [places.velocity[channel.dof], *places.bias.get(channel.quantity, ())[:1]]
+            shown = sum(mean[place] for place in at)
+            if self.water_moves is not None:
+                shown = shown + in_body_axes(self.water_moves, mean[places.position[-1]])[channel.dof]
+            return shown, [(place, one) for place in at]
+        place = next((k for k, of in places.remembered.items() if of == channel.dof), channel.dof)
+        own = [term for term in self.sensors if term.dof == channel.dof]
+        if not own:
+            return mean[place], [(place, one)]
+        size = np.sqrt(np.maximum(covariance[..., place, place], SMALL**2))
+        tried = mean[place] + np.stack([0.0 * size, size, -size])
+        time = self.clock[:, m, None]
+        for term in own:
+            values = (*term.wide(), *((self._delivered_at(channel.dof, m),) if term.effect.fed else ()))
+            tried = np.stack([term.effect.read(x[..., None], time, values)[..., 0] for x in tried])
+        return tried[0], [(place, (tried[1] - tried[2]) / (2.0 * size))]
+
+
+def _first_readings(course: Course) -> Floats:
+    """The first reading of each position, (D, R); zero where it is not logged."""
+    first = np.zeros((len(course.motion.dofs), len(course.names)))
+    for channel in course.channels:
+        if not channel.velocity:
+            at = channel.seen.argmax(axis=1)
+            first[channel.dof] = channel.values[np.arange(len(at)), at]
+    return first
+
+
+def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats, Floats]:
+    """What the actuators deliver over the filter's steps, `late` (P,) fine steps after the log has it: means and
+    slopes, (D, P, R, K)."""
+    commands = list(course.commands)
+    for term in actuators(terms):
+        here = commands[term.dof]
+        commands[term.dof] = replace(here, force=term.effect.deliver(here, term.wide()))
+    lines = [course.averaged(one.force, late) for one in commands]
+    return np.stack([mean for mean, _ in lines]), np.stack([slope for _, slope in lines])
+
 
 FAR = 5.0
 """Standard deviations beyond which an innovation counts linearly, and its reading as noisier than the others."""
@@ -200,3 +438,219 @@ def _update(
         gain = np.where(seen[:, None], shares / (total * doubt)[..., None], 0.0)
         mean += gain.transpose(2, 0, 1) * np.where(seen, missed, 0.0)
         covariance -= gain[..., :, None] * shares[..., None, :]
+
+
+HORIZONS = (2.0, 5.0, 15.0)
+"""Seconds ahead."""
+SETTLING = 2.0
+"""Time [s] that a filter has before its first prediction counts."""
+LOOKS_BACK = (0.5, 1.0, 2.0)
+"""Lengths [s] over which a constant rate may be taken; the best of them counts, for it is the rival of the model."""
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Predictions of one channel over one horizon [s]: from node `origin` (A,) of run `run` (A,) to its node `target`
+    (A,), with the `error` (A,) measured less predicted, and those of a constant rate and a constant position."""
+
+    horizon: float
+    run: NDArray[np.int64]
+    origin: NDArray[np.int64]
+    target: NDArray[np.int64]
+    error: Floats
+    constant_rate: Floats
+    constant: Floats
+
+    def rmse(self, error: Floats | None = None) -> float:
+        """Root mean square over all predictions; not a number where there are none."""
+        of = self.error if error is None else error
+        return float(np.sqrt(np.mean(of**2))) if len(of) else float("nan")
+
+    def by_run(self, error: Floats, runs: int) -> Floats:
+        """Mean square of each run (R,), not a number where a run has none."""
+        total, count = np.zeros(runs), np.zeros(runs)
+        np.add.at(total, self.run, error**2)
+        np.add.at(count, self.run, 1.0)
+        return np.divide(total, count, out=np.full(runs, np.nan), where=count > 0)
+
+
+def predict(
+    model: Vehicle,
+    course: Course,
+    theta: Floats,
+    noises: Noises,
+    horizons: Sequence[float] = HORIZONS,
+    channel: int = 0,
+    followed: Followed | None = None,
+) -> tuple[Predicted, ...]:
+    """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
+    that were `followed`."""
+    followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
+    assert followed.states is not None
+    of, time = shown_channel(course, channel), course.time
+    run, origin = np.nonzero(of.seen & (time >= SETTLING))
+    targets = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
+    last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
+    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    rates = _rates(of, time, run, origin, targets)
+    here = of.values[run, origin]
+    found = []
+    for h, target in targets.items():
+        have = target >= 0
+        r, o, t = run[have], origin[have], target[have]
+        measured = of.values[r, t]
+        found.append(
+            Predicted(
+                h, r, o, t,
+                error=measured - path[have, t - o],
+                constant_rate=measured - here[have] - rates[have] * (time[r, t] - time[r, o]),
+                constant=measured - here[have],
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def shown_channel(course: Course, channel: int = 0) -> Channel:
+    """The positions of a channel: its own readings, or the sum of its velocities by the trapezoidal rule; velocities in
+    axes that turn have none."""
+    of = course.channels[channel]
+    if not of.velocity or course.motion.turns:
+        return of
+    summed = np.zeros_like(of.values)
+    for row, values, seen, time in zip(summed, of.values, of.seen, course.time):
+        steps = 0.5 * (values[seen][1:] + values[seen][:-1]) * np.diff(time[seen])
+        row[seen] = np.concatenate([[0.0], np.cumsum(steps)])
+    position = course.motion.positions[of.dof]
+    return replace(of, quantity=position, velocity=False, values=summed, counts=False)
+
+
+def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0) -> Floats:
+    """A channel of each run simulated from its first filtered state on, (R, K + 1), with the logged commands and no
+    further reading; not a number before that."""
+    followed = follow(model, course.unthinned, theta[None], noises, keep=True)
+    assert followed.states is not None
+    of, time = shown_channel(course, channel), course.time
+    late = of.seen & (time >= SETTLING)
+    run = np.flatnonzero(late.any(axis=1))
+    origin = late[run].argmax(axis=1)
+    last = late.shape[1] - 1 - late[run, ::-1].argmax(axis=1)
+    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    out = np.full(late.shape, np.nan)
+    for r, begin, end, shown in zip(run, origin, last, path):
+        out[r, begin : end + 1] = shown[: end - begin + 1]
+    return out
+
+
+def targets_of(
+    seen: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
+) -> NDArray[np.int64]:
+    """The node with a reading nearest to `horizon` after each origin, (A,), -1 where none is within a fifth of it."""
+    out = np.full(len(run), -1)
+    for r in np.unique(run):
+        own, read = run == r, np.flatnonzero(seen[r])
+        wanted = time[r, origin[own]] + horizon
+        after = np.clip(np.searchsorted(time[r, read], wanted), 1, len(read) - 1)
+        nearer = np.where(
+            wanted - time[r, read[after - 1]] < time[r, read[after]] - wanted, read[after - 1], read[after]
+        )
+        close = np.abs(time[r, nearer] - wanted) < 0.2 * horizon
+        out[own] = np.where(close & (nearer > origin[own]), nearer, -1)
+    return out
+
+
+def carried(
+    model: Vehicle,
+    course: Course,
+    theta: Floats,
+    noises: Noises,
+    states: Floats,
+    channel: Channel,
+    run: NDArray[np.int64],
+    origin: NDArray[np.int64],
+    last: NDArray[np.int64],
+) -> Floats:
+    """What the channel shows from each origin on, (A, longest + 1), every prediction being a run of its own.
+
+    A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
+    the sum is at the origin.
+    """
+    return carried_by(model, course, theta[None], noises, states, (channel,), run, origin, last)[0, 0]
+
+
+def carried_by(
+    model: Vehicle,
+    course: Course,
+    theta: Floats,
+    noises: Noises,
+    states: Floats,
+    channels: Sequence[Channel],
+    run: NDArray[np.int64],
+    origin: NDArray[np.int64],
+    last: NDArray[np.int64],
+) -> Floats:
+    """The same of C channels by each of P parameter sets (P, p): (C, P, A, longest + 1)."""
+    longest = int(np.max(last - origin, initial=0))
+    at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
+    step = Step(model, course, theta, noises.late)
+    cut = replace(
+        course,
+        names=tuple(course.names[r] for r in run),
+        length=course.length[run[:, None], at] * (origin[:, None] + np.arange(longest) < last[:, None]),
+    )
+    own = step.of_pieces(cut, course.time[run, origin], run, at)
+    mean = np.repeat(states[:, run, origin][:, None], len(theta), axis=1)
+    spread = np.zeros((len(theta), len(run), len(mean), len(mean)))
+    shown = np.zeros((len(channels), len(theta), len(run), longest + 1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for m in range(longest + 1):
+            for c, channel in enumerate(channels):
+                shown[c, ..., m] = own.reading(channel, m, mean, spread)[0]
+            if m == longest:
+                break
+            fade = np.exp(-cut.length[:, m] / noises.time[:, :, None])
+            ramp = (1.0 - fade) * noises.time[:, :, None] / np.maximum(cut.length[:, m], 1e-12)
+            mean = own.moved(m, mean, ramp)
+            for d, place in enumerate(own.places.pushed):
+                mean[place] = mean[place] * fade[d]
+    for path, channel in zip(shown, channels):
+        if not channel.counts:
+            path += (channel.values[run, origin] - path[..., 0])[..., None]
+    return shown
+
+
+def _rates(
+    channel: Channel,
+    time: Floats,
+    run: NDArray[np.int64],
+    origin: NDArray[np.int64],
+    targets: dict[float, NDArray[np.int64]],
+) -> Floats:
+    """The rate at each origin by a straight line through the readings before it, (A,); of several lengths of that
+    line the one that predicts best over the middle horizon."""
+    middle = sorted(targets)[(len(targets) - 1) // 2]
+    target, best, least = targets[middle], np.zeros(len(run)), np.inf
+    have = target >= 0
+    for length in LOOKS_BACK:
+        rates = np.zeros(len(run))
+        for r in np.unique(run):
+            read = np.flatnonzero(channel.seen[r])
+            t, x = time[r, read], channel.values[r, read]
+            own = np.flatnonzero(run == r)
+            end = np.searchsorted(read, origin[own], side="right")
+            begin = np.minimum(np.searchsorted(t, t[end - 1] - length - 1e-9), np.maximum(end - 2, 0))
+            rates[own] = _lines(t, x, begin, end)
+        missed = channel.values[run, target] - channel.values[run, origin]
+        missed = missed - rates * (time[run, target] - time[run, origin])
+        size = float(np.mean(missed[have] ** 2)) if have.any() else 0.0
+        if size < least:
+            best, least = rates, size
+    return best
+
+
+def _lines(t: Floats, x: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Floats:
+    """Slopes of least-squares lines through t[begin:end], x[begin:end], all at once."""
+    t, x = t - t[0], x - x[0]
+    sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (np.ones_like(t), t, x, t * t, t * x)]
+    n, st, sx, stt, stx = (s[end] - s[begin] for s in sums)
+    below = n * stt - st**2
+    return np.divide(n * stx - st * sx, below, out=np.zeros_like(below), where=below > 1e-12)

@@ -1,21 +1,40 @@
 """A model of one motion on driven runs: which of its parameters are searched how, and where fits of it start."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.fits.innovations import fit_innovations
-from automarine_cli.fits.innovations_problem import DrivenProblem, randomness
-from automarine_cli.models.yaw_model import YawModel, base_roles
+from automarine_cli.filters.kalman import HORIZONS, Predicted, free_run, predict
+from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations, randomness
+from automarine_cli.fits.known import Prior
+from automarine_cli.fits.mixed_model import natural_of, search_of
+from automarine_cli.fits.whole_runs import (
+    OutputErrorFit,
+    Preference,
+    by_way,
+    estimate_of,
+    rough_model,
+    run_covariance,
+    run_dof,
+    ways_of,
+)
+from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
+from automarine_cli.simulation.batch import make_batch
 
 INERTIAS, DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)
 """Shares of rough values from which fits of a base model start."""
@@ -131,3 +150,518 @@ def disturbed(
     found = [fit_innovations(one, starts, brief=True).log_likelihood for one in (free, quiet)]
     chance = 3.0 * float(np.log(max(len(some), 2))) + SURE
     return bool(2.0 * (found[0] - found[1]) > chance)
+
+
+SLOWEST, QUICKEST = 600.0, 1e-3
+"""Seconds in which no vehicle answers its thrusters, or has answered them: inertia over the drag at the largest
+command."""
+HEAD_START = 10.0
+"""Deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed."""
+BRIEF = 10
+"""Iterations of a fit of gains and noise alone."""
+COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
+"""Seconds ahead over which estimators are compared, and the shares by which the second one has to be better, or may be
+worse."""
+PROPOSED = ("input-delay", "dead-band")
+"""Effects with which models of driven logs may begin, if the evidence asks."""
+WIDENED = ("estimates", "inertial_turn_angle", "covariance")  # what of a fit shows its intervals
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a model is worth over one horizon [s]: root mean square errors of positions of runs that were left out of
+    its fit [rad or m], beside those of a constant rate and of a constant position, and over how many predictions."""
+
+    horizon: float
+    error: float
+    constant_rate: float
+    constant: float
+    count: int
+
+    @property
+    def of_use(self) -> bool:
+        """Whether the model predicts better than both constants do."""
+        return self.error < min(self.constant_rate, self.constant)
+
+    def beside(self, dof: Dof) -> str:
+        """How far ahead, to what, and by how much the constants miss: the end of a sentence."""
+        error, rate, still = (f"{dof.shown(x):.3g}" for x in (self.error, self.constant_rate, self.constant))
+        return (
+            f"{self.horizon:g} s ahead to {error} {dof.units.shown} where a constant {dof.words.speed} misses by "
+            f"{rate} and a constant {dof.words.position} by {still}"
+        )
+
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        """For a result file, in the unit in which people see positions."""
+        key = dof.units.key
+        return {
+            "horizon_s": self.horizon,
+            f"rmse_{key}": float(dof.shown(self.error)),
+            f"constant_rate_{key}": float(dof.shown(self.constant_rate)),
+            f"constant_{dof.words.position}_{key}": float(dof.shown(self.constant)),
+            "predictions": self.count,
+        }
+
+
+def fit_driven(
+    course: Course,
+    rough: YawModel,
+    number: str,
+    sided: bool = False,
+    with_effects: Sequence[str] = (),
+    known: Mapping[str, Prior] | None = None,
+) -> OutputErrorFit:
+    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag, `known` what
+    is known beforehand.
+
+    Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
+    """
+    model = rough
+    largest = float(np.abs(course.held).max()) or 1.0
+    for name in with_effects:
+        model = model.with_effect(name, _start(name, largest))
+    problem = driven_problem(model, course).informed(known or {})
+    found = fit_innovations(problem, base_starts(problem))
+    _refuse_runaways(model.with_theta(found.of_model), found, course)
+    return _outcome(problem, found, number, sided)
+
+
+def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
+    """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
+    forecasts.
+
+    Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
+    over long horizons and biases them, innovations not. So least squares have to be better by CLEARLY over each of
+    COMPARED, or at least as good but for LEVEL with an inertia that survives leaving runs out better; the square of the
+    difference of both is then added to the covariance.
+    """
+    found, dof = likely.mixed, likely.model.dof
+    assert isinstance(found, InnovationsFit)
+    problem = driven_problem(likely.model, course).informed(found.known)
+    starts = np.concatenate([found.theta[None], base_starts(problem)])
+    try:
+        plain = with_chance(problem, fit_forecasts(problem, found.phi, starts))
+        _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
+    except FitError:
+        return likely
+    errors = {
+        name: [one.rmse() for one in left_out_predictions(problem, fit) if one.horizon in COMPARED and len(one.error)]
+        for name, fit in (("least squares of forecasts", plain), ("innovations", found))
+    }
+    squares, likelihood = errors.values()
+    if not squares or not all(np.isfinite(squares)):
+        return likely
+    better = all(a < (1.0 - CLEARLY) * b for a, b in zip(squares, likelihood))
+    level = all(a < (1.0 + LEVEL) * b for a, b in zip(squares, likelihood))
+    surer = bool(run_covariance(plain)[0, 0] < run_covariance(found)[0, 0])
+    better = better or (level and surer)
+    names = list(errors) if better else list(errors)[::-1]
+    fits = (plain, found) if better else (found, plain)
+    shown = [" and ".join(f"{dof.shown(one):.3g}" for one in errors[name]) for name in names]
+    sizes = [f"{fit.theta[0]:.3g}" for fit in fits]
+    ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
+    says = (
+        f"by {names[0]}: runs left out are predicted {ahead} s ahead to {shown[0]} {dof.units.shown}, by {names[1]} to "
+        f"{shown[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
+    )
+    if not better:
+        return replace(likely, estimator=says)
+    covariance, own = run_covariance(plain).copy(), plain.parameters
+    quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:own]]
+    bias = (plain.phi[:own] - found.phi[:own]) * special.ndtri(0.975) / quantiles
+    covariance[:own, :own] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
+    best = _outcome(problem, plain, likely.number, _is_sided(likely), covariance)
+    ways = None if likely.ways is None else ways_of(best, dof) if _is_sided(likely) else likely.ways
+    return replace(best, estimator=says, by_forecasts=True, ways=ways)
+
+
+def _is_sided(fit: OutputErrorFit) -> bool:
+    """Whether the model has a drag of each way."""
+    return fit.model.dof.symbols.difference in fit.estimates
+
+
+def _start(name: str, largest: float) -> list[float]:
+    """Where a fit of an effect starts, for logs whose largest command is `largest`."""
+    own = effects.get(name).parameters
+    return [p.off if p.held else p.scaled(p.start, largest) for p in own]
+
+
+def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> None:
+    """A fit that ran away is no model. Raises FitError with what the runs lack."""
+    dof, largest = course.motion.dofs[0], float(np.abs(course.held).max())
+    linear, quadratic = model.drag()
+    slowness = model.fastest(largest)
+    deviation = float(np.sqrt(max(run_covariance(found)[0, 0], 0.0)))
+    if linear <= 0 and quadratic <= 0:
+        what = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
+    elif not QUICKEST < slowness < SLOWEST:
+        what = f"it would answer its thrusters within {slowness:.2g} s"
+    elif found.names[0] not in found.known and (0 in found.at_bound or deviation <= 0.0 or deviation > np.log(3.0)):
+        what = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
+    else:
+        return
+    raise FitError(
+        dof.fill(
+            f"these runs do not determine the model: {what}. They hold too little {{moving}} that the {{force}} "
+            "made; add "
+            "runs with larger and quicker commands to both sides, best without a controller in the loop, and check "
+            "that the logged commands are those of this vehicle"
+        )
+    )
+
+
+def _outcome(
+    problem: DrivenProblem, found: InnovationsFit, number: str, sided: bool, covariance: Floats | None = None
+) -> OutputErrorFit:
+    base = problem.model
+    assert isinstance(base, YawModel)
+    dof, unit = base.dof, base.moment_unit
+    covariance = run_covariance(found) if covariance is None else covariance
+    runs = len(found.left_out)
+    alone = float(sum(found.read.values()) - len(found.theta)) if runs == 1 else None
+    roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    at = {role: found.names.index(dof.parameter(role)) for role in roles}
+    like = {"difference": main_drag(number)}
+    estimates = {
+        name: estimate_of(found, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
+        for role, name in zip(roles, names)
+    }
+    turn = None
+    quadratic = dof.parameter("quadratic")
+    stuck = at.get("quadratic") in found.at_bound and quadratic not in found.known
+    if "quadratic" in roles and found.theta[at["quadratic"]] > 0 and not stuck:
+        turn = _ratio(found, covariance, at["inertia"], at["quadratic"], alone, dof)
+    low, high = found.factor_interval("gain")
+    bound = found.names.index("gain-scatter") in found.at_bound
+    none = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")
+    scatter = Estimate(found.factor("gain"), (high - low) / 3.92, (low, high), "1", at_bound=bound)
+    return OutputErrorFit(
+        number,
+        base.with_theta(found.of_model),
+        estimates,
+        turn,
+        none,
+        scatter,
+        found.noise_of.get(dof.position),
+        found,
+        covariance,
+        np.array([*base.theta, *[0.0] * len(problem.random)]),
+    )
+
+
+def _ratio(found: InnovationsFit, covariance: Floats, i: int, k: int, alone: float | None, dof: Dof) -> Estimate:
+    """Inertia over quadratic drag; the inertia is searched on its logarithm, the drag is not."""
+    direction = np.eye(len(found.theta))[i] - np.eye(len(found.theta))[k] / found.theta[k]
+    stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+    freedom = alone or run_dof(found, direction)
+    return Estimate.from_log(found.theta[i] / found.theta[k], stderr, freedom, dof.unit_of("ratio"))
+
+
+def left_out_predictions(problem: DrivenProblem, found: InnovationsFit) -> tuple[Predicted, ...]:
+    """Predictions of each run by the parameters that the other runs give, of the first channel, over each horizon."""
+    each: list[tuple[Predicted, ...]] = []
+    for r in range(len(problem.course.names)):
+        theta = problem.natural(found.left_out[r])
+        own = problem.course.only(r)
+        pieces = predict(problem.model, own, theta[: found.parameters], problem.noises(theta[None]))
+        each.append(tuple(replace(piece, run=piece.run + r) for piece in pieces))
+    return tuple(_joined([pieces[i] for pieces in each]) for i in range(len(HORIZONS)))
+
+
+def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
+    """The same by a fit of runs that were simulated whole, beside which only gains and noise are random; none where no
+    filter follows the runs."""
+    problem, own = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
+    bounds, mixed = problem.bounds.copy(), fit.mixed
+    bounds[:own] = fit.model.theta[:, None]
+    start = np.append(fit.model.theta, [one.median for one in problem.random])
+    try:
+        found = fit_innovations(replace(problem, bounds=bounds), start[None], BRIEF, brief=True)
+    except FitError:
+        return ()
+    left_out = np.tile(found.phi, (len(course.names), 1))
+    without = natural_of(mixed.left_out[:, :own], mixed.positive[:own])
+    left_out[:, :own] = search_of(np.clip(without, *problem.bounds[:own].T), problem.positive[:own])
+    return left_out_predictions(problem, replace(found, left_out=left_out))
+
+
+def worth_of(predictions: Sequence[Predicted]) -> tuple[Worth, ...]:
+    """What predictions are worth, by horizon; those of which there are none are left out."""
+    return tuple(
+        Worth(one.horizon, one.rmse(), one.rmse(one.constant_rate), one.rmse(one.constant), len(one.error))
+        for one in predictions
+        if len(one.error)
+    )
+
+
+def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[str, float]]:
+    """The fit with intervals that allow for what it lacks, and the deviance gained by each of PROPOSED that the
+    evidence asks for.
+
+    The square of the shift by which the best of them moves the parameters is added to their covariance.
+    """
+    narrow = fit.mixed
+    if not isinstance(narrow, InnovationsFit):
+        return fit, {}
+    problem = driven_problem(fit.model, course).informed(narrow.known)
+    likelihood, own = narrow.log_likelihood, len(fit.model.theta)
+    if fit.by_forecasts:
+        likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
+    have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
+    largest = float(np.abs(course.held).max()) or 1.0
+    for name in PROPOSED:
+        if name in have:
+            continue
+        start = _start(name, largest)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.known)
+        theta = np.array([*narrow.of_model, *start])
+        wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
+        gain = 2.0 * (wide.log_likelihood - likelihood)
+        if gain > HEAD_START + np.log(max(len(course.names), 2)):
+            phi = fit_forecasts(wider, wide.phi, wide.theta[None]).phi if fit.by_forecasts else wide.phi
+            gains[name], shifts[name] = gain, phi[:own] - narrow.phi[:own]
+    if not gains:
+        return fit, {}
+    covariance = fit.covariance.copy()
+    shift = shifts[max(gains, key=lambda name: gains[name])]
+    covariance[:own, :own] += np.outer(shift, shift)
+    wider_fit = _outcome(problem, narrow, fit.number, _is_sided(fit), covariance)
+    return replace(fit, **{name: getattr(wider_fit, name) for name in WIDENED}), gains
+
+
+def _joined(pieces: Sequence[Predicted]) -> Predicted:
+    return Predicted(
+        pieces[0].horizon,
+        np.concatenate([piece.run for piece in pieces]),
+        np.concatenate([piece.origin for piece in pieces]),
+        np.concatenate([piece.target for piece in pieces]),
+        np.concatenate([piece.error for piece in pieces]),
+        np.concatenate([piece.constant_rate for piece in pieces]),
+        np.concatenate([piece.constant for piece in pieces]),
+    )
+
+
+Map = Callable[[Callable[[str], Any], Sequence[str]], Sequence[Any]]
+
+LEAST_WAY = 0.1
+"""Share of all that the runs went that has to go each way before drag may differ between the ways."""
+STEPS = (0.1, 0.025)
+"""Largest simulation steps [s] for whole runs, tried in turn."""
+
+
+def is_driven(
+    runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, with_effects: Sequence[str]
+) -> bool:
+    """Whether whole runs are fitted by innovations: where the evidence asks, or effects beside drag are wanted."""
+    if with_effects:
+        return True
+    try:
+        rough = rough_model("2", make_batch(runs, STEPS[0]))
+        return disturbed(runs, rough, at_rest, channels)
+    except FitError:  # what is wrong with them, their fit will say
+        return 2 * sum(stepped(run) for run in runs) < len(runs)
+
+
+def fitted_driven(
+    runs: Sequence[Run], course: Course, each: Map, with_effects: Sequence[str], known: Mapping[str, Prior]
+) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
+    """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
+    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), known=known)
+    found = dict(zip("123", each(ask, ("1", "2", "3"))))
+    kept = {number: one for number, one in found.items() if isinstance(one, OutputErrorFit)}
+    if not kept:
+        raise next(one for one in found.values() if isinstance(one, FitError))
+    return kept, {number: str(one) for number, one in found.items() if isinstance(one, FitError)}
+
+
+def _fit_driven_model(
+    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], known: Mapping[str, Prior]
+) -> OutputErrorFit | FitError:
+    """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
+    batch, both = make_batch(runs, STEPS[0]), both_ways(runs)
+
+    def fit(sided: bool) -> OutputErrorFit:
+        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, known)
+
+    try:
+        return beside_forecasts(course, by_way(fit, batch.dof, both))
+    except FitError as error:
+        return error
+
+
+def both_ways(runs: Sequence[Run]) -> bool:
+    """Whether a tenth of all that the runs went, or more, went each way."""
+    steps = np.concatenate([np.diff(run.position[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
+    gone = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
+    return min(gone) > LEAST_WAY * sum(gone)
+
+
+JUDGED = 5.0
+"""Seconds ahead over which a model has to be of use."""
+LARGE = 1.0
+"""Times the commands, both as root mean squares, from which on a disturbance is said to be as large as they are."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the preferred model is worth, by horizon, on each of so many `runs` by a fit to the others."""
+
+    worth: tuple[Worth, ...]
+    runs: int
+
+    @property
+    def judged(self) -> Worth | None:
+        """Over the horizon that decides, or the longest below it."""
+        return judged_of(self.worth)
+
+    @property
+    def of_use(self) -> bool:
+        """Whether the model predicts better than constants do; what cannot be judged counts as of use."""
+        return self.judged is None or self.judged.of_use
+
+    def sentence(self, dof: Dof) -> str:
+        """One line: of what use the model is."""
+        one = self.judged
+        if one is None:
+            return "The runs are too short to judge predictions."
+        alone = self.runs == 1
+        of = "the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit"
+        if one.of_use:
+            return f"The model predicts {one.beside(dof)} ({of})."
+        return (
+            f"This model is not usable: it predicts {one.beside(dof)} ({of}). Do not simulate or control with it; "
+            "`automarine diagnose` looks for what it lacks."
+        )
+
+    def warnings(self, dof: Dof) -> tuple[str, ...]:
+        """What a person must know first."""
+        return () if self.of_use else (self.sentence(dof),)
+
+
+@dataclass(frozen=True)
+class Use(Judgement):
+    """The same of driven runs, and what the evidence would add (`proposed`, the deviance gained, by effect). For people
+    to look at: the `predictions` on the nodes of the `course`, the `free` run of each from its first filtered state on
+    (R, K + 1), not a number before that, and the `disturbance` that the filter saw (R, K + 1), a moment or force;
+    `large` is a sentence where that is as large as the commands."""
+
+    proposed: Mapping[str, float]
+    course: Course = field(repr=False)
+    predictions: tuple[Predicted, ...] = field(repr=False)
+    free: Floats = field(repr=False)
+    disturbance: Floats = field(repr=False)
+    large: str = ""
+
+    def warnings(self, dof: Dof) -> tuple[str, ...]:
+        """What a person must know first."""
+        found = super().warnings(dof) + ((self.large,) if self.large else ())
+        if not self.proposed:
+            return found
+        names = ",".join(self.proposed)
+        asks = "; ".join(
+            f"{name} ({effects.get(name).card(dof).says.rstrip('.').lower()}) gains {gain:.0f} in deviance"
+            for name, gain in self.proposed.items()
+        )
+        need = f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."
+        return (*found, need)
+
+
+def judged_of(worth: Sequence[Worth]) -> Worth | None:
+    """What decides of several horizons: JUDGED, or the longest below it."""
+    return max((one for one in worth if one.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
+
+
+def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tuple[Predicted, ...]]:
+    """Predictions of each driven run by each model fitted to the other runs."""
+    found = {}
+    for number, fit in fits.items():
+        assert isinstance(fit.mixed, InnovationsFit)
+        found[number] = left_out_predictions(driven_problem(fit.model, course), fit.mixed)
+    return found
+
+
+def prefer_driven(
+    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
+) -> Preference | None:
+    """The model that predicts runs left out of its fit best, over COMPARED seconds; the best of those with the fewest
+    parameters if one of them does not differ by two standard errors over runs. None where the runs are too short, or
+    one alone, to tell.
+
+    Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
+    not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
+    """
+    judged = {number: [p for p in one if p.horizon in COMPARED] for number, one in ahead.items()}
+    runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
+    if runs < 2 or any(not len(p.error) for one in judged.values() for p in one):
+        return None
+    sizes = {number: np.array([p.rmse() for p in one]) for number, one in judged.items()}
+    least = np.min(list(sizes.values()), axis=0)
+    squares = {
+        number: np.mean([p.by_run(p.error, runs) / size**2 for p, size in zip(one, least)], axis=0)
+        for number, one in judged.items()
+    }
+    score = {number: float(np.mean((size / least) ** 2)) for number, size in sizes.items()}
+    best = min(score, key=lambda number: score[number])
+    parameters = {number: len(fit.model.theta) for number, fit in fits.items()}
+
+    def level(number: str) -> bool:
+        worse = squares[number] - squares[best]
+        worse = worse[np.isfinite(worse)]
+        error = float(np.std(worse, ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
+        return bool(worse.mean() <= 2.0 * error)
+
+    fewest = min(parameters[number] for number in score if number == best or level(number))
+    chosen = min((n for n in score if parameters[n] == fewest), key=lambda number: score[number])
+    told = [f"{_errors(sizes[chosen], dof)} {dof.units.shown}"]
+    told += [f"model {number} {_errors(size, dof)}" for number, size in sorted(sizes.items()) if number != chosen]
+    how = "best" if chosen == best else "as well as any with more parameters"
+    over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
+    return Preference(
+        chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {', '.join(told)}."
+    )
+
+
+def _errors(sizes: Floats, dof: Dof) -> str:
+    return " and ".join(f"{dof.shown(size):.3g}" for size in sizes)
+
+
+def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
+    """A sentence where what pushes the vehicle is as large as the commands; else empty."""
+    found, dof = fit.mixed, fit.model.dof
+    assert isinstance(found, InnovationsFit)
+    size = fit.model.inertia * found.value(f"{dof.name}.disturbance")
+    commands = float(np.sqrt(np.sum(course.held[0] ** 2 * course.width) / np.sum(course.width)))
+    if size < LARGE * commands:
+        return ""
+    unit, force = fit.model.moment_unit, dof.words.force
+    return (
+        f"The disturbance is as large as the commands: a {force} of {size:.3g} {unit} where {commands:.3g} {unit} are "
+        f"commanded (root mean squares). Add runs with larger commands; {dof.words.inertia} and drag may be wrong by "
+        "more than their intervals."
+    )
+
+
+def judged_whole(course: Course, fit: OutputErrorFit) -> Judgement:
+    """Judge a fit of runs that were simulated whole, by the same predictions."""
+    return Judgement(worth_of(whole_predictions(course, fit)), len(course.names))
+
+
+def use_of(
+    course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
+) -> Use:
+    """Judge a fit of driven runs on each run by the others; `proposed` is what it lacks."""
+    found = fit.mixed
+    assert isinstance(found, InnovationsFit)
+    problem = driven_problem(fit.model, course)
+    followed = problem.follow(found.phi[None], keep=True)
+    assert followed.states is not None
+    return Use(
+        worth_of(predictions),
+        len(course.names),
+        proposed,
+        course,
+        predictions,
+        free_run(fit.model, course, found.of_model, problem.noises(found.theta[None])),
+        fit.model.inertia * followed.states[followed.places.pushed[0], 0],
+        large_disturbance(course, fit),
+    )

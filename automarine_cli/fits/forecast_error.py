@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
-from automarine_cli.filters.kalman import Noises, smoothed
-from automarine_cli.filters.prediction import carried_by, shown_channel, targets_of
+from automarine_cli.filters.kalman import Noises, carried_by, shown_channel, smoothed, targets_of
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
-from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 

@@ -11,17 +11,203 @@ channel c count (s_1/s_c)² times.
 Shapes: runs R, parameters p, run effects q, channels C. Variances are the logarithms of C noises and of the factors.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
-from automarine_cli.fits.gram import Gram, Grams
-from automarine_cli.fits.run_effects import RunEffects
 from automarine_cli.quantities import Floats
+
+START_POSITION, START_VELOCITY, GAIN = "start-position", "start-velocity", "gain"
+SWITCHES, DISTURBANCE = "switch-instants", "disturbance"
+
+
+def bias_of(channel: str) -> str:
+    """Name of the constant that a channel adds to its readings in each run."""
+    return f"{channel}-bias"
+
+
+@dataclass(frozen=True)
+class Block:
+    """Run effects of one kind before the data: standard deviations `scale` (R, k), where they have `limits` times one
+    estimated factor within these."""
+
+    name: str
+    scale: Floats
+    limits: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class RunEffects:
+    """What is known of the q run effects b_i before the data, kind by kind."""
+
+    blocks: tuple[Block, ...]
+
+    @cached_property
+    def scale(self) -> Floats:
+        """Standard deviations, (R, q), before any factor."""
+        return np.concatenate([block.scale for block in self.blocks], axis=1)
+
+    @cached_property
+    def factor_names(self) -> tuple[str, ...]:
+        """The blocks that have a factor, in the order of the factors."""
+        return tuple(block.name for block in self.blocks if block.limits is not None)
+
+    @cached_property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """(lower, upper) of each factor."""
+        return tuple(block.limits for block in self.blocks if block.limits is not None)
+
+    @cached_property
+    def _factor(self) -> NDArray[np.int64]:
+        """Index of the factor that multiplies each effect, -1 for none."""
+        of = {name: i for i, name in enumerate(self.factor_names)}
+        return np.array([of.get(block.name, -1) for block in self.blocks for _ in range(block.scale.shape[1])])
+
+    @cached_property
+    def _columns(self) -> dict[str, slice]:
+        ends = np.cumsum([block.scale.shape[1] for block in self.blocks]).tolist()
+        return {b.name: slice(end - b.scale.shape[1], end) for b, end in zip(self.blocks, ends)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the blocks in their order."""
+        return tuple(block.name for block in self.blocks)
+
+    def has(self, name: str) -> bool:
+        """Whether there is a block of that name."""
+        return name in self._columns
+
+    def of(self, b: Floats, name: str) -> Floats:
+        """The run effects (..., k) of one block out of all, b (..., q); a view."""
+        return b[..., self._columns[name]]
+
+    def only(self, b: Floats, names: Sequence[str]) -> Floats:
+        """b (..., q) with every block but those named at zero."""
+        kept = np.zeros_like(b)
+        for name in names:
+            if self.has(name):
+                self.of(kept, name)[...] = self.of(b, name)
+        return kept
+
+    def carried(self, b: Floats, other: "RunEffects") -> Floats:
+        """Run effects b (R, q) of these blocks as those of `other`: blocks that only one of them has are zero there."""
+        out = np.zeros_like(other.scale)
+        for name in self.names:
+            if other.has(name) and other.of(out, name).shape == self.of(b, name).shape:
+                other.of(out, name)[...] = self.of(b, name)
+        return out
+
+    def with_scale(self, **scales: Floats | float) -> "RunEffects":
+        """The same with other standard deviations of some blocks, by name with underscores."""
+        new = {name.replace("_", "-"): value for name, value in scales.items()}
+        return RunEffects(
+            tuple(
+                replace(block, scale=np.zeros_like(block.scale) + new[block.name]) if block.name in new else block
+                for block in self.blocks
+            )
+        )
+
+    def deviation(self, variances: Floats) -> Floats:
+        """Standard deviations (R, q) for the variances."""
+        factors = variances[len(variances) - len(self.limits) :]
+        return self.scale * np.append(np.exp(factors), 1.0)[self._factor]
+
+    @cached_property
+    def members(self) -> Floats:
+        """Which effects each factor multiplies, (factors, q): one where it does."""
+        return np.array(self._factor == np.arange(len(self.limits))[:, None], dtype=float)
+
+
+@dataclass(frozen=True)
+class Gram:
+    """Inner products of one linearisation: parameters J, run effects V, residuals w = r; runs first.
+
+    `present` (R, q) the run effects b0 linearised about, `count` (R,) samples, `log_scale` (R,) what samples of other
+    noise than the first channel's add to the log determinant. Where w is given whole, as r + J phi0 + V b0, both phi0
+    and b0 count as zero.
+    """
+
+    jj: Floats
+    jv: Floats
+    vv: Floats
+    jw: Floats
+    vw: Floats
+    ww: Floats
+    present: Floats
+    count: NDArray[np.int64]
+    log_scale: Floats | float = 0.0
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether response and derivatives were finite."""
+        return all(bool(np.all(np.isfinite(part))) for part in (self.jj, self.jv, self.vv, self.ww))
+
+    @classmethod
+    def of(
+        cls, by_theta: Floats, by_run: Floats, residual: Floats, count: NDArray[np.int64],
+        present: Floats | None = None,
+    ) -> "Gram":  # fmt: skip
+        """From J (R, N, p), V (R, N, q) and r (R, N), zero in the padding; `present` zero where not given."""
+        present = np.zeros((len(by_run), by_run.shape[2])) if present is None else present
+        p, q = by_theta.shape[2], by_run.shape[2]
+        rows = np.empty((len(by_run), p + q + 1, residual.shape[1]))
+        rows[:, :p], rows[:, p:-1] = np.swapaxes(by_theta, 1, 2), np.swapaxes(by_run, 1, 2)
+        rows[:, -1] = residual
+        product = rows @ np.swapaxes(rows, 1, 2)
+        theta, run = slice(0, p), slice(p, p + q)
+        return cls(
+            product[:, theta, theta], product[:, theta, run], product[:, run, run], product[:, theta, -1],
+            product[:, run, -1], product[:, -1, -1], present, count
+        )  # fmt: skip
+
+    def keep(self, free: NDArray[np.int64]) -> "Gram":
+        """The same with only the parameters `free`; the others stay where they are, as at a bound."""
+        jj = self.jj[:, free][:, :, free]
+        return replace(self, jj=jj, jv=self.jv[:, free], jw=self.jw[:, free])
+
+
+@dataclass(frozen=True)
+class Grams:
+    """The same of every channel, linearised about one point; `prior`, if anything is known beforehand, is how far the
+    parameters are expected from there (p,), and its precision (p, p)."""
+
+    channels: tuple[Gram, ...]
+    prior: tuple[Floats, Floats] | None = None
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether response and derivatives were finite."""
+        return all(channel.is_finite for channel in self.channels)
+
+    @cached_property
+    def count(self) -> NDArray[np.int64]:
+        """Samples of each run, (R,)."""
+        return np.sum([channel.count for channel in self.channels], axis=0)
+
+    def keep(self, free: NDArray[np.int64]) -> "Grams":
+        """The same with only the parameters `free`."""
+        prior = None if self.prior is None else (self.prior[0][free], self.prior[1][np.ix_(free, free)])
+        return Grams(tuple(channel.keep(free) for channel in self.channels), prior)
+
+    def at(self, variances: Floats) -> Gram:
+        """One sum over the channels, each sample counting by its channel's noise."""
+        first = self.channels[0]
+        if len(self.channels) == 1:
+            return first
+        behind = 2.0 * (variances[: len(self.channels)] - variances[0])
+        share = np.exp(-behind)
+
+        log_scale = np.sum([b * channel.count for b, channel in zip(behind, self.channels)], axis=0)
+        products = zip(*((c.jj, c.jv, c.vv, c.jw, c.vw, c.ww) for c in self.channels))
+        jj, jv, vv, jw, vw, ww = (np.asarray(sum(w * one for w, one in zip(share, part))) for part in products)
+        return Gram(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
+
 
 NO_MOTION = "the runs show no motion to fit a model to; check the logs with `automarine check`"
 SMALLEST_FACTOR = 1e-5
@@ -184,3 +370,138 @@ def predictive(grams: Grams, weighted: Weighted, left_out: Floats) -> Floats:
         + np.einsum("rp,rpk,rk->r", left_out, weighted.hessian, left_out)
     )
     return np.asarray(-0.5 * (square + weighted.log_det + grams.count * np.log(2 * np.pi)))
+
+
+SETTLED = 1e-3
+"""Step of a variance, in its smallest possible standard error, after which the search for it ends."""
+FLAT = 1e-4
+"""Slope of the deviance, by a variance in that unit, that counts as none: where an effect is next to nothing, or a run
+has none, slope and second derivatives are rounding."""
+BOLDEST = 1.0
+"""Longest step of the logarithm of a standard deviation."""
+MOST_STEPS = 60
+
+
+def deviance(grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool) -> float:
+    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; see `scored_deviance`."""
+    return scored_deviance(grams, effects, variances, restricted=restricted)[0]
+
+
+def scored_deviance(
+    grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool
+) -> tuple[float, Floats, Floats]:
+    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi, its gradient by the variances, and its
+    expected second derivatives by them.
+
+    `restricted` as Patterson and Thompson (1971, Biometrika 58:545). The gradient rests on
+    d log|R| = tr(R^-1 dR) and d(e'R^-1 e) = -e'R^-1 dR R^-1 e; phi is at its optimum and adds nothing (envelope
+    theorem). For a factor dR = 2 V D V' over its effects, for the noise dR = 2 s² 1: both reduce to what
+    `Weighted` holds. Of several channels each noise has its own share of the samples' sum of squares. Second
+    derivatives are tr(R^-1 dR R^-1 dR), those of phi fixed.
+    """
+    weighted = weigh(grams, effects, variances)
+    hessian, gradient = normal_equations(grams, weighted)
+    phi = solve_scaled(hessian, gradient)
+    misfit, known, own = weighted.square.sum() - gradient @ phi, 0.0, hessian
+    if grams.prior is not None:  # which no noise scales
+        expected, precision = grams.prior
+        own = hessian - precision
+        misfit = weighted.square.sum() - (2.0 * (gradient - precision @ expected) - own @ phi) @ phi
+        known = float((phi - expected) @ precision @ (phi - expected))
+    value = weighted.log_det.sum() + misfit + known
+    means = weighted.means - weighted.by_phi @ phi
+    of_effect = 1.0 - weighted.left - means**2
+    of_noise = grams.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
+    covariance = None
+    if restricted:
+        unit = curvature_scale(hessian)
+        value += np.linalg.slogdet(hessian / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
+        covariance = covariance_of(hessian)
+        taken = (weighted.by_phi @ covariance * weighted.by_phi).sum(axis=2)
+        of_effect -= taken
+        of_noise += taken.sum() - (len(phi) if grams.prior is None else float((own * covariance).sum()))
+    noises = [of_noise]
+    if len(grams.channels) > 1:
+        noises = _of_noises(grams, effects, variances, weighted, phi, means, covariance)
+    slope = 2.0 * np.append(noises, effects.members @ of_effect.sum(axis=0))
+    return (float(value) if np.isfinite(value) else 1e100), slope, _information(grams, effects, variances, weighted)
+
+
+def _information(grams: Grams, effects: RunEffects, variances: Floats, weighted: Weighted) -> Floats:
+    """Expected second derivatives of the deviance by the variances.
+
+    With P the run effects' posterior covariance, B_c what channel c tells of them, both in units of the prior
+    deviations, and T_c = B_c P (all T_c together are 1 - P): of factors the sum of (1 - P)_ij² over their effects, of
+    noises n_c - 2 tr T_c + tr T_c T_c and tr T_c T_d, of both (P T_c)_ii; all of them four times.
+    """
+    spread, identity = weighted.spread, np.eye(weighted.spread.shape[1])
+    shares = [identity - spread]
+    if len(grams.channels) > 1:
+        scale = effects.deviation(variances)
+        told = [scale[:, :, None] * c.vv * scale[:, None, :] for c in grams.channels]
+        shares = [(one / np.exp(2.0 * noise)) @ spread for one, noise in zip(told, variances)]
+    noises = len(shares)
+    found = np.zeros((len(variances), len(variances)))
+    for c, one in enumerate(shares):
+        found[c, :noises] = [np.einsum("rij,rji->", one, other) for other in shares]
+        found[c, c] += grams.channels[c].count.sum() - 2.0 * np.einsum("rii->", one)
+        found[c, noises:] = found[noises:, c] = effects.members @ np.einsum("rij,rji->i", spread, one)
+    found[noises:, noises:] = effects.members @ ((identity - spread) ** 2).sum(axis=0) @ effects.members.T
+    return 4.0 * found
+
+
+def _of_noises(
+    grams: Grams,
+    effects: RunEffects,
+    variances: Floats,
+    weighted: Weighted,
+    phi: Floats,
+    means: Floats,
+    covariance: Floats | None,
+) -> list[float]:
+    """Half the slope of the deviance by the logarithm of each channel's noise: samples less what is left of them, in
+    units of that noise, at the run effects' posterior mean `means` (R, q), their spread and that of phi included."""
+    scale = effects.deviation(variances)
+    step = scale * means - grams.channels[0].present
+    spread = weighted.spread * scale[:, :, None] * scale[:, None, :]
+    follows = scale[:, :, None] * weighted.by_phi
+    found = []
+    for channel, log_noise in zip(grams.channels, variances):
+        of_b = (channel.vv @ step[:, :, None])[:, :, 0]
+        left = channel.ww.sum() - 2.0 * (channel.jw.sum(axis=0) @ phi + (channel.vw * step).sum())
+        left += phi @ channel.jj.sum(axis=0) @ phi + (step * of_b).sum()
+        left += 2.0 * phi @ np.einsum("rpq,rq->p", channel.jv, step)
+        left += (channel.vv * spread).sum()
+        if covariance is not None:
+            cross = channel.jv @ follows
+            own = channel.jj - cross - np.swapaxes(cross, 1, 2)
+            own = (own + np.swapaxes(follows, 1, 2) @ channel.vv @ follows).sum(axis=0)
+            left += (covariance * own).sum()
+        found.append(float(channel.count.sum() - left / np.exp(2.0 * log_noise)))
+    return found
+
+
+def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
+    """Noises and factors, as logarithms, of largest likelihood within their limits, by Fisher's scoring: steps by the
+    expected second derivatives, no longer than BOLDEST, halved while the deviance rises."""
+    factors = [(np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits]
+    noises = [channel.count.sum() for channel in grams.channels]
+    limits = np.array([*((np.log(1e-9), np.log(1e3)) for _ in noises), *factors])
+    # of a logarithm of a standard deviation that n values show: 1/sqrt(2 n)
+    unit = 1.0 / np.sqrt(2.0 * np.append(noises, np.full(len(factors), len(grams.count))))
+    here = np.clip(start, *limits.T)
+    value, slope, information = scored_deviance(grams, effects, here, restricted=restricted)
+    for _ in range(MOST_STEPS):
+        steep = np.abs(slope) * unit > FLAT
+        room = np.where(steep[:, None], limits - here[:, None], 0.0)
+        wanted = bounded_solution(information, -slope, 0.0 * here, room)
+        step = 2.0 * np.clip(wanted, -BOLDEST, BOLDEST)
+        found, settled = (np.inf, slope, information), False
+        while found[0] > value and not settled:
+            step = 0.5 * step
+            settled = bool(np.all(np.abs(step) <= SETTLED * unit))
+            found = scored_deviance(grams, effects, np.clip(here + step, *limits.T), restricted=restricted)
+        here, (value, slope, information) = np.clip(here + step, *limits.T), found
+        if settled:
+            break
+    return here

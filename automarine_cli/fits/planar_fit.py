@@ -1,19 +1,35 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Protocol
 
 import numpy as np
 
+from automarine_cli import effects
+from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.fits.output_error import run_dof
-from automarine_cli.fits.planar_structure import Assumption, Observed, Structure, rough_sizes, rough_velocities
-from automarine_cli.fits.planar_use import PlanarUse
-from automarine_cli.models.planar import PlanarModel
+from automarine_cli.errors import FitError
+from automarine_cli.filters.course import Course, make_course
+from automarine_cli.filters.kalman import HORIZONS, Followed, Predicted, free_run, predict
+from automarine_cli.fits.driven import Worth, driven_problem, fit_driven, judged_of, left_out_predictions, worth_of
+from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
+from automarine_cli.fits.innovations import (
+    ITERATIONS,
+    DrivenProblem,
+    InnovationsFit,
+    Randomness,
+    fit_innovations,
+    randomness,
+)
+from automarine_cli.fits.known import NOTHING_KNOWN, Known, Prior
+from automarine_cli.fits.linear_mixed import bounded_solution
+from automarine_cli.fits.planar_structure import PLACES, Assumption, Observed, Structure, rough_sizes, rough_velocities
+from automarine_cli.fits.whole_runs import OutputErrorFit, prefer, rough_model, run_covariance, run_dof
+from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel
 from automarine_cli.models.planar_store import planar_json, units
 from automarine_cli.models.tied import Tied
 from automarine_cli.pipeline.records import Document, json_document
@@ -22,6 +38,215 @@ from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.records import runs_json
 from automarine_cli.results.shown import Shown
 from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.simulation.batch import make_batch
+
+STEP = 0.25
+"""Step [s] of the balance from which the yaw model starts."""
+HEADING, PLACE = "heading", "place"
+UNITS = {HEADING: YAW.units.shown, PLACE: "m", SURGE.velocity: "m/s", SWAY.velocity: "m/s"}
+"""What is predicted, in the units of people."""
+KEYS = {PLACE: ("place", "m"), SURGE.velocity: ("surge", "m_s"), SWAY.velocity: ("sway", "m_s")}
+
+
+@dataclass(frozen=True)
+class Forecasts:
+    """What a fit predicts of runs left out of it: of the `heading`, and what that is worth by quantity and horizon
+    (`worth`: heading [rad], the place on the water [m], or the speeds [m/s] where no positions are logged)."""
+
+    heading: tuple[Predicted, ...] = field(repr=False)
+    worth: Mapping[str, tuple[Worth, ...]]
+
+    @property
+    def score(self) -> float:
+        """Mean logarithm of the errors as shares of what the better constant misses by, over quantities and horizons;
+        infinite where predictions run away, zero where there are none."""
+        shares = [one.error / min(one.constant_rate, one.constant) for each in self.worth.values() for one in each]
+        score = float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
+        return score if np.isfinite(score) else np.inf
+
+    @property
+    def beaten(self) -> Iterator[tuple[str, Worth]]:
+        """Quantities that a constant predicts better over the horizon that decides."""
+        judged = ((name, judged_of(each)) for name, each in self.worth.items())
+        return ((name, one) for name, one in judged if one is not None and not one.of_use)
+
+
+@dataclass(frozen=True)
+class PlanarUse:
+    """What a planar model is worth: its `forecasts`, and the heading by the best model of yaw alone (`yaw_only`, none
+    where the runs do not carry one). For people to look at: `predictions` of the heading on the nodes of the `course`,
+    and each channel of the `free` runs from the first filtered state on, (R, K + 1), not a number before that."""
+
+    forecasts: Forecasts
+    yaw_only: tuple[Worth, ...]
+    runs: int
+    course: Course = field(repr=False)
+    free: dict[str, Floats] = field(repr=False)
+
+    @property
+    def predictions(self) -> tuple[Predicted, ...]:
+        """Of the heading."""
+        return self.forecasts.heading
+
+    @property
+    def of_use(self) -> bool:
+        """Whether no constant predicts better; what cannot be judged counts as of use."""
+        return next(self.forecasts.beaten, None) is None
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Of what use the model is, and what the coupling is worth."""
+        heading = judged_of(self.forecasts.worth[HEADING])
+        if heading is None:
+            return ("The runs are too short to judge predictions.",)
+        whose = "runs left out of the fit" if self.runs > 1 else "the run of the fit"
+        beaten = [_beside(name, one) for name, one in self.forecasts.beaten]
+        first = (
+            f"This model is not usable: it predicts {'; and '.join(beaten)} ({whose}). Do not simulate or control "
+            "with it."
+            if beaten
+            else f"The model predicts {_beside(HEADING, heading)} ({whose})."
+        )
+        alone = judged_of(self.yaw_only)
+        if alone is None:
+            return (first, "A model of yaw alone could not be fitted to these runs: no comparison.")
+        return (first, f"A model of yaw alone predicts the heading to {YAW.shown(alone.error):.3g} deg.")
+
+    def to_json(self) -> dict[str, object]:
+        """For the result file: one entry a horizon, errors as root mean squares."""
+        alone = {one.horizon: one.error for one in self.yaw_only}
+        others = [
+            (*KEYS[name], one) for name, each in self.forecasts.worth.items() if name != HEADING for one in each
+        ]  # fmt: skip
+        return {
+            "left_out_runs": [
+                {
+                    **one.to_json(YAW),
+                    "yaw_only_rmse_deg": float(YAW.shown(alone[one.horizon])) if one.horizon in alone else None,
+                    **{
+                        key: value
+                        for name, unit, other in others
+                        if other.horizon == one.horizon
+                        for key, value in _json(name, unit, other)
+                    },
+                }
+                for one in self.forecasts.worth[HEADING]
+            ],
+            "of_use": self.of_use,
+            "says": list(self.sentences),
+        }
+
+
+def shown(name: str, value: float) -> float:
+    """A quantity in its unit of UNITS."""
+    return float(YAW.shown(value)) if name == HEADING else value
+
+
+def _beside(name: str, one: Worth) -> str:
+    """How far ahead, to what, and by how much the constants miss."""
+    error, rate, still = (f"{shown(name, x):.3g}" for x in (one.error, one.constant_rate, one.constant))
+    what = "place" if name == PLACE else name if name == HEADING else f"{name} speed"
+    changing = "acceleration" if name in (SURGE.velocity, SWAY.velocity) else "rate"
+    return (
+        f"the {what} {one.horizon:g} s ahead to {error} {UNITS[name]} where a constant {changing} misses by {rate} and "
+        f"a constant {what.removeprefix('surge ').removeprefix('sway ')} by {still}"
+    )
+
+
+def _json(name: str, unit: str, one: Worth) -> Iterator[tuple[str, float]]:
+    yield f"{name}_rmse_{unit}", one.error
+    yield f"constant_rate_{name}_{unit}", one.constant_rate
+    yield f"constant_{name}_{unit}", one.constant
+
+
+def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = False) -> Forecasts:
+    """Predictions of each run by the parameters that the other runs give, of all that is judged; by the model `alone`,
+    where neither the disturbance nor the run's gain that the filter takes for true is carried on."""
+    course = problem.course
+    at = {one.quantity: c for c, one in enumerate(course.channels)}
+    placed = set(PLACES) <= at.keys()
+    names = [YAW.position, *(PLACES if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
+    each: list[list[tuple[Predicted, ...]]] = []
+    for r in range(len(course.names)):
+        theta = problem.natural(found.left_out[r])
+        own, noises = course.only(r), problem.noises(theta[None])
+        followed = problem.follow(found.left_out[r][None], True, own)
+        if alone:
+            followed = of_model_alone(followed)
+        of_run = (
+            predict(problem.model, own, theta[: found.parameters], noises, channel=at[name], followed=followed)
+            for name in names
+        )
+        each.append([tuple(replace(piece, run=piece.run + r) for piece in pieces) for pieces in of_run])
+    heading, *others = (_joined([of_run[i] for of_run in each]) for i in range(len(names)))
+    with np.errstate(over="ignore", invalid="ignore"):  # where predictions run away
+        worth = {name: worth_of(one) for name, one in zip(names[1:], others)}
+        if placed:
+            worth = {PLACE: _distances(list(worth.values()))}
+        return Forecasts(heading, {HEADING: worth_of(heading), **worth})
+
+
+def of_model_alone(followed: Followed) -> Followed:
+    """States without disturbances and with gains of one, as fits to forecasts take them."""
+    assert followed.states is not None
+    states = followed.states.copy()
+    states[[*followed.places.pushed, followed.places.gain]] = 0.0
+    return replace(followed, states=states)
+
+
+def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit, forecasts: Forecasts) -> PlanarUse:
+    """Judge a fit, of which the `forecasts` are."""
+    course = problem.course
+    at = {one.quantity: c for c, one in enumerate(course.channels)}
+    model, noises = problem.model, problem.noises(found.theta[None])
+    drawn = [name for name in (YAW.position, *PLACES) if name in at]
+    return PlanarUse(
+        forecasts,
+        _yaw_only(runs, tuple(name for name in (YAW.position, YAW.velocity) if name in at)),
+        len(runs),
+        course,
+        {name: free_run(model, course, found.of_model, noises, at[name]) for name in drawn},
+    )
+
+
+def _joined(each: Sequence[tuple[Predicted, ...]]) -> tuple[Predicted, ...]:
+    names = ("run", "origin", "target", "error", "constant_rate", "constant")
+    return tuple(
+        Predicted(HORIZONS[i], *(np.concatenate([getattr(one[i], name) for one in each]) for name in names))
+        for i in range(len(HORIZONS))
+    )
+
+
+def _distances(each: Sequence[tuple[Worth, ...]]) -> tuple[Worth, ...]:
+    """Root mean squares of distances on the water, from those along its axes."""
+    return tuple(
+        Worth(
+            north.horizon,
+            float(np.hypot(north.error, east.error)),
+            float(np.hypot(north.constant_rate, east.constant_rate)),
+            float(np.hypot(north.constant, east.constant)),
+            min(north.count, east.count),
+        )
+        for north, east in zip(*each)
+    )
+
+
+def _yaw_only(runs: Sequence[Run], channels: tuple[str, ...]) -> tuple[Worth, ...]:
+    """What the best model of yaw alone is worth on the same runs."""
+    course = make_course(runs, np.zeros(len(runs), dtype=bool), channels=channels)
+    batch = make_batch(runs, STEP)
+    fits: dict[str, OutputErrorFit] = {}
+    for number in ("1", "2", "3"):
+        try:
+            fits[number] = fit_driven(course, rough_model(number, batch), number)
+        except FitError:
+            continue
+    if not fits:
+        return ()
+    best = fits[prefer(fits).number]
+    assert isinstance(best.mixed, InnovationsFit)
+    return worth_of(left_out_predictions(driven_problem(best.model, course), best.mixed))
+
 
 FULLY = 3
 """Neighbours of a structure that are fitted, at most."""
@@ -304,3 +529,251 @@ class PlanarFit(Shown):
                 "runs in which the commands change more often."
             )
         return (*found, *self.limits)
+
+
+INERTIAS = (0.5, 1.0, 2.0)
+"""Shares of rough inertias from which a first fit starts."""
+SIZES = (0.02, 0.2)
+"""Disturbances, as shares of the acceleration of the largest command, to start from."""
+BRIEF = 6
+"""Iterations of a brief fit."""
+WORTH_IT = 0.02
+"""Share of the errors of predictions that is worth another estimator or structure."""
+FASTEST_WATER = 5.0
+"""m/s; no tidal current of a place where vehicles are tested is faster."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What more parameters promise: a `gain` in log likelihood, and all parameters by name where it is expected."""
+
+    gain: float
+    theta: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class PlanarLikelihood:
+    """Fits of planar models to `runs`, of which the logs hold what is `seen`; `known` are parameters that are known
+    beforehand, by qualified name."""
+
+    runs: tuple[Run, ...]
+    seen: Observed
+    known: Mapping[str, Prior] = field(default_factory=dict)
+    rough: Mapping[str, float] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rough", rough_sizes(self.runs))
+
+    @cached_property
+    def course(self) -> Course:
+        """The runs as the filter takes them."""
+        moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
+        return make_course(self.runs, moving, motion=PLANAR, channels=self.seen.channels)
+
+    def problem(self, model: Tied) -> DrivenProblem:
+        """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
+        searched = [_searched(name, self.rough, self.course) for name in model.free]
+        random = self._random(model)
+        bounds, positive, scale = zip(*searched)
+        return DrivenProblem(
+            model,
+            self.course,
+            (*model.free, *(one.name for one in random)),
+            np.array([*bounds, *((one.lower, one.upper) for one in random)]),
+            np.array([*positive, *[True] * len(random)]),
+            np.array([*scale, *[1.0] * len(random)]),
+            random,
+        ).informed(self.known)
+
+    def starts(self, problem: DrivenProblem, near: Estimated | None) -> Floats:
+        """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""
+        model = problem.model
+        assert isinstance(model, Tied)
+        middle = {one.name: one.median for one in problem.random}
+        if near is not None:
+            rest = [near.random.get(name, value) for name, value in middle.items()]
+            starts = [[*model.theta, *rest]]
+        else:
+            heavy = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
+            starts = []
+            for inertia, size in product(INERTIAS, SIZES):
+                pushed = {
+                    name: size / 0.05 * value / inertia if name.endswith("disturbance") else value
+                    for name, value in middle.items()
+                }
+                starts.append([*np.where(heavy, inertia * model.theta, model.theta), *pushed.values()])
+        return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
+
+    def estimate(self, model: Tied, near: Estimated | None = None, brief: bool = False) -> Estimated:
+        """The model fitted, from its own values, or from what was found `near` it; a `brief` fit ends early, and leaves
+        no run out. Raises FitError where no start leads anywhere."""
+        problem = self.problem(model)
+        iterations = BRIEF if brief else ITERATIONS
+        return self._estimated(model, fit_innovations(problem, self.starts(problem, near), iterations, brief))
+
+    def by_forecasts(self, near: Estimated) -> Estimated:
+        """The model of an estimate fitted to forecasts over seconds, from states that are smoothed `near` it. Raises
+        FitError where no run is long enough."""
+        assert near.fit is not None
+        problem = self.problem(near.model)
+        starts = np.concatenate([near.fit.theta[None], self.starts(problem, None)])
+        found = fit_forecasts(problem, near.fit.phi, starts)
+        return self._estimated(near.model, with_chance(problem, found))
+
+    def _estimated(self, model: Tied, found: InnovationsFit) -> Estimated:
+        """The estimate of a fit, with the run as the unit of its errors."""
+        own = slice(0, found.parameters)
+        slopes = np.where(found.positive[own], found.theta[own], 1.0)
+        random = found.of_chance
+        return Estimated(
+            model.with_theta(found.of_model),
+            run_covariance(found)[own, own] * np.outer(slopes, slopes),
+            found.log_likelihood,
+            sum(found.read.values()),
+            found.noise_of,
+            {
+                dof.name: {
+                    "size": random[f"{dof.name}.disturbance"],
+                    "time_s": random[f"{dof.name}.disturbance-time"],
+                    "thrust_noise": random[f"{dof.name}.thrust-noise"],
+                }
+                for dof in self.seen.dofs
+            },
+            found.converged,
+            random,
+            found,
+        )
+
+    def choose(self, tried: Sequence[Tried]) -> Choice:
+        """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
+        left out best. The best structure by innovations is left for what predicts better by a share of WORTH_IT.
+
+        Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
+        little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
+        """
+        simplest = Structure.simplest(self.seen)
+        fitted: list[tuple[Tried, str, Forecasts]] = []
+        for one in dict.fromkeys((0, next((i for i, t in enumerate(tried) if t.structure == simplest), 0))):
+            for way in WAYS:
+                with suppress(FitError):
+                    own = tried[one]
+                    found = own.found if way == LIKELIHOOD else self.by_forecasts(own.found)
+                    assert found.fit is not None
+                    judged = forecasts_of(self.problem(found.model), found.fit, way == FORECASTS)
+                    if np.isfinite(judged.score) or not fitted:
+                        fitted.append((replace(own, found=found), way, judged))
+        best = min(fitted, key=lambda each: each[2].score)
+        chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
+        found = chosen[0].found
+        assert found.fit is not None
+        use = planar_use(self.runs, self.problem(found.model), found.fit, chosen[2])
+        return Choice(chosen[0], chosen[1], use, _because(chosen, fitted, simplest))
+
+    def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
+        """The gain in log likelihood to be expected of each group of free parameters of `wide` beside those of an
+        estimate `near` it, of which it has the values."""
+        return [one.gain for one in self.promises(wide, near, added)]
+
+    def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list["Promise"]:
+        """What each group of free parameters of `wide` is to be expected to gain beside those of an estimate `near` it,
+        and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
+        problem = self.problem(wide)
+        (phi,) = problem.search(self.starts(problem, near))
+        (slopes,) = problem.slopes(phi[None])
+        gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
+        hessian = slopes.information.sum(axis=0) + problem.prior_information
+        names = [problem.names[i] for i in problem.free]
+        limits, here = problem.limits[problem.free], phi[problem.free]
+        free = {*near.model.free, *near.random}
+
+        def promise(more: tuple[str, ...]) -> Promise:
+            own = np.array([name in free or name in more for name in names])
+            h, g = hessian[np.ix_(own, own)], gradient[own]
+            step = bounded_solution(h, g + h @ here[own], here[own], limits[own]) - here[own]
+            there = phi.copy()
+            there[problem.free[own]] += step
+            theta = dict(zip(problem.names, problem.natural(there).tolist()))
+            return Promise(float(g @ step - 0.5 * step @ h @ step), theta)
+
+        without = promise(()).gain
+        return [replace(one, gain=one.gain - without) for one in map(promise, added)]
+
+    def toward(self, model: Tied, near: Estimated, promised: "Promise") -> tuple[Tied, Estimated]:
+        """The model, and what is random `near` it, as promised, where that is likelier than as they are."""
+        problem = self.problem(model)
+        (start,) = self.starts(problem, near)
+        there = np.array([promised.theta.get(name, value) for name, value in zip(problem.names, start)])
+        value, reached = problem.value(problem.search(np.stack([start, there])))
+        if not reached > value:
+            return model, near
+        random = dict(zip(problem.names, there.tolist()))
+        return model.with_theta(there[: len(model.free)]), replace(near, random=random)
+
+    def _random(self, model: Tied) -> tuple[Randomness, ...]:
+        """What is random; of a degree of freedom of which nothing is read, next to nothing."""
+        m = np.diagonal(model.model.inertia.matrix)
+        forces = [_usual(self.rough, dof.name) for dof in PLANAR.dofs]
+        largest = np.abs(self.course.held).max(axis=(1, 2))
+        pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
+        found = randomness(self.course, pushes.tolist(), (), quiet=False)
+        unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.seen.dofs)
+        return tuple(replace(one, upper=one.lower) if one.name.startswith(unread) else one for one in found)
+
+
+def _because(
+    chosen: tuple[Tried, str, Forecasts], fitted: Sequence[tuple[Tried, str, Forecasts]], simplest: Structure
+) -> str:
+    """Which fit is preferred, and by how much."""
+    more = []
+    for one, way, judged in fitted:
+        share = float(np.expm1(judged.score - chosen[2].score))
+        if judged is not chosen[2]:
+            which = "of the simplest structure " if one.structure == simplest != chosen[0].structure else ""
+            more.append(f"one {which}{WAYS[way]} by {100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}")
+    own = f"Fitted {WAYS[chosen[1]]}"
+    if not more or not chosen[2].worth[HEADING]:
+        return f"{own}."
+    return f"{own}. Of runs left out, 2 to 15 s ahead, other fits miss: {'; '.join(more)}."
+
+
+def _usual(rough: Mapping[str, float], dof: str) -> float:
+    """Usual force along a degree of freedom, by its rough drags."""
+    linear, quadratic = _drags(rough, dof)
+    return linear**2 / quadratic
+
+
+def _drags(rough: Mapping[str, float], dof: str) -> tuple[float, float]:
+    own = next(one for one in PLANAR.dofs if one.name == dof)
+    return rough[own.parameter("linear")], rough[own.parameter("quadratic")]
+
+
+def _speed(rough: Mapping[str, float], letter: str) -> float:
+    """Usual velocity u, v or r."""
+    linear, quadratic = _drags(rough, PLANAR.dofs[VELOCITIES.index(letter)].name)
+    return linear / quadratic
+
+
+def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tuple[float, float], bool, float]:
+    """Bounds of a parameter by its qualified name, whether it is searched on a logarithmic scale, a small step."""
+    where, _, own = name.partition(".")
+    if where == "current":
+        return (-FASTEST_WATER, FASTEST_WATER), False, 0.05
+    if where == PLANAR.name:  # inertia that couples
+        return (-np.inf, np.inf), False, 0.1 * rough[YAW.parameter("inertia")] / 1.0
+    if name in [dof.parameter("inertia") for dof in PLANAR.dofs]:
+        return (1e-6, np.inf), True, 1.0
+    if name in rough:  # own drag
+        return (0.0, np.inf), False, 0.1 * rough[name]
+    if "." in own:  # of an effect of the library
+        effect_name, _, parameter = own.partition(".")
+        effect = effects.get(effect_name)
+        dof = next(one for one in PLANAR.dofs if one.name == where)
+        found = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == parameter)
+        largest = float(np.abs(course.held[PLANAR.index(dof)]).max()) or 1.0
+        return (found.lower, found.upper), found.log, max(found.scaled(found.start, largest), 1e-6)
+    if own[0] in FORCES and own[1:2] == "_":  # coupling
+        size = _usual(rough, PLANAR.dofs[FORCES.index(own[0])].name)
+        for letter in own[2:]:
+            size /= _speed(rough, letter)
+        return (-np.inf, np.inf), False, 0.1 * size
+    return (-np.inf, np.inf), False, 0.01 * _usual(rough, where)

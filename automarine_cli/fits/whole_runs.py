@@ -1,30 +1,143 @@
 """Whole runs simulated under any model: closed-loop driving, sequences, runs with effects that half-turns
-cannot show."""
+cannot show.
+"""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from automarine_cli import effects
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
-from automarine_cli.fits.mixed_problem import SWITCH, Problem, slots_of
-from automarine_cli.fits.run_effects import (
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.half_turns import COUNTS, MOST_OFFSET, StepData, density, instant, step_problem
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
+from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
     GAIN,
     START_POSITION,
     START_VELOCITY,
     SWITCHES,
     Block,
+    Grams,
     RunEffects,
     bias_of,
 )
-from automarine_cli.fits.step_response import MOST_OFFSET, instant
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Outcome, Problem, derivatives, fit_mixed, slots_of
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
+
+STEP = 0.1
+"""Of the differences, in standard errors of a parameter or posterior standard deviations of a run effect."""
+
+FARTHEST = 1.0
+"""Longest of these steps on a logarithm: nothing is known of a parameter that may be further off."""
+
+LEAST_STIFFNESS = 1e-8
+"""Smallest eigenvalue, with every parameter in units of its own curvature, of equations that fix a solution."""
+
+
+def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
+    """Change of phi when each run is left out, (R, p); zero for parameters at a bound.
+
+    `problem` is the one that was fitted. Where the equations do not fix the solution, the changes are those of the
+    linearised problem. Raises FitError where the response is not finite beside the solution.
+    """
+    variances = fit.variances
+    runs, count = fit.left_out.shape
+    shown = np.flatnonzero(np.diagonal(fit.covariance) > 0.0)  # what no sample shows stays where it is
+    free = np.setdiff1d(shown, fit.at_bound)
+    moved = np.zeros((runs, count))
+    if not len(free):
+        return moved
+    pull, stiffness = _pull_and_stiffness(problem, fit, variances, free)
+    whole = stiffness.sum(axis=0)
+    if problem.prior is not None:
+        whole = whole + problem.prior[1][np.ix_(free, free)]
+    scale = linear_mixed.curvature_scale(whole)
+    if np.linalg.eigvals(whole / np.outer(scale, scale)).real.min() <= LEAST_STIFFNESS:
+        return fit.left_out - fit.phi
+    rest = np.linalg.pinv((whole - stiffness) / np.outer(scale, scale), rcond=1e-9)
+    moved[:, free] = -(rest @ (pull / scale)[:, :, None])[:, :, 0] / scale
+    return moved
+
+
+def covariance_of_changes(moved: Floats) -> Floats:
+    """Jackknife covariance (p, p) from the changes (R, p) when each run is left out."""
+    count, spread = len(moved), moved - moved.mean(axis=0)
+    return np.asarray((count - 1) / count * spread.T @ spread)
+
+
+def degrees_of_freedom(fit: Outcome, direction: Floats) -> float:
+    """Of the jackknife's variance along `direction` (p,) of phi: about how many runs carry it, less one.
+
+    Satterthwaite's approximation for runs that pull by their expected variances v_i, (sum v_i)²/sum v_i² (Bell and
+    McCaffrey 2002, Survey Methodology 28:169). Where two runs show a parameter, their own spread says little of it.
+    """
+    free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
+    return runs_that_carry(fit.information[:, free[:, None], free], direction[free])
+
+
+def runs_that_carry(information: Floats, direction: Floats) -> float:
+    """The same of runs whose information (R, p, p) is known, along `direction` (p,)."""
+    reach = linear_mixed.covariance_of(information.sum(axis=0)) @ direction
+    share = np.einsum("p,rpk,k->r", reach, information, reach)
+    runs = len(share)
+    square = float((share**2).sum())
+    carried = float(share.sum()) ** 2 / square if square > 0.0 else float(runs)
+    return max(carried * (runs - 1) / runs, 1.0)
+
+
+def _pull_and_stiffness(
+    problem: Problem, fit: MixedFit, variances: Floats, free: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """g_i (R, p) and A_i (R, p, p) of the free parameters at the solution."""
+    scale = problem.effects.deviation(variances)
+    acts = np.flatnonzero(scale.any(axis=0))
+    gram = _about(problem, fit.phi, fit.run_effects)
+    weighted = linear_mixed.weigh(gram, problem.effects, variances)
+    aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
+    aside = np.where(fit.positive[free], np.minimum(aside, FARTHEST), aside)
+    reach = STEP * np.sqrt(np.maximum(weighted.left, 1e-6))  # in prior standard deviations
+    none = np.zeros_like(scale)
+
+    def slope(phi: Floats, b: Floats) -> tuple[Floats, Floats]:
+        """Central differences of g and m for a change of phi and of the run effects, (R, free) and (R, acts)."""
+        sides = []
+        for sign in (1.0, -1.0):
+            near = _about(problem, fit.phi + sign * phi, fit.run_effects + sign * b)
+            pull = linear_mixed.weigh(near, problem.effects, variances).gradient
+            here = near.at(variances)
+            mean = scale * here.vw / np.exp(2.0 * variances[0])
+            mean -= np.divide(here.present, scale, out=np.zeros_like(scale), where=scale > 0)
+            sides.append((pull[:, free], mean[:, acts]))
+        return 0.5 * (sides[0][0] - sides[1][0]), 0.5 * (sides[0][1] - sides[1][1])
+
+    axes = np.eye(len(fit.phi))[free]
+    by_phi = [slope(h * dof, none) for h, dof in zip(aside, axes)]
+    pull_phi, mean_phi = (np.stack(part, axis=2) / aside for part in zip(*by_phi))
+    if not len(acts):
+        return weighted.gradient[:, free], -pull_phi
+    by_run = [slope(0.0 * fit.phi, reach * scale * (np.arange(scale.shape[1]) == k)) for k in acts]
+    pull_run, mean_run = (np.stack(part, axis=2) / reach[:, None, acts] for part in zip(*by_run))
+    absent = scale[:, acts] == 0.0  # such an effect stays where it is
+    mean_run -= absent[:, :, None] * np.eye(len(acts))
+    follows = -np.linalg.solve(mean_run, mean_phi)  # d b_i / d phi, in prior standard deviations
+    return weighted.gradient[:, free], -(pull_phi + pull_run @ follows)
+
+
+def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
+    """The problem linearised about (phi, b)."""
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    return problem.gram(by_phi, by_run, fitted, b, phi)
+
 
 AGAINST = 0.2
 """Share of the impulses that a balance with everything negative must explain to show that a sign is wrong."""
@@ -171,3 +284,338 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
     more = [*constant, *([0.0] if sided else [])]
     return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.dof)
+
+
+LEVEL = 0.05
+"""p-value below which the two ways are told apart."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """The drag of each way (`role`, linear or quadratic, is what differs), the ratio of inertia to quadratic drag of
+    each [m] where the model has one, and the test of their difference."""
+
+    dof: Dof
+    role: str
+    drag: Mapping[str, Estimate]
+    distance: Mapping[str, Estimate]
+    p_value: float
+
+    @property
+    def parameter(self) -> str:
+        """The symbol of the drag that differs."""
+        return self.dof.parameters[self.role]
+
+    @property
+    def differ(self) -> bool:
+        """Whether chance alone would hardly make them differ as much."""
+        return self.p_value < LEVEL
+
+    def to_json(self) -> dict[str, object]:
+        """For the result file."""
+        found = {way: {self.parameter: one.to_json()} for way, one in self.drag.items()}
+        for way, one in self.distance.items():
+            found[way][self.dof.ratio_key] = one.to_json()
+        return {"differ": self.differ, "p_value": self.p_value, **found}
+
+
+def by_way(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, both: bool) -> "OutputErrorFit":
+    """The fit with drag by way where that differs, else pooled; `fit` takes which, `both` is whether both were gone."""
+    if not (dof.directional and both):
+        return fit(False)
+    try:
+        apart = fit(True)
+    except FitError:  # a model that is far off may run away with one way more than with both together
+        return fit(False)
+    found = ways_of(apart, dof)
+    return replace(apart if found.differ else fit(False), ways=found)
+
+
+def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
+    """The drag of each way, and the test, from a fit of both: theta holds their middle and half their difference."""
+    names, own, role = list(fit.estimates), dof.symbols, main_drag(fit.number)
+    main = dof.parameters[role]
+    i, j, of_inertia = (names.index(name) for name in (main, own.difference, own.inertia))
+    middle, half, covariance = fit.estimates[main].value, fit.estimates[own.difference].value, fit.covariance
+    runs, axes = len(fit.mixed.left_out), np.eye(len(fit.mixed.theta))
+
+    def freedom(direction: np.ndarray) -> float:
+        return degrees_of_freedom(fit.mixed, direction) if runs > 2 else 1.0
+
+    drag, distance = {}, {}
+    for way, sign in zip(dof.words.ways, (1.0, -1.0)):
+        value, slope = (
+            middle + sign * half,
+            middle * axes[i] + sign * axes[j],
+        )  # phi holds the logarithm of the middle
+        deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+        of_log = deviation / max(value, 1e-3 * middle, 1e-300)
+        drag[way] = Estimate.from_log(value, of_log, freedom(slope), fit.estimates[main].unit)
+        if role == "quadratic":
+            ratio = axes[of_inertia] - slope / max(value, 1e-3 * middle, 1e-300)
+            spread = float(np.sqrt(max(ratio @ covariance @ ratio, 0.0)))
+            inertia = fit.estimates[own.inertia].value
+            distance[way] = Estimate.from_log(
+                inertia / max(value, 1e-3 * middle, 1e-300), spread, freedom(ratio), dof.unit_of("ratio")
+            )
+    error = float(np.sqrt(max(covariance[j, j], 1e-300)))
+    return Ways(dof, role, drag, distance, float(2.0 * special.stdtr(freedom(axes[j]), -abs(half) / error)))
+
+
+ENOUGH_RUNS = 8
+"""From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
+likelihood's."""
+
+MANY_RUNS, ITERATIONS_OF_MANY = 400, 20
+"""More runs than these are fitted in two steps, some and then all, of which the second needs few iterations."""
+
+MOST_GROWTH = 1e6
+"""Of a standard error by leaving runs out; beyond it the runs say nothing at all."""
+
+
+@dataclass(frozen=True)
+class OutputErrorFit:
+    """One model fitted to headings by maximum likelihood.
+
+    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
+    instant [sample intervals], `gain_scatter` run to run (relative), `noise` of the positions [rad] (None where they do
+    not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit, `start` (p,)
+    the theta that the search began with; `ways` the drag of each way where that was asked. `estimator` says by what the
+    parameters were estimated, and of driven runs why; `by_forecasts` is True where that is least squares of forecasts.
+    """
+
+    number: str
+    model: YawModel
+    estimates: Mapping[str, Estimate]
+    inertial_turn_angle: Estimate | None
+    offset: Estimate
+    gain_scatter: Estimate
+    noise: float | None
+    mixed: Outcome
+    covariance: Floats
+    start: Floats
+    ways: Ways | None = None
+    estimator: str = ""
+    by_forecasts: bool = False
+
+
+@dataclass(frozen=True)
+class Preference:
+    """Which model the runs prefer, and the sentence that says why."""
+
+    number: str
+    because: str
+
+
+def fit_half_turns(
+    data: StepData,
+    number: str,
+    start: tuple[float, float, float],
+    moment_unit: str,
+    known: Known,
+    constant: float = 0.0,
+    sided: bool = False,
+) -> OutputErrorFit:
+    """Fit one model to half-turns; `start` is inertia, linear and quadratic drag to begin from, wherever found.
+
+    Of motions that have them also a `constant` force and, if `sided`, the difference of drag between the ways.
+    """
+    begins = {**dict(zip(("inertia", "linear", "quadratic"), start)), "constant": constant, "difference": 0.0}
+    begin = np.array([*(begins[role] for role in base_roles(number, data.dof, sided)), 0.0])
+    problem, mixed = _fit_at_nodes(data, number, known, begin, sided)
+    return _outcome(number, problem, mixed, begin, moment_unit, data.dof, sided, of_half_turns=True)
+
+
+def _fit_at_nodes(data: StepData, number: str, known: Known, begin: Floats, sided: bool) -> tuple[Problem, MixedFit]:
+    """The fit to all samples, by as few nodes a run as show its answer exactly, or by the samples where none do.
+
+    That of very many runs begins where that of some of them ended.
+    """
+    whole, theta = step_problem(data, number, known, sided=sided), begin
+    start: dict[str, Any] = {"noise": 0.02, "factors": np.array([0.03, 0.5])}
+    if len(data.names) > MANY_RUNS:
+        first = _fit_at_nodes(data.some(MANY_RUNS // 2), number, known, begin, sided)[1]
+        theta = np.append(first.of_model, begin[-1])  # of instants few runs say little
+        start |= {"noise": first.noises, "iterations": ITERATIONS_OF_MANY}
+    for count in COUNTS:
+        nodes = data.nodes(count)
+        if nodes is None:
+            break
+        problem = step_problem(data, number, known, nodes, sided)
+        mixed = fit_mixed(problem, theta, **start)
+        shown = (
+            one.show(mixed.reading(channel.quantity), channel.seen.sum(axis=1))
+            for one, channel in zip(nodes, data.channels)
+        )
+        if all(shown):
+            readings = whole.readings(mixed.phi, mixed.run_effects)
+            return problem, replace(mixed, fitted=readings, slots=whole.slots)
+        theta = mixed.theta
+    return whole, fit_mixed(whole, theta, **start)
+
+
+def fit_whole_runs(
+    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, known: Known = NOTHING_KNOWN
+) -> OutputErrorFit:
+    """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
+
+    One run alone cannot tell its gain from the vehicle's, so none is taken to scatter. Raises FitError where no start
+    leads anywhere.
+    """
+    alone = len(batch.names) == 1
+    rough, dof = rough_model(number, batch, sided), batch.dof
+    problem = whole_run_problem(rough, batch, at_rest).informed(known.parameters)
+    pooled = without_gain(problem)
+    begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
+    factors = np.array([begins[name] for name in problem.effects.factor_names])
+    begin = np.append(rough.theta, 0.0)
+    if alone:
+        only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
+        return _outcome(number, pooled, only, begin, batch.moment_unit, dof, sided, of_half_turns=False)
+    first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
+    little = 0.2 if known.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
+    best = fit_mixed(
+        problem,
+        first.theta,
+        noise=first.noises,
+        factors=np.array([little if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
+        run_effects=first.run_effects,
+    )
+    return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)
+
+
+def run_covariance(mixed: Outcome, problem: Problem | None = None) -> Floats:
+    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
+
+    Given the `problem` that was fitted, it is exact where instants are confined to their sample intervals (see
+    influence.py); without, it is the linearised jackknife, which is too wide there.
+    """
+    runs = len(mixed.left_out)
+    if runs < 2:
+        return mixed.covariance
+    jackknife = mixed.jackknife_covariance
+    if problem is not None and isinstance(mixed, MixedFit):
+        jackknife = covariance_of_changes(left_out_changes(problem, mixed))
+    jackknife = jackknife + mixed.error_of_known
+    if runs >= ENOUGH_RUNS:
+        return jackknife
+    likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, jackknife))
+    ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
+    grow = np.clip(ratio, 1.0, MOST_GROWTH)
+    return mixed.covariance * np.outer(grow, grow)
+
+
+def run_dof(mixed: Outcome, direction: Floats) -> float:
+    """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells."""
+    runs = len(mixed.left_out)
+    return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(max(runs - 1, 1))
+
+
+def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
+    """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
+    stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
+    form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
+    found = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+    known = mixed.names[i] in mixed.known
+    return replace(found, known=known, at_bound=i in mixed.at_bound and not known)
+
+
+def _outcome(
+    number: str,
+    problem: Problem,
+    mixed: MixedFit,
+    start: Floats,
+    moment_unit: str,
+    dof: Dof,
+    sided: bool,
+    *,
+    of_half_turns: bool,
+) -> OutputErrorFit:
+    covariance = run_covariance(mixed, problem if of_half_turns else None)
+    alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
+    axes = np.eye(len(mixed.theta))
+    roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
+    like = {"difference": main_drag(number)}
+    estimates = {
+        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), moment_unit), alone)
+        for role, name in zip(roles, names)
+    }
+    turn = None
+    stuck = at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.known
+    if "quadratic" in roles and not stuck:
+        i, k = at["inertia"], at["quadratic"]
+        stderr = float(np.sqrt(covariance[i, i] + covariance[k, k] - 2 * covariance[i, k]))
+        freedom = alone or run_dof(mixed, axes[i] - axes[k])
+        turn = Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, freedom, dof.unit_of("ratio"))
+    if problem.effects.of(problem.effects.scale, GAIN).any():
+        low, high = mixed.factor_interval(GAIN)
+        scatter = Estimate(mixed.factor(GAIN), (high - low) / 3.92, (low, high), "1")
+    else:  # known to be none, or not to be told from one run
+        scatter = Estimate(0.0, 0.0, (0.0, 0.0), "1")
+    offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", alone)
+    if of_half_turns:
+        offset = _in_interval(offset)
+    model = YawModel.base(number, mixed.theta[0], mixed.of_model[1:], moment_unit, dof)
+    return OutputErrorFit(
+        number, model, estimates, turn, offset, scatter, mixed.noise_of.get(dof.position), mixed, covariance, start
+    )
+
+
+def _in_interval(z: Estimate) -> Estimate:
+    """The instant in sample intervals of a z of half-turns, see `step_response.instant`."""
+    value, low, high = instant(np.array([z.value, *z.ci95]))
+    return Estimate(float(value), float(density(np.array(z.value))) * z.stderr, (float(low), float(high)), z.unit)
+
+
+def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
+    """The model whose left-out runs are predicted best; of two that do not differ, the simpler.
+
+    Evidence is the log density of each run under the fit to the others, summed over runs; a difference
+    counts when it exceeds two of its standard errors over runs (Vehtari, Gelman and Gabry 2017, Statistics
+    and Computing 27:1413).
+    """
+    parameters = {number: len(fit.model.theta) - 1 for number, fit in fits.items()}
+    if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):
+        return _prefer_in_one_run(fits, parameters)
+    totals = {number: float(fit.mixed.predictive.sum()) for number, fit in fits.items()}
+    best = max(totals, key=lambda number: totals[number])
+    chosen, parts = best, []
+    for number in sorted(fits, key=lambda n: parameters[n]):
+        gap, error = _lead(fits[best], fits[number])
+        if number != best and parameters[number] < parameters[chosen] and gap <= 2.0 * error:
+            chosen = number
+    for number in sorted(fits):
+        gap, error = _lead(fits[chosen], fits[number])
+        if number == chosen:
+            continue
+        if gap < 0:
+            parts.append(f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter")
+        elif gap <= 2.0 * error:
+            more = ", which has more parameters" if parameters[number] > parameters[chosen] else ""
+            parts.append(f"it is level with model {number}{more} ({gap:.1f} ± {error:.1f})")
+        else:
+            parts.append(f"it leads model {number} by {gap:.1f} ± {error:.1f}")
+    because = f"Model {chosen} predicts runs left out of the fit best or as well as any simpler one: in log density "
+    return Preference(chosen, because + " and ".join(parts) + ".")
+
+
+def _prefer_in_one_run(fits: Mapping[str, OutputErrorFit], parameters: Mapping[str, int]) -> Preference:
+    """Akaike's criterion: with one run there is none to predict."""
+    cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in fits.items()}
+    best = min(sorted(fits), key=lambda number: cost[number])
+    others = [
+        f"model {number}'s is higher by {cost[number] - cost[best]:.1f}" for number in sorted(fits) if number != best
+    ]
+    return Preference(
+        best,
+        f"With one run there is no cross-validation; by Akaike's criterion model {best} is best, "
+        f"{' and '.join(others)}.",
+    )
+
+
+def _lead(a: OutputErrorFit, b: OutputErrorFit) -> tuple[float, float]:
+    """How much better a predicts left-out runs than b, and the standard error of that over runs."""
+    difference = a.mixed.predictive - b.mixed.predictive
+    error = np.sqrt(len(difference)) * np.std(difference, ddof=1) if len(difference) > 1 else np.inf
+    return float(difference.sum()), float(error)

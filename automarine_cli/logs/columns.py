@@ -207,7 +207,7 @@ def column_rules(columns: Mapping[str, object], name: str) -> dict[str, ColumnRu
 def columns_of(tables: object, name: str) -> tuple[ColumnsOf, ...]:
     """The maps under `[[columns_of]]` of the file called `name`. Raises LogError with the key's path."""
     if not isinstance(tables, list | tuple) or not all(isinstance(one, Mapping) for one in tables):
-        raise LogError(f"{name}: columns_of is {_kind(tables)}; expected tables, each written [[columns_of]]")
+        raise _wrong(f"{name}: columns_of", tables, "tables, each written [[columns_of]]")
     found = []
     for i, one in enumerate(tables):
         logs = (one.get("logs", ()),) if isinstance(one.get("logs"), str) else tuple(one.get("logs", ()))
@@ -236,13 +236,13 @@ def database(can: Mapping[str, object], path: Path) -> str:
             )
     given = can.get("dbc", "")
     if not isinstance(given, str) or (can and not given.strip()):
-        raise LogError(f"{name}: can.dbc is {_kind(given)}; expected the place of a DBC file in quotes")
+        raise _wrong(f"{name}: can.dbc", given, "the place of a DBC file in quotes")
     return str(path.parent.absolute() / given) if given else ""
 
 
 def _table(table: object, key: str, name: str) -> dict[str, object]:
     if not isinstance(table, dict):
-        raise LogError(f"{name}: {key} is {_kind(table)}; expected a table, written [{key}]")
+        raise _wrong(f"{name}: {key}", table, f"a table, written [{key}]")
     return table
 
 
@@ -253,10 +253,8 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
     if isinstance(value, str):
         value = {"from": value}
     if not isinstance(value, Mapping):
-        raise LogError(
-            f"{where} is {_kind(value)}; expected the name of a column in quotes, "
-            'or a table such as { from = "yaw", unit = "rad", sign = -1 }'
-        )
+        example = '{ from = "yaw", unit = "rad", sign = -1 }'
+        raise _wrong(where, value, f"the name of a column in quotes, or a table such as {example}")
     for inner in value:
         if inner not in TAKEN:
             raise LogError(f"{where}.{printable(inner)} is not known; a column takes {', '.join(TAKEN)}")
@@ -269,18 +267,15 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
     if key in LABELS and len(value) > 1:
         what = {RUN: "names runs", BY: "names what each row is of"}.get(key, "is a state")
         raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply; leave them out")
-    sign = value.get("sign", 1)
-    if isinstance(sign, bool) or sign not in (1, -1):
-        raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")
     day_first = value.get("day_first")
-    if day_first is not None and not (isinstance(day_first, bool) and key == "time"):
-        if key != "time":
-            raise LogError(f"{where}.day_first goes with time, a column of dates, only; leave it out")
-        raise LogError(f"{where}.day_first is {_kind(day_first)}; expected true or false")
+    if day_first is not None and key != "time":
+        raise LogError(f"{where}.day_first goes with time, a column of dates, only; leave it out")
+    if day_first is not None and not isinstance(day_first, bool):
+        raise _wrong(f"{where}.day_first", day_first, "true or false")
     return ColumnRule(
         source,
         _unit(where, key, value.get("unit")),
-        int(sign),
+        _sign(where, value),
         _number(f"{where}.scale", value.get("scale", 1.0)),
         _number(f"{where}.offset", value.get("offset", 0.0)),
         _number(f"{where}.subtract", value.get("subtract", 0.0)),
@@ -312,15 +307,17 @@ def _sign_from(where: str, value: object) -> ColumnRule | None:
     where = f"{where}.sign_from"
     value = {"from": value} if isinstance(value, str) else value
     if not isinstance(value, Mapping) or set(value) - {"from", "subtract", "sign"}:
-        raise LogError(
-            f"{where} is {_kind(value)}; expected the name of a column in quotes, or a table such as "
-            '{ from = "pwm", subtract = 1500 }'
-        )
+        example = '{ from = "pwm", subtract = 1500 }'
+        raise _wrong(where, value, f"the name of a column in quotes, or a table such as {example}")
+    sign, subtract = _sign(where, value), _number(f"{where}.subtract", value.get("subtract", 0.0))
+    return ColumnRule(_source(where, value), sign=sign, subtract=subtract)
+
+
+def _sign(where: str, value: Mapping[str, object]) -> int:
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):
-        raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")
-    subtract = _number(f"{where}.subtract", value.get("subtract", 0.0))
-    return ColumnRule(_source(where, value), sign=int(sign), subtract=subtract)
+        raise _wrong(f"{where}.sign", sign, "1 or -1")
+    return int(sign)
 
 
 def _unit(where: str, key: str, unit: object) -> str | None:
@@ -328,15 +325,14 @@ def _unit(where: str, key: str, unit: object) -> str | None:
         return None
     known = CANONICAL[key].units()
     if not isinstance(unit, str) or (known and unit not in known):
-        raise LogError(f"{where}.unit is {_kind(unit)}; expected {' or '.join(known) if known else 'a word in quotes'}")
+        raise _wrong(f"{where}.unit", unit, " or ".join(known) if known else "a word in quotes")
     return unit
 
 
 def _number(where: str, value: object) -> float:
     good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not good or (where.endswith(".scale") and value == 0):
-        wanted = "a finite number other than 0" if where.endswith(".scale") else "a finite number"
-        raise LogError(f"{where} is {_kind(value)}; expected {wanted}")
+        raise _wrong(where, value, f"a finite number{' other than 0' * where.endswith('.scale')}")
     return float(value)  # type: ignore[arg-type]
 
 
@@ -346,12 +342,15 @@ def _default(name: str, key: str, value: object) -> float:
         raise LogError(f"{where} is not known; [defaults] takes {listed(KNOWN_DEFAULTS)}")
     good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
     if not good:
-        raise LogError(f"{where} is {_kind(value)}; expected a number above 0")
+        raise _wrong(where, value, "a number above 0")
     return value  # type: ignore[return-value]
 
 
+def _wrong(where: str, value: object, expected: str) -> LogError:
+    return LogError(f"{where} is {_kind(value)}; expected {expected}")
+
+
 def _kind(value: object) -> str:
-    """What was found, in words."""
     if isinstance(value, str):
         return quoted(value)
     if isinstance(value, bool):

@@ -40,7 +40,7 @@ class Span:
     """What the values of one column do, over one log or many: ends, steps from one row to the next, and the median.
 
     `made_from` names the outputs that it was worked back from, where no file holds it. Of a column of times `stamps`
-    says what they are (`stamps.KINDS`), and `open` that day and month may be exchanged.
+    says what they are (`cells.KINDS`), and `open` that day and month may be exchanged.
     """
 
     low: float

@@ -145,22 +145,14 @@ def run_names(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
     """The names of the runs in the order in which they begin, and for each row which it is; None without a column
     of them. Raises LogError with the row for a run without a name, or with one that is too long.
     """
-    index = _place(raw, columns, RUN)
-    if index is None:
+    found = _named(raw, columns, source, RUN, "no run named; expected the name or number of the run in every row.")
+    if found is None:
         return None
-    array, column = raw.arrays[index], printable(raw.names[index])
-    if array.null_count:
-        row = int(np.flatnonzero(pc.is_null(array).to_numpy())[0])
-        raise LogError(
-            f"{source}, row {raw.rows[row]}, column {column}: no run named; "
-            "expected the name or number of the run in every row. Complete the column"
-        )
-    found = _labels(array)
     for i, name in enumerate(found.names):
         if len(name) > LONGEST_RUN_NAME:
             row = int(np.flatnonzero(found.code == i)[0])
             raise LogError(
-                f"{source}, row {raw.rows[row]}, column {column}: found {quoted(name)} of "
+                f"{source}, row {raw.rows[row]}, column {printable(columns.source_of(RUN))}: found {quoted(name)} of "
                 f"{len(name)} characters, expected the name of a run of at most {LONGEST_RUN_NAME}. "
                 "Shorten it, or check which column names the runs"
             )
@@ -172,16 +164,18 @@ def parts(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
 
     Raises LogError with the row where the column is empty.
     """
-    index = _place(raw, columns, BY)
+    why = "nothing named; expected a name in every row, because the column map splits the table by this column."
+    return _named(raw, columns, source, BY, why)
+
+
+def _named(raw: RawLog, columns: ColumnMap, source: str, label: str, why: str) -> Labels | None:
+    index = _place(raw, columns, label)
     if index is None:
         return None
     array = raw.arrays[index]
     if array.null_count:
-        row = int(np.flatnonzero(pc.is_null(array).to_numpy())[0])
-        raise LogError(
-            f"{source}, row {raw.rows[row]}, column {printable(raw.names[index])}: nothing named; expected a name in "
-            "every row, because the column map splits the table by this column. Complete the column"
-        )
+        row = raw.rows[int(np.flatnonzero(pc.is_null(array).to_numpy())[0])]
+        raise LogError(f"{source}, row {row}, column {printable(raw.names[index])}: {why} Complete the column")
     return _labels(array)
 
 
@@ -324,9 +318,10 @@ def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
         hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
     if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
         return f"{table.source}: no {what}; {table.origin.why_not}"
+    holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
     unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
     return (
-        f"{table.source}: no {what}; found the columns {listed(table.names)}{_held(table)}; expected {expected}. "
+        f"{table.source}: no {what}; found the columns {listed(table.names)}{holds}; expected {expected}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
         + (_meant_for(table, lacking) or f"{hint} under [columns] in a file and give it with --columns FILE.toml")
     )
@@ -351,11 +346,6 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     return "This is a thruster test: give it to automarine fit-thrusters" if held >= {"n", "force"} else ""
 
 
-def _held(table: LogTable) -> str:
-    """What else the file holds, of which a column map can name the fields."""
-    return f" in a file that holds {listed(table.holds)}" if table.holds else ""
-
-
 def _expected(quantity: str) -> str:
     names = " or ".join(names_of(quantity))
     thrusters = next((dof.thrusters for dof in DOFS.values() if dof.command == quantity), ())
@@ -369,4 +359,4 @@ def _guess(table: LogTable, quantity: str) -> str | None:
 
 
 def _and(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return " and ".join([*filter(None, [", ".join(words[:-1])]), words[-1]])

@@ -18,7 +18,6 @@ from automarine_cli import effects
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError
-from automarine_cli.models.entries import number_at
 from automarine_cli.models.planar import (
     FORCES,
     OF_ROLE,
@@ -29,6 +28,7 @@ from automarine_cli.models.planar import (
     inertia_names,
     parameters_of,
 )
+from automarine_cli.models.store import number_at
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Codec, Source, read_plain, told
 from automarine_cli.pipeline.words import LONGEST, printable

@@ -7,7 +7,6 @@ from functools import reduce
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
-from automarine_cli.models.entries import number_at
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
 from automarine_cli.pipeline.records import Codec, Place, Source, key_of, read_plain, told
 from automarine_cli.pipeline.words import printable
@@ -16,7 +15,18 @@ from automarine_cli.results.kinds import MODELS
 from automarine_cli.results.models import AddedEffect, ModelEntry, ModelFile
 
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
+SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 ROLES = ("inertia", "quadratic", "linear", "constant", "difference")
+
+
+def number_at(given: Given, codec: Codec, place: Place) -> float:
+    """Return the value of a number that must be there. Raises ModelError with its `place`."""
+    value = given.value
+    if value is None:
+        raise codec.refusal(place, "found nothing, expected a number")
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise codec.refusal(place, f"found {value:g}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
+    return value
 
 
 @dataclass(frozen=True)

@@ -105,12 +105,6 @@ def versions_here() -> dict[str, str]:
     return {"automarine": __version__, "python": platform.python_version(), **libraries}
 
 
-def input_entries(inputs: Sequence[tuple[str, Source] | Input]) -> list[dict[str, str | None]]:
-    """Return the list under `"inputs"`: name, role and hash of each file read."""
-    files = (Input(*file) for file in inputs)
-    return [{"file": file.name, "role": file.role, "sha256": sha256_if_readable(file.path)} for file in files]
-
-
 def sha256(path: Source) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -123,9 +117,17 @@ def sha256_if_readable(path: Source) -> str | None:
     return None
 
 
-def recorded_options(options: Mapping[str, object]) -> dict[str, object]:
-    """Return options as a manifest records them: those that a result depends on, without places on this machine."""
-    return {key: _without_place(value) for key, value in options.items() if key not in UNRECORDED}
+def recorded(
+    command: str, options: Mapping[str, object], seed: int | None, inputs: Sequence[tuple[str, Source] | Input]
+) -> dict[str, object]:
+    """Return what a manifest says of all that results depend on, without places on this machine."""
+    versions, files = dict(versions_here()), [Input(*file) for file in inputs]
+    return {
+        "schema": SCHEMA, "automarine": versions.pop("automarine"), "libraries": versions, "command": command,
+        "options": {key: _without_place(value) for key, value in options.items() if key not in UNRECORDED},
+        "seed": seed,
+        "inputs": [{"file": one.name, "role": one.role, "sha256": sha256_if_readable(one.path)} for one in files],
+    }  # fmt: skip
 
 
 def _without_place(value: object) -> object:
@@ -147,23 +149,22 @@ def why_made_again(
 
     Looked at are, in this order: whether there is a result, versions, settings, inputs, files that somebody changed.
     """
-    manifest = manifest_of(folder)
-    if manifest is None or manifest.command != command:
+    then = manifest_of(folder)
+    if then is None or then.command != command:
         return "no result yet"
-    versions, here = {"automarine": manifest.automarine, **manifest.libraries}, versions_here()
-    if odd := _different(versions, here):
-        return "version: " + listed(f"{n} {versions.get(n, 'none')} then, {here.get(n, 'none')} now" for n in odd)
-    settings = {**json.loads(json_text(recorded_options(options))), "seed": seed}
-    if odd := _different({**manifest.options, "seed": manifest.seed}, settings):
+    now = from_mapping(Manifest, json.loads(json_text(recorded(command, options, seed, inputs))), MANIFEST)
+    before, here = {"automarine": then.automarine, **then.libraries}, versions_here()
+    if odd := _different(before, here):
+        return "version: " + listed(f"{n} {before.get(n, 'none')} then, {here.get(n, 'none')} now" for n in odd)
+    if odd := _different({**then.options, "seed": then.seed}, {**now.options, "seed": now.seed}):
         return f"settings changed: {listed(odd)}"
-    then = {(entry.role, entry.file): entry.sha256 for entry in manifest.inputs}
-    now = {(str(entry["role"]), str(entry["file"])): entry["sha256"] for entry in input_entries(inputs)}
-    odd = [name for (role, name), sha in now.items() if then.get((role, name), sha) != sha]
-    odd += [f"{name} (new)" for role, name in now if (role, name) not in then]
-    odd += [f"{name} (gone)" for role, name in then if (role, name) not in now]
+    old, new = ({(entry.role, entry.file): entry.sha256 for entry in one.inputs} for one in (then, now))
+    odd = [name for (role, name), sha in new.items() if old.get((role, name), sha) != sha]
+    odd += [f"{name} (new)" for role, name in new if (role, name) not in old]
+    odd += [f"{name} (gone)" for role, name in old if (role, name) not in new]
     if odd:
         return f"inputs changed: {listed(odd)}"
-    odd = [entry.file for entry in manifest.outputs if sha256_if_readable(folder / entry.file) != entry.sha256]
+    odd = [entry.file for entry in then.outputs if sha256_if_readable(folder / entry.file) != entry.sha256]
     return f"results changed since they were written: {listed(odd)}" if odd else None
 
 

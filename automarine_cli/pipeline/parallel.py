@@ -30,32 +30,44 @@ def alone(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> l
     return [function(item) for item in items]
 
 
-def ordered_map(
+def ordered_map(function: Callable[[Item], Result], items: Iterable[Item], jobs: int = 1, **how: Any) -> list[Result]:
+    """Return `[function(item) for item in items]`; see `ordered_stream`."""
+    return list(ordered_stream(function, items, jobs, **how))
+
+
+def ordered_stream(
     function: Callable[[Item], Result], items: Iterable[Item], jobs: int = 1, *, cluster: str | None = None,
     progress: Progress = silent, stage: str = "",
-) -> list[Result]:  # fmt: skip
-    """Return `[function(item) for item in items]`, the same on any number of `jobs` and on a Dask `cluster`.
+) -> Iterator[Result]:  # fmt: skip
+    """Yield the results of `function` in input order, the same on any number of `jobs` and on a Dask `cluster`.
 
     The first item that raises decides the error. Raises SettingError if `jobs` is below one, a process dies (usually
     for want of memory), or there is no cluster at the address.
     """
     work = list(items)
-    with lasting_map(min(jobs, len(work) or 1), cluster=cluster if work else None, progress=progress) as each:
-        return each(function, work, stage)
+    with _executor(min(jobs, len(work) or 1), cluster if work else None) as pair:
+        yield from counted(progress, stage, _mapped(*pair, function, work), len(work))
 
 
 @contextlib.contextmanager
 def lasting_map(jobs: int = 1, *, cluster: str | None = None, progress: Progress = silent) -> Iterator[Each]:
     """Yield `each(function, items, stage)`, an `ordered_map` whose processes last over many small rounds of work."""
-    with _executor(jobs, cluster) as (executor, workers):
+    with _executor(jobs, cluster) as pair:
 
         def each(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
-            size = min(LARGEST_CHUNK, max(1, len(items) // (workers * CHUNKS_PER_JOB)))
-            with deaf_to_interrupts() if executor else contextlib.nullcontext():
-                results = executor.map(function, items, chunksize=size) if executor else map(function, items)
-            return list(counted(progress, stage, results, len(items)))
+            return list(counted(progress, stage, _mapped(*pair, function, items), len(items)))
 
         yield each
+
+
+def _mapped(
+    executor: Executor | None, workers: int, function: Callable[[Any], Any], work: Sequence[Any]
+) -> Iterable[Any]:
+    if executor is None:
+        return map(function, work)
+    with deaf_to_interrupts():
+        size = min(LARGEST_CHUNK, max(1, len(work) // (workers * CHUNKS_PER_JOB)))
+        return executor.map(function, work, chunksize=size)
 
 
 @contextlib.contextmanager

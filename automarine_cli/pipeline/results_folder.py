@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from automarine_cli.errors import AutomarineError, OutputError
-from automarine_cli.pipeline import manifest
-from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest
+from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, manifests_in, recorded
 from automarine_cli.pipeline.records import Source, json_text
 from automarine_cli.pipeline.words import printable
 
@@ -131,16 +130,12 @@ def result_folder(
         with one_sentence(out):
             _put_back(old, target)
             replaced = _replaced(target, out, command, overwrite)
-            read = manifest.input_entries(inputs)
+            record = recorded(command, options, seed, inputs)
         folder = ResultFolder(out, new, target if not (replaced or overwrite) else None)
         yield folder
-        versions = manifest.versions_here()
-        record = {
-            "schema": manifest.SCHEMA, "automarine": versions.pop("automarine"), "libraries": versions,
-            "command": command, "options": manifest.recorded_options(options), "seed": seed, "inputs": read,
-            "outputs": [{"file": name, "sha256": sha} for name, sha in folder.hashes.items()],
-            **({"warnings": folder.warnings} if folder.warnings else {}),
-        }  # fmt: skip
+        record["outputs"] = [{"file": name, "sha256": sha} for name, sha in folder.hashes.items()]
+        if folder.warnings:
+            record["warnings"] = folder.warnings
         with one_sentence(out):
             (new / MANIFEST).write_text(json_text(record), encoding="utf-8")
             _carry_over(target, new, _replaced(target, out, command, overwrite))  # again: it may be there by now
@@ -166,7 +161,7 @@ def _put_back(old: Path, target: Path) -> None:
 def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str]:
     """Return the names in `target` that new results replace; none where there are no results. Raises OutputError."""
     if not (target / MANIFEST).exists():
-        ours = {path.parent for path in manifest.manifests_in(target)}  # results of the steps of a campaign
+        ours = {path.parent for path in manifests_in(target)}  # results of the steps of a campaign
         count = sum(not ours & {path, *path.parents} for path in target.rglob("*"))
         if count > MOST_FOREIGN:
             raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")

@@ -23,16 +23,12 @@ from automarine_cli.dofs import Dof
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import driven_problem, starts_near
+from automarine_cli.fits.half_turns import step_data, step_problem
 from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.influence import runs_that_carry
-from automarine_cli.fits.innovations_problem import DrivenProblem
-from automarine_cli.fits.mixed_model import Problem, derivatives
-from automarine_cli.fits.mixed_problem import SWITCH
-from automarine_cli.fits.output_error import ENOUGH_RUNS
-from automarine_cli.fits.run_effects import GAIN, SWITCHES
-from automarine_cli.fits.step_problem import step_problem
-from automarine_cli.fits.step_response import step_data
-from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
+from automarine_cli.fits.innovations import DrivenProblem
+from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
+from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives
+from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
 from automarine_cli.planning.candidates import Candidate

@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import OutputError
-from automarine_cli.fits.channel_noise import sentences_of
+from automarine_cli.fits.innovations import sentences_of
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.pipeline.words import listed

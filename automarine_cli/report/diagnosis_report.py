@@ -7,19 +7,25 @@ from functools import partial
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.bins import SIZE, THRUST
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis
-from automarine_cli.diagnosis.estimates import base_estimates
-from automarine_cli.diagnosis.gap import Gap
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
+from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region, Where
+from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import JUDGED, Study
-from automarine_cli.diagnosis.trials import LEVEL
-from automarine_cli.diagnosis.verdict import EVEN, NAMED, SUSPECTED, UNEXPLAINED, WELL_ABOVE, NamedEffect
-from automarine_cli.diagnosis.where import Region, Where
+from automarine_cli.diagnosis.verdict import (
+    EVEN,
+    NAMED,
+    SUSPECTED,
+    UNEXPLAINED,
+    WELL_ABOVE,
+    Gap,
+    NamedEffect,
+    base_estimates,
+)
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
-from automarine_cli.fits.channel_noise import fit_sentences
-from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.fits.innovations import fit_sentences
+from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure

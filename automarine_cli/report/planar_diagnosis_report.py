@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from automarine_cli.diagnosis.outlook import Outlook
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch
-from automarine_cli.diagnosis.where import Where
+from automarine_cli.diagnosis.residual_regions import Where
+from automarine_cli.diagnosis.verdict import Outlook
 from automarine_cli.dofs import YAW
 from automarine_cli.report.figures.planar_diagnosis import before_after_figure, where_figure, why_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.planar_fit import PlanarFit
-from automarine_cli.fits.planar_use import HEADING, UNITS, PlanarUse, shown
+from automarine_cli.fits.planar_fit import HEADING, UNITS, PlanarFit, PlanarUse, shown
 from automarine_cli.models.planar_store import units
 from automarine_cli.report.figures.planar_runs import planar_runs_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections

@@ -10,7 +10,7 @@ from automarine_cli.comparison.scores import SCORES, Overall, score_key
 from automarine_cli.comparison.validation import Ahead, Comparison, Validation
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.fits.channel_noise import channel_sentences, measured_noises
+from automarine_cli.fits.innovations import channel_sentences, measured_noises
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.figures.validation import validation_figure

@@ -8,15 +8,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.channel_noise import channel_noises, fit_sentences
-from automarine_cli.fits.driven_use import Use
-from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.mixed_problem import SWITCH, MixedFit
-from automarine_cli.fits.output_error import OutputErrorFit
-from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
-from automarine_cli.fits.step_response import instant
-from automarine_cli.fits.ways import Ways
-from automarine_cli.fits.yaw_fit import YawFit, effect_estimates
+from automarine_cli.fits.driven import Use
+from automarine_cli.fits.half_turns import instant
+from automarine_cli.fits.identify import YawFit, effect_estimates
+from automarine_cli.fits.innovations import InnovationsFit, channel_noises, fit_sentences
+from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
+from automarine_cli.fits.mixed_model import SWITCH, MixedFit
+from automarine_cli.fits.whole_runs import OutputErrorFit, Ways
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.driven import driven_runs_figure

@@ -4,11 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.drag import DragFit, nested_test
-from automarine_cli.fits.output_error import OutputErrorFit
-from automarine_cli.fits.velocity_error import VelocityErrorFit
-from automarine_cli.fits.yaw_cautions import DRAG, INERTIA, Caution
-from automarine_cli.fits.yaw_fit import effect_estimates
+from automarine_cli.fits.cautions import DRAG, INERTIA, Caution
+from automarine_cli.fits.identify import effect_estimates
+from automarine_cli.fits.paper import DragFit, VelocityErrorFit, nested_test
+from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
 from automarine_cli.results.estimate import Estimate
 

@@ -56,7 +56,7 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
             )
     fresh = _rising(columns["time"], rows, table, name)
     if len(rows) > 1 and not fresh[1:].any():
-        raise NotUsable(_or_clear(clock_trouble(columns["time"])))
+        raise NotUsable(clock_trouble(columns["time"]) or "the clock stands still")
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(clock_trouble(columns["time"]))
@@ -120,10 +120,6 @@ def _only(columns: Mapping[str, Floats], kept: Mask) -> dict[str, Floats]:
 def _refuse(why: str | None) -> None:
     if why is not None:
         raise NotUsable(why)
-
-
-def _or_clear(why: str | None) -> str:
-    return why or "the clock stands still"
 
 
 def _rising(time: Floats, rows: Indices, table: LogTable, name: str) -> Mask:

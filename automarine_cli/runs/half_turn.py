@@ -244,12 +244,12 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
         repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
     backward = turn.turned * turn.moment < 0 and not dof.has_constant
     reasons = (
-        (repeats >= max(FEWEST_STUCK, count / 2), stuck),
-        (count < FEWEST_SAMPLES, too_short),
-        (not turn.moved, never_moved),
-        (not turn.step.from_rest, not_from_rest),
-        (backward, against),
-        (not crossed and (way < dof.limits.least or not turn.steady), too_soon),
+        (repeats >= max(FEWEST_STUCK, count / 2), _stuck),
+        (count < FEWEST_SAMPLES, _too_short),
+        (not turn.moved, _never_moved),
+        (not turn.step.from_rest, _not_from_rest),
+        (backward, _against),
+        (not crossed and (way < dof.limits.least or not turn.steady), _too_soon),
     )
     return next((why for holds, tell in reasons if holds and (why := tell(turn))), "")
 
@@ -284,8 +284,7 @@ def _way(turn: HalfTurn) -> str:
     return f"{whole} {words.unit if whole == 1 else words.units}"
 
 
-def stuck(turn: HalfTurn) -> str:
-    """The sensor showed one position; empty where it is only slow."""
+def _stuck(turn: HalfTurn) -> str:
     words, count = turn.step.run.dof.words, len(turn.position)
     repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
     if is_slow(turn.step.run.position, repeats):
@@ -296,16 +295,14 @@ def stuck(turn: HalfTurn) -> str:
     )
 
 
-def too_short(turn: HalfTurn) -> str:
-    """Too few samples."""
+def _too_short(turn: HalfTurn) -> str:
     return (
         f"too short: {_at(turn)} has {len(turn.position)} samples ({turn.cut_by}); at least {FEWEST_SAMPLES} are "
         f"needed. Log faster or hold the {turn.step.run.dof.words.force} longer"
     )
 
 
-def never_moved(turn: HalfTurn) -> str:
-    """The vehicle stood still."""
+def _never_moved(turn: HalfTurn) -> str:
     dof, words = turn.step.run.dof, turn.step.run.dof.words
     radians = (
         f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
@@ -317,8 +314,7 @@ def never_moved(turn: HalfTurn) -> str:
     )
 
 
-def not_from_rest(turn: HalfTurn) -> str:
-    """It moved already."""
+def _not_from_rest(turn: HalfTurn) -> str:
     dof, words = turn.step.run.dof, turn.step.run.dof.words
     return (
         f"not from rest: {_at(turn)} begins at {dof.shown(turn.step.start_rate):.3g} {words.units}/s. "
@@ -326,8 +322,7 @@ def not_from_rest(turn: HalfTurn) -> str:
     )
 
 
-def against(turn: HalfTurn) -> str:
-    """It went against its command."""
+def _against(turn: HalfTurn) -> str:
     dof, words = turn.step.run.dof, turn.step.run.dof.words
     return (
         f"units look wrong: {_at(turn)} {words.moved} the vehicle {_way(turn)} against it. If the {words.position} "
@@ -336,8 +331,7 @@ def against(turn: HalfTurn) -> str:
     )
 
 
-def too_soon(turn: HalfTurn) -> str:
-    """It did not go far enough."""
+def _too_soon(turn: HalfTurn) -> str:
     dof, words, steady = turn.step.run.dof, turn.step.run.dof.words, turn.steady
     longer = f"Hold each {words.force} for {words.reach if dof.wraps else 'longer'}"
     after = f"{turn.cut_by} after {_way(turn)} of {_at(turn)}"

@@ -14,7 +14,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.checks import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
@@ -132,7 +132,7 @@ def _gathered(
     kept: list[Kept] = []
     aside: list[SetAside] = []
     jobs = jobs if len(files) > PAYS_FROM else 1  # to start processes takes longer than to read few logs
-    for good, bad in ordered_map(read, files, jobs, progress=progress, stage="reading logs"):
+    for good, bad in ordered_stream(read, files, jobs, progress=progress, stage="reading logs"):
         kept += good
         aside += bad
     if strict and aside:

@@ -7,7 +7,7 @@ before and after belongs to the campaign's schedule.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import ClassVar, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
@@ -32,6 +32,9 @@ class Resistance:
 
 
 MOST_LEVELS = 100_000
+ABOVE_ZERO = ("repeats", "way", "duration_s", "coast_s", "back_s", "steps")
+LABELS = {"step": "{f}", "coast-down": "coast"}
+"""What the labels of a kind begin with where it is not the kind."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ Levels: TypeAlias = tuple[float, ...] | Range
 
 
 def levels_of(levels: Levels) -> tuple[float, ...]:
-    """The values of a list or range. Raises SettingError if there are none."""
+    """List the values of a list or range. Raises SettingError if there are none."""
     values = levels.values if isinstance(levels, Range) else levels
     if not values:
         raise SettingError("no values are left in the list or range of levels; expected at least one")
@@ -87,10 +90,8 @@ class RunGroup:
     wait_after_s: float | None = None
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
-    own_name: ClassVar[str] = "run"
-
     def __post_init__(self) -> None:
-        positive(self, "repeats")
+        positive(self, *(name for name in ABOVE_ZERO if name in self.__dataclass_fields__))
         at_least_zero(self, "wait_after_s")
         safe_path(self, "folder", "together", "suffix")
         if self.name:
@@ -101,10 +102,10 @@ class RunGroup:
     @property
     def base(self) -> str:
         """What the labels begin with."""
-        return self.name or self.dof.fill(self.own_name)
+        return self.name or self.dof.fill(LABELS.get(self.kind, self.kind))
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
-        """Label and commands of each run of the group, repeats left out."""
+        """Yield label and commands of each run of the group, repeats left out."""
         raise NotImplementedError
 
 
@@ -119,11 +120,8 @@ class StepRuns(RunGroup):
     way: float | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
     duration_s: float | None = None
 
-    own_name: ClassVar[str] = "{f}"
-
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive(self, "way", "duration_s")
         if (self.way is None) == (self.duration_s is None):
             raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
         if 0.0 in levels_of(self.levels):
@@ -131,7 +129,7 @@ class StepRuns(RunGroup):
             raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
 
     def hold(self, drag: Resistance, moment: float) -> float:
-        """How long the command is held [s]."""
+        """Return how long the command is held [s]."""
         if self.duration_s is not None:
             return self.duration_s
         return time_to_turn(drag.dof.inner(self.way or 0.0), moment, drag)
@@ -141,7 +139,7 @@ class StepRuns(RunGroup):
             yield f"{self.base}_{moment_text(moment)}", self.commands(moment, self.hold(drag, moment))
 
     def commands(self, moment: float, hold: float) -> Commands:
-        """What is commanded when `moment` is first held for `hold` [s]."""
+        """Return what is commanded when `moment` is first held for `hold` [s]."""
         return ((moment, hold),)
 
 
@@ -151,12 +149,6 @@ class CoastDownRuns(StepRuns):
 
     kind: Literal["coast-down"] = "coast-down"  # type: ignore[assignment]
     coast_s: float
-
-    own_name: ClassVar[str] = "coast"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive(self, "coast_s")
 
     def commands(self, moment: float, hold: float) -> Commands:
         return ((moment, hold), (0.0, self.coast_s))
@@ -169,12 +161,6 @@ class ReversalRuns(StepRuns):
     kind: Literal["reversal"] = "reversal"  # type: ignore[assignment]
     back_s: float | None = None
 
-    own_name: ClassVar[str] = "reversal"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive(self, "back_s")
-
     def commands(self, moment: float, hold: float) -> Commands:
         return ((moment, hold), (-moment, 2.0 * hold if self.back_s is None else self.back_s))
 
@@ -185,8 +171,6 @@ class SequenceRuns(RunGroup):
 
     kind: Literal["sequence"] = "sequence"
     commands: tuple[tuple[float, float], ...]
-
-    own_name: ClassVar[str] = "sequence"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -215,11 +199,8 @@ class RampRuns(RunGroup):
     from_: float = 0.0
     steps: int = 20
 
-    own_name: ClassVar[str] = "ramp"
-
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive(self, "duration_s", "steps")
         if self.to == self.from_:
             raise SettingError(f"to is {self.to:g}, the same as from; expected another {self.dof.words.force}")
 
@@ -227,7 +208,7 @@ class RampRuns(RunGroup):
         """The one ramp; the last stair is `to`."""
         stairs = [self.from_ + (self.to - self.from_) * (i + 1) / self.steps for i in range(self.steps)]
         commands = tuple((round(moment, 6), self.duration_s / self.steps) for moment in stairs)
-        if any(one == other for (one, _), (other, _) in pairwise(commands)):
+        if any(before == after for (before, _), (after, _) in pairwise(commands)):
             raise SettingError(f"steps is {self.steps}; expected fewer, the stairs are below 1e-6")
         yield f"{self.base}_{moment_text(self.to)}", commands
 
@@ -239,22 +220,16 @@ class RestRuns(RunGroup):
     kind: Literal["rest"] = "rest"
     duration_s: float
 
-    own_name: ClassVar[str] = "rest"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive(self, "duration_s")
-
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         yield self.base, ((0.0, self.duration_s),)
 
 
 _CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestRuns)
-KINDS: Mapping[str, type[RunGroup]] = {str(vars(one)["kind"]): one for one in _CLASSES}
+KINDS: Mapping[str, type[RunGroup]] = {str(vars(group)["kind"]): group for group in _CLASSES}
 
 
 def group_from(table: object, codec: Codec, place: Place) -> RunGroup:
-    """The group held by one [[runs]] table. Raises SettingError with the key's path."""
+    """Read the group in one [[runs]] table. Raises SettingError with the key's path."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(kind, str) or kind not in KINDS:
         raise codec.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
@@ -262,13 +237,13 @@ def group_from(table: object, codec: Codec, place: Place) -> RunGroup:
 
 
 def moment_text(moment: float) -> str:
-    """A moment or force in a file name: signed, with a decimal point."""
+    """Write a moment or force for a file name: signed, with a decimal point."""
     text = f"{moment:+.10g}"
     return text if set(text) & {".", "e"} else f"{text}.0"
 
 
 def time_to_turn(angle: float, moment: float, drag: Resistance) -> float:
-    """Time [s] in which the vehicle goes `angle` [rad or m] from rest under a constant moment or force."""
+    """Return the time [s] in which the vehicle goes `angle` [rad or m] from rest under a constant moment or force."""
     net = abs(moment + drag.constant)
     if net == 0:
         raise SettingError(

@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.models.entries import number_at
+from automarine_cli.models.store import number_at
 from automarine_cli.pipeline.records import Codec, Place, Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats

@@ -29,11 +29,9 @@ from blind_cases import JUST, LAWS, OTHER_BASE, PAIRS, STRANGE, Campaign, Case, 
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.estimates import base_estimates
-from automarine_cli.diagnosis.gap import gap
-from automarine_cli.diagnosis.refits import add_effect
 from automarine_cli.diagnosis.scores import probes
-from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.diagnosis.search import Trial, add_effect
+from automarine_cli.diagnosis.verdict import base_estimates, gap
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.models.yaw_model import YawModel

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.step_response import StepData, step_data
+from automarine_cli.fits.half_turns import StepData, step_data
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run

@@ -20,7 +20,7 @@ from made_driven import Sea, steered
 
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven_fit import beside_forecasts, fit_driven, widened
+from automarine_cli.fits.driven import beside_forecasts, fit_driven, widened
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.report.tables import Table

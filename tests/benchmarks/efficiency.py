@@ -9,10 +9,10 @@ from bounds import bound, fisher_information
 from campaigns import INERTIA, K_RR, NOISE, PERIOD, known_half_turns, make_campaign
 from numpy.typing import NDArray
 
+from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.known import Known
-from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns
-from automarine_cli.fits.step_response import StepData, half_turn_data
-from automarine_cli.fits.velocity_error import fit_velocity_error
+from automarine_cli.fits.paper import fit_velocity_error
+from automarine_cli.fits.whole_runs import OutputErrorFit, fit_half_turns
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table

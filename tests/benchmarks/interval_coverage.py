@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli.errors import FitError
+from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known
-from automarine_cli.fits.output_error import fit_half_turns
-from automarine_cli.fits.step_response import half_turn_data
-from automarine_cli.fits.velocity_error import fit_velocity_error
+from automarine_cli.fits.paper import fit_velocity_error
+from automarine_cli.fits.whole_runs import fit_half_turns
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table

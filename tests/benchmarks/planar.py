@@ -19,8 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
 from made_planar import HIDDEN, campaign
 
-from automarine_cli.diagnosis.planar import PlanarSearch, find_missing
-from automarine_cli.diagnosis.planar_where import find_planar_where
+from automarine_cli.diagnosis.planar import PlanarSearch, find_missing, find_planar_where
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_structure import observed
 from automarine_cli.models.planar import Inertia, PlanarModel

@@ -13,12 +13,10 @@ from automarine_cli.comparison.rollouts import roll
 from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import follow
-from automarine_cli.filters.prediction import carried, shown_channel
+from automarine_cli.filters.kalman import carried, follow, shown_channel
 from automarine_cli.fits.driven import driven_problem
 from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 

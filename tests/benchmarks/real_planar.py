@@ -19,11 +19,9 @@ from real_baseline import BEFORE, HORIZONS, STEP, causal_state
 from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
-from automarine_cli.filters.prediction import carried_by
-from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, search
-from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+from automarine_cli.filters.kalman import carried_by
+from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, of_model_alone, search
 from automarine_cli.fits.planar_structure import Observed, observed
-from automarine_cli.fits.planar_use import of_model_alone
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run

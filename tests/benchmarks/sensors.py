@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from specified import make_runs
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
+from automarine_cli.diagnosis.search import Trial as Explained
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.trials import Trial as Explained
+from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
 from automarine_cli.dofs import YAW
+from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known
-from automarine_cli.fits.output_error import fit_half_turns
-from automarine_cli.fits.step_response import half_turn_data
+from automarine_cli.fits.whole_runs import fit_half_turns
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress

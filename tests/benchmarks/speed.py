@@ -17,9 +17,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from automarine_cli.dofs import YAW
+from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.known import Known
-from automarine_cli.fits.output_error import fit_half_turns
-from automarine_cli.fits.step_response import StepData, half_turn_data
+from automarine_cli.fits.whole_runs import fit_half_turns
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table

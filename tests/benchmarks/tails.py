@@ -16,8 +16,8 @@ from campaigns import BOTH_SIDES, INERTIA, make_campaign
 from interval_coverage import HEADER, LOW, Outcome, misses, summarise, summary_rows
 from interval_coverage import Trial as Intervals
 
-from automarine_cli.fits.step_response import half_turn_data
-from automarine_cli.fits.velocity_error import fit_velocity_error
+from automarine_cli.fits.half_turns import half_turn_data
+from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table

@@ -188,8 +188,9 @@ SLOW = """
 import sys, time
 from pathlib import Path
 import click
-from automarine_cli.commands import automarine, main
-from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.__main__ import main
+from automarine_cli.commands import automarine
+from automarine_cli.pipeline.results_folder import result_folder
 
 def body():
     settings = dict(command="try", options={}, inputs=(), seed=None, overwrite=False)

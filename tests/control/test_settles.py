@@ -11,7 +11,9 @@ from click.testing import Result
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
+from automarine_cli.control import tuning
 from automarine_cli.control.knowledge import read_knowledge
+from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.manifest import MANIFEST
 from automarine_cli.simulation.specification import SCHEMA
 
@@ -78,6 +80,24 @@ def test_an_unknown_delay_is_planned_for(run: Run, tmp_path: Path) -> None:
     assert planned["parameters"]["input-delay t_d"]["new_runs"]["stderr"] < 0.02
     dry = run("tune", str(path), "--for", "python", "--full", "30")
     assert "Such runs are planned with -o DIR, into DIR/settles." in dry.stdout
+
+
+def test_a_tuning_whose_plan_fails_is_written_with_a_warning(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lenient_figures: None
+) -> None:
+    def refuse(*files: object, **settings: object) -> None:
+        raise SettingError("the limits allow no campaign")
+
+    monkeypatch.setattr(tuning, "make_plan", refuse)
+    path, out = written(tmp_path / "model.json", model("N m", 30.0, [])), tmp_path / "out"
+    result = run("tune", str(path), "--for", "python", "--full", "30", "-o", str(out))
+    warning = (
+        "The runs that settle it could not be planned (the limits allow no campaign); everything else was written."
+    )
+    assert result.exit_code == 0 and f"Warning: {warning}" in result.stderr
+    assert json.loads((out / MANIFEST).read_text())["warnings"] == [warning]
+    assert (out / "tuning.json").is_file() and not (out / "settles").exists()
+    assert "settles/plan.md" not in (out / "tuning.md").read_text()
 
 
 def curve(variable: str) -> tuple[str, dict[str, Any]]:

@@ -98,7 +98,7 @@ def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
     table = list(csv.reader(io.StringIO((out / "gains.csv").read_text())))
     assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 9
     assert json.loads(json.dumps(again.to_json())) == result
-    assert "settling_s" in repr(again) and len(again.to_frame()) == len(result["gains"])
+    assert "settles after [s]" in repr(again) and len(again.to_frame()) == len(result["gains"])
 
 
 @pytest.mark.parametrize(("delay", "margin"), [(0.01, 0.75), (0.02, 0.6)])

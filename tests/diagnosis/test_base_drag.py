@@ -9,12 +9,10 @@ from few_candidates import few_candidates
 
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
-from automarine_cli.diagnosis.estimates import base_estimates
-from automarine_cli.diagnosis.refits import add_effect, trial_of
 from automarine_cli.diagnosis.scores import law_of
-from automarine_cli.diagnosis.search import drag_right, without_idle_drag
+from automarine_cli.diagnosis.search import STANDS, Trial, add_effect, drag_right, trial_of, without_idle_drag
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.trials import STANDS, Trial
+from automarine_cli.diagnosis.verdict import base_estimates
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 

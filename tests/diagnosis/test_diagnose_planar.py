@@ -13,12 +13,9 @@ from click.testing import CliRunner
 from made_planar import HIDDEN, campaign, log
 
 from automarine_cli.commands import automarine
-from automarine_cli.diagnosis.planar import Contender, PlanarSearch, find_missing, foretold
-from automarine_cli.diagnosis.planar_candidates import base_of
-from automarine_cli.diagnosis.planar_where import find_planar_where
-from automarine_cli.diagnosis.where import Region
-from automarine_cli.fits.planar_fit import Estimated
-from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+from automarine_cli.diagnosis.planar import Contender, PlanarSearch, base_of, find_missing, find_planar_where, foretold
+from automarine_cli.diagnosis.residual_regions import Region
+from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 from effect_contract import base_for, long_plans, measured, unmeasured
 
-from automarine_cli.diagnosis import crowd
-from automarine_cli.diagnosis.crowd import compensating, one_instead
-from automarine_cli.diagnosis.refits import add_effect, trial_of
+from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.scores import score
-from automarine_cli.diagnosis.search import may_stand
+from automarine_cli.diagnosis.search import Round, Trial, add_effect, compensating, may_stand, one_instead, trial_of
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.trials import Round, Trial
 from automarine_cli.models.yaw_model import YawModel
 
 BASE = base_for("")
@@ -85,7 +82,7 @@ def test_effects_that_undo_each_other_are_told(
     one = replace(both, evidence=base.evidence - alone)
     covariance = np.eye(4)
     covariance[2, 3] = covariance[3, 2] = -correlation  # the more bias, the more drift has to hide it
-    monkeypatch.setattr(crowd, "without", lambda *_: one)
+    monkeypatch.setattr(search, "without", lambda *_: one)
     monkeypatch.setattr(Study, "covariance", lambda *_: covariance)
     found = compensating(study, base, both)
     assert bool(found) == told

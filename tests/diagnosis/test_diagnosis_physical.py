@@ -2,7 +2,7 @@
 
 import pytest
 
-from automarine_cli.diagnosis.physical import drag_drives
+from automarine_cli.diagnosis.scores import drag_drives
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 

@@ -5,11 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from automarine_cli.diagnosis.bins import STANDS_OUT, of_runs, of_samples, over_variables
+from automarine_cli.diagnosis.residual_regions import (
+    STANDS_OUT,
+    Column,
+    columns,
+    direction,
+    edges,
+    find_where,
+    gaps,
+    of_runs,
+    of_samples,
+    over_variables,
+)
+from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.trials import Trial
-from automarine_cli.diagnosis.variables import Column, columns, direction, edges
-from automarine_cli.diagnosis.where import find_where, gaps
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import general_advice

@@ -17,10 +17,10 @@ from automarine_cli import effects
 from automarine_cli.commands import automarine
 from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
-from automarine_cli.diagnosis.learned import ties
+from automarine_cli.diagnosis.learned_curve import ties
+from automarine_cli.diagnosis.search import Found, Trial
 from automarine_cli.diagnosis.smooth import places, prior_of, smoothed
 from automarine_cli.diagnosis.study import Study
-from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.effects import State
 from automarine_cli.effects.learned import KNOTS, basis, roughness

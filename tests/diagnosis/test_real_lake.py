@@ -13,10 +13,10 @@ from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven_fit import beside_forecasts, fit_driven
+from automarine_cli.fits.driven import beside_forecasts, fit_driven
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.whole_runs import rough_model
-from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import read_column_map
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.load import load_runs

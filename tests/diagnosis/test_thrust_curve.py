@@ -10,11 +10,10 @@ import pytest
 
 import automarine_cli as am
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.refits import trial_of
+from automarine_cli.diagnosis.search import curved, gain_exponent, trial_of
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.thrust_curve import curved, gain_exponent
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 

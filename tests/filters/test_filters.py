@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from automarine_cli.dofs import YAW
-from automarine_cli.filters.course import make_course
-from automarine_cli.filters.kalman import Followed, Noises, follow
-from automarine_cli.filters.nodes import APART, LEAST_STEP
-from automarine_cli.filters.prediction import SETTLING, predict, shown_channel
+from automarine_cli.filters.course import APART, LEAST_STEP, make_course
+from automarine_cli.filters.kalman import SETTLING, Followed, Noises, follow, predict, shown_channel
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 

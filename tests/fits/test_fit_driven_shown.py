@@ -8,8 +8,7 @@ import pytest
 from made_driven import Sea, steered
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.identify import identify_turns
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.identify import YawFit, identify_turns
 from automarine_cli.report.sections import sections
 from automarine_cli.report.yaw_report import sentences, tables
 

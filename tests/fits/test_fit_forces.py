@@ -13,8 +13,7 @@ from specified import read_specification
 from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.identify import YawFit, starts_at_rest
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.results.estimate import Estimate

@@ -15,12 +15,11 @@ from scipy.optimize import least_squares
 
 from automarine_cli.commands import automarine
 from automarine_cli.commands.fit_planar import fit_planar
-from automarine_cli.diagnosis.planar_candidates import base_of, candidates
+from automarine_cli.diagnosis.planar import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, Tried, search
-from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarLikelihood, Tried, search
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes, rough_velocities
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
@@ -230,7 +229,7 @@ def test_tied_models_simulate_as_what_they_stand_for() -> None:
 
 
 def test_logs_to_a_folder_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("automarine_cli.fits.planar_likelihood.PlanarLikelihood", Scripted)
+    monkeypatch.setattr("automarine_cli.fits.planar_fit.PlanarLikelihood", Scripted)
     for seed in range(2):
         log(made(seed), tmp_path)
     fit = fit_planar([tmp_path], out=tmp_path / "out")

@@ -15,7 +15,7 @@ from made_campaigns import campaign, moving_run
 from made_runs import INERTIA, K_RR, written
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.runs.run import Run
 
 Command = Callable[..., Result]

@@ -8,8 +8,8 @@ from identified import identify
 from made_campaigns import PAPER, both_ways, campaign
 from made_sequences import sequence_run
 
-from automarine_cli.fits.channel_noise import channel_noises, channels_json
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.innovations import channel_noises, channels_json
 from automarine_cli.runs.run import Run
 
 SIZES = (0.2, 0.4, 0.6, 0.8, 1.0)

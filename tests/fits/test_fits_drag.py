@@ -13,8 +13,8 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
-from automarine_cli.fits import drag
-from automarine_cli.fits.drag import DragFit, identity_gap, nested_test, without_noise
+from automarine_cli.fits import paper
+from automarine_cli.fits.paper import DragFit, identity_gap, nested_test, without_noise
 
 Floats = NDArray[np.float64]
 
@@ -25,12 +25,12 @@ PRINTED = {"k3": 1.257, "k2": 1.259, "k_r": 0.02753}  # its Table 1
 
 def fit_drag(moment: Floats, rate: Floats, model: str, unit: str = "nu", variance: Floats | float = 0.0) -> DragFit:
     """A reading of Table 1 of yaw."""
-    return drag.fit_drag(moment, rate, model, unit, YAW, variance=variance)
+    return paper.fit_drag(moment, rate, model, unit, YAW, variance=variance)
 
 
 def regressors(rate: Floats, model: str) -> Floats:
     """Its regressors."""
-    return drag.regressors(rate, model, drag.columns_of(model, YAW))
+    return paper.regressors(rate, model, paper.columns_of(model, YAW))
 
 
 def points(seed: int = 0, k_r: float = 0.1, k_rr: float = 1.2, noise: float = 0.05) -> tuple[Floats, Floats]:

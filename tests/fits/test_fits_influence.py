@@ -7,13 +7,10 @@ import pytest
 from made_campaigns import both_ways, campaign
 from made_runs import mirrored
 
-from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
-from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
-from automarine_cli.fits.mixed_problem import Slot
-from automarine_cli.fits.output_error import run_covariance
-from automarine_cli.fits.run_effects import Block, RunEffects
-from automarine_cli.fits.step_problem import step_problem
-from automarine_cli.fits.step_response import half_turn_data
+from automarine_cli.fits.half_turns import half_turn_data, step_problem
+from automarine_cli.fits.linear_mixed import Block, RunEffects
+from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed
+from automarine_cli.fits.whole_runs import covariance_of_changes, degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 

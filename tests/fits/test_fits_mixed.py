@@ -10,11 +10,8 @@ from tolerances import assert_close
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.gram import Gram, Grams
-from automarine_cli.fits.mixed_model import fit_mixed
-from automarine_cli.fits.mixed_problem import Problem, Slot
-from automarine_cli.fits.run_effects import Block, RunEffects
-from automarine_cli.fits.variances import choose_variances, deviance, scored_deviance
+from automarine_cli.fits.linear_mixed import Block, Gram, Grams, RunEffects, choose_variances, deviance, scored_deviance
+from automarine_cli.fits.mixed_model import Problem, Slot, fit_mixed
 
 Floats = NDArray[np.float64]
 

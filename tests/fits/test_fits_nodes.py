@@ -8,14 +8,12 @@ from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits import nodes as room
-from automarine_cli.fits import output_error
+from automarine_cli.fits import half_turns as room
+from automarine_cli.fits import whole_runs
+from automarine_cli.fits.half_turns import COUNTS, StepData, half_turn_data, nodes_of, step_data, step_problem
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.mixed_model import Problem, derivatives
-from automarine_cli.fits.nodes import COUNTS, nodes_of
-from automarine_cli.fits.output_error import fit_half_turns
-from automarine_cli.fits.step_problem import step_problem
-from automarine_cli.fits.step_response import StepData, half_turn_data, step_data
+from automarine_cli.fits.whole_runs import fit_half_turns
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.half_turn import half_turns
 
@@ -62,7 +60,7 @@ def test_a_fit_at_nodes_is_the_fit_to_all_samples(
     fast_logged: StepData, number: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     short = fit_half_turns(fast_logged, number, START, "nu", Known())
-    monkeypatch.setattr(output_error, "COUNTS", ())
+    monkeypatch.setattr(whole_runs, "COUNTS", ())
     whole = fit_half_turns(fast_logged, number, START, "nu", Known())
     for name, estimate in whole.estimates.items():
         found = short.estimates[name]
@@ -100,7 +98,7 @@ def test_as_many_nodes_are_taken_as_the_answer_needs(inertia: float, monkeypatch
     data = sharp(inertia)
     short = fit_half_turns(data, "3", (2.0 * inertia, 1.0, 1.0), "nu", Known())
     assert (len(asked) > 1) == (inertia < 0.5)
-    monkeypatch.setattr(output_error, "COUNTS", ())
+    monkeypatch.setattr(whole_runs, "COUNTS", ())
     whole = fit_half_turns(data, "3", (2.0 * inertia, 1.0, 1.0), "nu", Known())
     for name, estimate in whole.estimates.items():
         assert abs(short.estimates[name].value - estimate.value) < 1e-2 * estimate.stderr
@@ -134,8 +132,8 @@ def test_many_runs_fitted_in_two_steps_are_fitted_as_in_one(
     runs = campaign(3 * tuple(both_ways(ODD_MOMENTS)), seed=4, gain_scatter=0.05, vehicle=VEHICLES[number])
     data = half_turn_data(half_turns(runs if side == "as it is" else [mirrored(run) for run in runs])[0])
     once = fit_half_turns(data, number, START, "nu", Known())
-    monkeypatch.setattr(output_error, "MANY_RUNS", 35)
-    monkeypatch.setattr(output_error, "ITERATIONS_OF_MANY", 60)  # few runs take as many as they take at once
+    monkeypatch.setattr(whole_runs, "MANY_RUNS", 35)
+    monkeypatch.setattr(whole_runs, "ITERATIONS_OF_MANY", 60)  # few runs take as many as they take at once
     asked: list[int] = []
     some = StepData.some
     monkeypatch.setattr(StepData, "some", lambda self, count: asked.append(count) or some(self, count))

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from automarine_cli.dofs import HEAVE, YAW, Dof
+from automarine_cli.fits.half_turns import COUNTS, StepData, step_data, step_problem
 from automarine_cli.fits.known import Known
-from automarine_cli.fits.mixed_model import derivatives, fit_mixed
-from automarine_cli.fits.mixed_problem import Problem
-from automarine_cli.fits.nodes import COUNTS
-from automarine_cli.fits.step_problem import step_problem
-from automarine_cli.fits.step_response import StepData, step_data
+from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
 from automarine_cli.models.closed_form import response
 
 MOMENTS = np.array([0.4, -0.4, 0.8, -0.8, 1.1, -1.1])

@@ -8,16 +8,20 @@ from made_driven import Sea, steered
 
 from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.filters.course import make_course
-from automarine_cli.filters.kalman import follow, smoothed
-from automarine_cli.filters.prediction import Predicted, predict
-from automarine_cli.fits.driven import base_starts, driven_problem
-from automarine_cli.fits.driven_fit import Worth, fit_driven, widened
-from automarine_cli.fits.driven_use import Judgement, large_disturbance, prefer_driven
+from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
+from automarine_cli.fits.driven import (
+    Judgement,
+    Worth,
+    base_starts,
+    driven_problem,
+    fit_driven,
+    large_disturbance,
+    prefer_driven,
+    widened,
+)
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
-from automarine_cli.fits.innovations import fit_innovations
-from automarine_cli.fits.innovations_problem import DrivenProblem
-from automarine_cli.fits.output_error import OutputErrorFit
-from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.fits.innovations import DrivenProblem, fit_innovations
+from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.tables import interval
 from automarine_cli.results.estimate import Estimate

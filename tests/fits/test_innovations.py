@@ -19,15 +19,12 @@ from automarine_cli.comparison.validation import ahead_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.fits import driven_models
-from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
-from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits import driven as driven_fits
+from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, fit_driven, starts_near
 from automarine_cli.fits.identify import identify_turns
-from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
-from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.mixed_model import fit_mixed
-from automarine_cli.fits.output_error import OutputErrorFit
-from automarine_cli.fits.whole_runs import rough_model, whole_run_problem
+from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
@@ -250,7 +247,7 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
             raise FitError("these runs do not determine the model: it has no end")
         return fit_driven(course, rough, number)
 
-    monkeypatch.setattr(driven_models, "fit_driven", refusing)
+    monkeypatch.setattr(driven_fits, "fit_driven", refusing)
     runs = steered(3, 1, length=12.0, period=0.02)
     fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
     assert list(fit.output_error) == ["1"]

@@ -19,13 +19,12 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.driven import fit_driven
+from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known, Prior, names_in
-from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns, fit_whole_runs
-from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+from automarine_cli.fits.planar_fit import PlanarLikelihood
 from automarine_cli.fits.planar_structure import OWN, Structure, observed, rough_sizes
-from automarine_cli.fits.step_response import half_turn_data
-from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.fits.whole_runs import OutputErrorFit, fit_half_turns, fit_whole_runs, rough_model
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch

@@ -10,15 +10,23 @@ from scipy import special
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits import planar_likelihood
-from automarine_cli.fits.driven_fit import Worth
+from automarine_cli.fits import planar_fit
+from automarine_cli.fits.driven import Worth
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.outcome import search_of
-from automarine_cli.fits.output_error import run_covariance
-from automarine_cli.fits.planar_fit import FORECASTS, LIKELIHOOD, Choice, Estimated, PlanarFit, Tried
-from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+from automarine_cli.fits.mixed_model import search_of
+from automarine_cli.fits.planar_fit import (
+    FORECASTS,
+    LIKELIHOOD,
+    Choice,
+    Estimated,
+    Forecasts,
+    PlanarFit,
+    PlanarLikelihood,
+    PlanarUse,
+    Tried,
+)
 from automarine_cli.fits.planar_structure import Observed, Structure, observed, rough_sizes
-from automarine_cli.fits.planar_use import Forecasts, PlanarUse
+from automarine_cli.fits.whole_runs import run_covariance
 from automarine_cli.models.tied import Tied
 from automarine_cli.quantities import Floats
 from automarine_cli.report import planar_report
@@ -119,8 +127,8 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
         Tried(one, fake(one.model(rough_sizes(runs)))) for one in (replace(simplest, couplings=("Y_r",)), simplest)
     ]
     told = iter(errors)
-    monkeypatch.setattr(planar_likelihood, "forecasts_of", lambda *_: Forecasts((), {"heading": worth(next(told))}))
-    monkeypatch.setattr(planar_likelihood, "planar_use", lambda *_: None)
+    monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: Forecasts((), {"heading": worth(next(told))}))
+    monkeypatch.setattr(planar_fit, "planar_use", lambda *_: None)
     monkeypatch.setattr(_Fits, "problem", lambda *_: None)
     return _Fits(runs, seen).choose(tried)
 

@@ -11,10 +11,9 @@ from made_campaigns import PAPER, Vehicle, both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.output_error import OutputErrorFit, Preference
-from automarine_cli.fits.yaw_cautions import Caution, design_cautions, fit_cautions, seed_cautions
-from automarine_cli.fits.yaw_fit import YawFit
-from automarine_cli.fits.yaw_warnings import told
+from automarine_cli.fits.cautions import Caution, design_cautions, fit_cautions, seed_cautions, told
+from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.report import yaw_report
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from automarine_cli.errors import RunError
-from automarine_cli.fits.identify import Map, identify_turns
+from automarine_cli.fits.identify import Map, YawFit, identify_turns
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim, half_turns
 from automarine_cli.runs.run import Run

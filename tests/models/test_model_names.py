@@ -10,17 +10,16 @@ from effect_contract import strange_to
 from identified import identify
 from repository import SAMPLE_RUNS
 
+from automarine_cli.diagnosis.residual_regions import columns
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.variables import columns
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, ModelError
+from automarine_cli.fits.cautions import EARLY, LATE, design_cautions, fit_warnings
+from automarine_cli.fits.half_turns import step_data
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.linear_mixed import NotFinite, in_words_of, not_finite
-from automarine_cli.fits.output_error import prefer
-from automarine_cli.fits.step_response import step_data
-from automarine_cli.fits.velocity_error import fit_velocity_error
-from automarine_cli.fits.yaw_cautions import design_cautions
-from automarine_cli.fits.yaw_fit import YawFit
-from automarine_cli.fits.yaw_warnings import EARLY, LATE, fit_warnings
+from automarine_cli.fits.paper import fit_velocity_error
+from automarine_cli.fits.whole_runs import prefer
 from automarine_cli.models.store import yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import general_advice

@@ -12,7 +12,7 @@ from repository import SAMPLE_RUNS
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.campaign_page import alternatives
 from automarine_cli.report.diagnosis_report import page, tables, verdict_sentence

@@ -12,7 +12,7 @@ from made_campaigns import both_ways, campaign, moving_run
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.many import FINE, distinct, lines

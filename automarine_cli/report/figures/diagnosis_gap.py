@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.verdict import NAMED
-from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
 from automarine_cli.report.figures.style import MEASURED, PAGE_IN, house_style, new_figure

@@ -5,9 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from automarine_cli.diagnosis.bins import SIZE, THRUST, Row, Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.where import Where
+from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Row, Variable, Where
 from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.diagnosis_words import BEFORE, MARK, in_words
 from automarine_cli.report.figures.style import PAGE_IN, house_style, new_figure

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.trials import LEVEL
+from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.verdict import SUSPECTED
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure

@@ -1,6 +1,6 @@
 """What the figures of a diagnosis share: colours, and names of variables."""
 
-from automarine_cli.diagnosis.bins import Variable
+from automarine_cli.diagnosis.residual_regions import Variable
 from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.style import COLOURS
 

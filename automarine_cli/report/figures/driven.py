@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from automarine_cli.filters.prediction import shown_channel
-from automarine_cli.fits.driven_use import JUDGED, Use
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.filters.kalman import shown_channel
+from automarine_cli.fits.driven import JUDGED, Use
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
 
 MOST_RUNS, COLUMNS = 12, 3

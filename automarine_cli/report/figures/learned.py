@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
-from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, legend, new_figure
 from automarine_cli.simulation.batch import signals_of
 

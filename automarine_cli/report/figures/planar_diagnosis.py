@@ -8,11 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch
-from automarine_cli.diagnosis.planar_where import judged
-from automarine_cli.diagnosis.where import Where
+from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch, judged
+from automarine_cli.diagnosis.residual_regions import Where
 from automarine_cli.dofs import YAW
-from automarine_cli.filters.prediction import Predicted
+from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.report.figures.diagnosis_where import where_panels
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.driven_use import JUDGED
+from automarine_cli.fits.driven import JUDGED
+from automarine_cli.fits.planar_fit import PlanarUse
 from automarine_cli.fits.planar_structure import PLACES
-from automarine_cli.fits.planar_use import PlanarUse
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
 from automarine_cli.runs.run import Run
 

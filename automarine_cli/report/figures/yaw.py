@@ -9,11 +9,11 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from automarine_cli.comparison.simulated_runs import free_runs
-from automarine_cli.fits.mixed_problem import MixedFit
-from automarine_cli.fits.output_error import OutputErrorFit
-from automarine_cli.fits.step_response import StepData
-from automarine_cli.fits.velocity_error import VelocityErrorFit
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.half_turns import StepData
+from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.mixed_model import MixedFit
+from automarine_cli.fits.paper import VelocityErrorFit
+from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Floats

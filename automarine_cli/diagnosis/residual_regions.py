@@ -1,0 +1,542 @@
+"""Where simulation and measurement disagree: which stretches of which variable stand out against chance.
+
+Two gaps are looked at: the heading measured less simulated, and the disturbance moment, held over two seconds at a
+time, that would make the simulation follow the log. In bins of a variable their means are compared with chance by
+turning the sign of whole runs (a run is the unit: samples within it hang together), the largest mean of a variable
+against the largest that chance gives. Variables that belong to a whole run are compared with the run's own thrust
+gain and the size of its gap, by permuting the runs.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.diagnosis.given import disturbance, missed
+from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
+from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.quantities import Floats
+from automarine_cli.runs.run import ASKED
+
+FEWEST_IN_A_BIN = 2
+"""Runs that a bin needs: one run alone says nothing about chance."""
+OF_THE_RUN = 0.1
+"""A column that varies within runs by less than this share of its whole spread is a property of the run."""
+UNITS = {"voltage": "V", "sway": "m/s"}
+"""Of columns that are no velocity of a motion."""
+VELOCITIES = {one.velocity: one.units for one in DOFS.values()}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One variable: values (R, N) with NaN where it means nothing, or (R,) for a property of the whole run; `logged`
+    ones are columns of the logs, called as these call them."""
+
+    name: str
+    unit: str
+    values: Floats
+    logged: bool = False
+
+    @property
+    def of_the_run(self) -> bool:
+        """Whether each run has one value."""
+        return self.values.ndim == 1
+
+
+def columns(study: Study, fitted: Floats) -> list[Column]:
+    """Every variable of the runs of `study`; `fitted` (R, N) are headings smooth enough to differentiate [rad]."""
+    batch = study.batch
+    seen, time, dof = batch.seen, study.time, study.base.dof
+    words = dof.words
+    moment = commanded(study)
+    start = np.array([float(np.median(run.position[:5])) for run in study.runs])
+    measured = np.where(seen, batch.position, np.nan)
+    clock = batch.start
+    order = np.argsort(np.argsort(clock, kind="stable"), kind="stable").astype(np.float64) + 1.0
+    found = [
+        Column("time-since-command-change", "s", since_change(moment, time)),
+        Column("time-in-run", "s", time),
+        Column(_hyphened(words.travelled), dof.units.shown, dof.shown(fitted - fitted[:, :1])),
+        Column(words.position, dof.units.shown, _once_round(dof.shown(measured), dof)),
+        Column(_hyphened(words.rate), f"{dof.units.shown}/s", dof.shown(rates(fitted, time, seen))),
+        Column(words.force, study.base.moment_unit, moment),
+        Column(words.force, study.base.moment_unit, variables_of_runs(study)),
+        Column(f"{words.force}-size", study.base.moment_unit, np.abs(variables_of_runs(study))),
+        Column(f"start-{words.position}", dof.units.shown, _once_round(dof.shown(start), dof)),
+        Column("run-order", "", order),
+        Column("campaign-clock", "s", clock),
+    ]
+    shared = set.intersection(*(set(run.extras) for run in study.runs)) - {ASKED, *PARTS}
+    for name in sorted(shared):
+        values = np.full(seen.shape, np.nan)
+        for row, run in zip(values, study.runs):
+            row[: len(run)] = run.extras[name]
+        units = VELOCITIES.get(name)
+        scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
+        column = of_run_or_sample(name, unit, scale * values)
+        found.append(replace(column, name=_hyphened(dof.words.rate) if name == dof.velocity else name))
+    columns_ = [c if c.of_the_run else replace(c, values=np.where(seen, c.values, np.nan)) for c in found]
+    kept: dict[tuple[str, bool], Column] = {}
+    for column in columns_:
+        if np.isfinite(column.values).any() and np.nanmax(column.values) > np.nanmin(column.values):
+            kept.setdefault((column.name, column.of_the_run), column)
+    return list(kept.values())
+
+
+def _hyphened(words: str) -> str:
+    return words.replace(" ", "-")
+
+
+def _once_round(shown: Floats, dof: Dof) -> Floats:
+    """Headings within a turn; positions that never come back as they are."""
+    return shown % 360.0 if dof.wraps else shown
+
+
+def variables_of_runs(study: Study) -> Floats:
+    """The first moment of each run (R,), NaN where a run has moments of several sizes or none."""
+    first = np.full(len(study.runs), np.nan)
+    for i, run in enumerate(study.runs):
+        pushed = run.command[run.command != 0]
+        if len(pushed) and np.ptp(np.abs(pushed)) < 1e-6 * np.abs(pushed).max():
+            first[i] = pushed[0]
+    return first
+
+
+def commanded(study: Study) -> Floats:
+    """Moment commanded at each sample, (R, N), NaN in the padding."""
+    moment = np.full(study.batch.seen.shape, np.nan)
+    for row, run in zip(moment, study.runs):
+        row[: len(run)] = run.command
+    return moment
+
+
+def direction(study: Study) -> Floats:
+    """Sign of the last moment that was not zero, (R, N); that of the first one before it."""
+    return last_side(np.nan_to_num(commanded(study)))
+
+
+def last_side(moment: Floats) -> Floats:
+    """The same of moments (R, N)."""
+    signs = np.sign(moment)
+    at = np.where(signs != 0, np.arange(moment.shape[1]), -1)
+    at = np.maximum.accumulate(at, axis=1)
+    first = np.argmax(signs != 0, axis=1)
+    return np.take_along_axis(signs, np.where(at < 0, first[:, None], at), axis=1)
+
+
+def rates(heading: Floats, time: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """Yaw rate [rad/s] of each run's headings (R, N), zero in the padding."""
+    out = np.zeros_like(heading)
+    for row, psi, t, here in zip(out, heading, time, seen):
+        row[here] = np.gradient(psi[here], t[here])
+    return out
+
+
+def edges(values: Floats, most: int) -> Floats:
+    """Edges (B + 1,) of at most `most` bins of about equal numbers of `values`; one bin a value where there are few."""
+    values = values[np.isfinite(values)]
+    different = np.unique(np.round(values, 9))
+    if len(different) <= most:
+        inner = 0.5 * (different[1:] + different[:-1])
+        margin = 0.5 * float(np.min(np.diff(different), initial=np.inf))
+        margin = margin if np.isfinite(margin) else 0.5
+        return np.concatenate([[different[0] - margin], inner, [different[-1] + margin]])
+    cut = np.unique(np.quantile(values, np.linspace(0.0, 1.0, most + 1)))
+    far = [b for a, b in pairwise(cut) if b - a > 1e-9 * np.ptp(cut)]
+    cut = np.array([cut[0], *far])
+    if cut[0] < 0 < cut[-1] and len(cut) > 2:
+        cut[1 + int(np.argmin(np.abs(cut[1:-1])))] = 0.0  # no bin mixes the two sides
+        cut = np.unique(cut)
+    cut[-1] += 1e-9 * max(abs(cut[-1]), 1.0)
+    return cut
+
+
+def since_change(moment: Floats, time: Floats) -> Floats:
+    """Time since the command last changed, NaN before it ever did."""
+    changed = np.zeros(moment.shape, dtype=bool)
+    changed[:, 1:] = np.diff(moment, axis=1) != 0
+    changed[:, 0] = moment[:, 0] != 0
+    at = np.maximum.accumulate(np.where(changed, np.arange(moment.shape[1]), -1), axis=1)
+    since = time - np.take_along_axis(time, np.maximum(at, 0), axis=1)
+    return np.where(at >= 0, since, np.nan)
+
+
+def of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
+    """A logged column as a property of the run, (R,), where it hardly changes within runs (R, N)."""
+    with_data = np.isfinite(values).any(axis=1)
+    if not with_data.all():
+        return Column(name, unit, values, logged=True)
+    whole = float(np.nanstd(values))
+    within = float(np.sqrt(np.nanmean((values - np.nanmean(values, axis=1, keepdims=True)) ** 2)))
+    if within < OF_THE_RUN * whole or within < 1e-12:
+        return Column(name, unit, np.asarray(np.nanmean(values, axis=1)), logged=True)
+    return Column(name, unit, values, logged=True)
+
+
+STANDS_OUT = 0.05
+SURE = 0.01
+"""Share of campaigns with nothing missing in which any variable may have bins that stand out: beside one that has,
+something is missing."""
+MOST_BINS = 12
+THRUST, SIZE = "thrust", "size"
+"""The gaps of whole runs: in their own gain of the thrust, and in how large theirs is."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way to average the gap in bins: `mean` (B,) with its standard error over runs, `t` (B,) and p (B,).
+
+    `directed` means that gaps count along the moment: what mirrors with the command adds up. `p` is family-wise over
+    the variable's bins and rows; degrees for headings, the moment's unit, or per cent for the thrust gain.
+    """
+
+    kind: str
+    directed: bool
+    unit: str
+    mean: Floats
+    error: Floats
+    t: Floats
+    p: Floats
+
+
+@dataclass(frozen=True)
+class Variable:
+    """The gap in the bins of one variable; `p_value` is corrected for the number of variables, and `logged`
+    is whether it is called as the logs call it."""
+
+    name: str
+    unit: str
+    of_the_run: bool
+    edges: Floats
+    middle: Floats
+    rows: tuple[Row, ...]
+    p_value: float
+    stands_out: NDArray[np.bool_]
+    logged: bool = False
+
+    @property
+    def telling(self) -> Row:
+        """The row that stands out most."""
+        return max(self.rows, key=lambda row: float(np.nanmax(np.abs(row.t), initial=0.0)))
+
+
+def of_samples(
+    column: Column, kinds: Mapping[str, tuple[str, Floats]], sign: Floats, flips: Floats
+) -> tuple[Variable, Floats] | None:
+    """Bin samples; compare sums over runs with those of runs whose signs are turned at random."""
+    cut = edges(column.values, MOST_BINS)
+    count = len(cut) - 1
+    if count < 2:
+        return None
+    which = np.where(np.isfinite(column.values), np.digitize(np.nan_to_num(column.values), cut[1:-1]), -1)
+    member = which[None] == np.arange(count)[:, None, None]  # (B, R, N)
+    samples = member.sum(axis=2).T.astype(float)  # (R, B)
+    enough = (samples > 0).sum(axis=0) >= FEWEST_IN_A_BIN
+    rows, chance = [], np.zeros(len(flips))
+    for kind, (unit, gap) in kinds.items():
+        for directed in (False, True):
+            values = gap * sign if directed else gap
+            sums = np.einsum("brn,rn->rb", member, values)
+            spread = np.sqrt(np.maximum((sums**2).sum(axis=0), 1e-300))
+            t = np.where(enough, sums.sum(axis=0) / spread, 0.0)
+            chance = np.maximum(chance, np.abs((flips @ sums)[:, enough] / spread[enough]).max(axis=1, initial=0))
+            total = np.maximum(samples.sum(axis=0), 1.0)
+            mean = np.where(enough, sums.sum(axis=0) / total, np.nan)
+            around = sums - samples * np.nan_to_num(mean)
+            error = np.where(enough, np.sqrt((around**2).sum(axis=0)) / total, np.nan)
+            rows.append(Row(kind, directed, unit, mean, error, t, np.ones(count)))
+    middle = np.array([np.mean(column.values[which == b]) if (which == b).any() else np.nan for b in range(count)])
+    return _tested(column, cut, middle, rows, chance)
+
+
+def of_runs(
+    column: Column, gain: Floats, mirrored: Floats, size: Floats, drawn: Floats, unit: str = "%"
+) -> tuple[Variable, Floats] | None:
+    """Bin runs; compare the bins' mean gain [unit], and size of the gap, with those of runs drawn in another order."""
+    have = np.isfinite(column.values)
+    values, count = column.values[have], int(have.sum())
+    cut = edges(values, int(np.clip(count // 4, 4, MOST_BINS)))
+    bins = len(cut) - 1
+    if bins < 2 or count < 2 * FEWEST_IN_A_BIN:
+        return None
+    which = np.digitize(values, cut[1:-1])
+    member = (which[:, None] == np.arange(bins)).astype(float)
+    number = member.sum(axis=0)
+    enough = (number >= FEWEST_IN_A_BIN) & (number < count)
+    orders = np.argsort(drawn[:, have], axis=1)
+    rows, chance = [], np.zeros(len(drawn))
+    looks = ((THRUST, False, unit, gain), (THRUST, True, unit, gain * mirrored), (SIZE, False, "log", size))
+    for kind, directed, unit, look in looks:
+        centred = look[have] - look[have].mean()
+        error = max(float(centred.std(ddof=1)), 1e-12) / np.sqrt(np.maximum(number, 1.0))
+        mean = np.where(number > 0, centred @ member / np.maximum(number, 1.0), np.nan)
+        t = np.where(enough, np.nan_to_num(mean) / error, 0.0)
+        by_chance = centred[orders] @ member / np.maximum(number, 1.0) / error
+        chance = np.maximum(chance, np.abs(by_chance[:, enough]).max(axis=1, initial=0))
+        rows.append(Row(kind, directed, unit, mean, error, t, np.ones(bins)))
+    middle = np.array([np.mean(values[which == b]) if (which == b).any() else np.nan for b in range(bins)])
+    return _tested(column, cut, middle, rows, chance)
+
+
+def _tested(column: Column, cut: Floats, middle: Floats, rows: list[Row], chance: Floats) -> tuple[Variable, Floats]:
+    """The variable with p-values from the largest |t| that chance gives over all its bins and rows."""
+    found = []
+    for row in rows:
+        above = _as_large(chance, np.abs(row.t))
+        found.append(replace(row, p=np.asarray((1.0 + above) / (1.0 + len(chance)), dtype=float)))
+    p_value = min(float(row.p.min()) for row in found)
+    nothing = np.zeros(len(middle), dtype=bool)
+    variable = Variable(
+        column.name, column.unit, column.of_the_run, cut, middle, tuple(found), p_value, nothing, column.logged
+    )
+    return variable, chance
+
+
+def _as_large(chance: Floats, values: Floats) -> NDArray[np.int64]:
+    """How many draws give as much as each value or more. Few runs have few different draws, so many are the same but
+    for rounding, which must not decide."""
+    return np.asarray(len(chance) - np.searchsorted(np.sort(chance), values * (1 - 1e-9), side="left"))
+
+
+def over_variables(found: list[tuple[Column, Variable, Floats]]) -> list[tuple[Column, Variable]]:
+    """Step-down least p over the variables (Westfall and Young 1993): like Holm's, but variables that say the same,
+    such as run order and clock, count once because all are judged in the same draws."""
+    if not found:
+        return []
+    draws = len(found[0][2])
+    null = np.array([_as_large(chance, chance) / draws for _, _, chance in found])
+    order = sorted(range(len(found)), key=lambda i: found[i][1].p_value)
+    corrected, least = {}, 0.0
+    for rank, i in enumerate(order):
+        smallest = np.sort(null[order[rank:]].min(axis=0))
+        bins = np.min([row.p for row in found[i][1].rows], axis=0)
+        own = (1.0 + np.searchsorted(smallest, bins, side="right")) / (1.0 + draws)
+        least = max(least, float(own.min()))
+        corrected[i] = (np.maximum(own, least), least)
+    return [
+        (column, replace(variable, p_value=p, stands_out=(bins < STANDS_OUT) & (p < SURE)))
+        for (column, variable, _), (bins, p) in zip(found, (corrected[i] for i in range(len(found))))
+    ]
+
+
+PERMUTATIONS = 2000
+ODD_RUN = 2.0
+"""A run takes part in a region where its own mean there is this many times what heading noise gives."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A stretch of one variable in which the gap stands out; `gap` is the mean that repeats from run to run, as shown.
+
+    `seen_in` says which gap shows it: that of the position, of the moment or force, of "thrust" (a run's own gain) or
+    its "size". `share` is the part
+    of the gap above the noise that lies in the region.
+    """
+
+    variable: str
+    low: float
+    high: float
+    unit: str
+    gap: float
+    p_value: float
+    runs: tuple[str, ...]
+    share: float
+    seen_in: str
+
+    def to_json(self, unit: str) -> dict[str, object]:
+        """The contract's form; `unit` ends the key of the gap."""
+        return {
+            "variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit,
+            f"gap_{unit}": self.gap, "p_value": self.p_value, "runs": list(self.runs), "share": self.share,
+            "seen_in": self.seen_in,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Where:
+    """Everything that the figure and the result need; residual headings (R, N) [rad], zero in the padding.
+
+    `columns` hold each variable's values, `sign` (R, N) the side to which the last moment pushed, `gain` (R,) each
+    run's own thrust [%]; `moment` (R, N) is the disturbance moment at each sample [the moment's unit].
+    """
+
+    variables: tuple[Variable, ...]
+    columns: tuple[Column, ...]
+    regions: tuple[Region, ...]
+    names: tuple[str, ...]
+    residual: Floats
+    moment: Floats
+    sign: Floats
+    gain: Floats
+    mean_moment: Floats
+    time: Floats
+    seen: NDArray[np.bool_]
+    floor: float
+    moment_unit: str
+    dof: Dof
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What is left of R runs at N samples, as in `Where`; `raw` (R, N) is what is left if every run has the same
+    thrust. `shown` turns it into the unit in which people see it."""
+
+    names: tuple[str, ...]
+    residual: Floats
+    raw: Floats
+    sign: Floats
+    seen: NDArray[np.bool_]
+    gain: Floats
+    floor: float
+    gain_unit: str = "%"
+    shown: Callable[[float], float] = float
+
+
+@dataclass(frozen=True)
+class Looked:
+    """Variables with their columns, and the regions in which a gap stands out, the surest first."""
+
+    variables: tuple[Variable, ...]
+    columns: tuple[Column, ...]
+    regions: tuple[Region, ...]
+
+
+def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap, seed: int) -> Looked:
+    """Look at a gap against the columns `of` its runs; `kinds` are what is averaged over samples (R, N), with its unit,
+    by name. `seed` draws the signs of the runs."""
+    drawn = np.random.default_rng(seed).random((PERMUTATIONS, len(gap.names)))
+    found: list[tuple[Column, Variable, Floats]] = []
+    for column in of:
+        if column.of_the_run:
+            mirrored = np.sign(gap.sign.sum(axis=1))
+            looked = of_runs(column, gap.gain, mirrored, _size(gap.residual, gap.seen), drawn, gap.gain_unit)
+        else:
+            looked = of_samples(column, kinds, gap.sign, np.where(drawn < 0.5, -1.0, 1.0))
+        if looked is not None:
+            found.append((column, *looked))
+    judged = over_variables(found)
+    regions = [region for column, variable in judged for region in _regions(column, variable, gap)]
+    regions.sort(key=lambda region: (region.p_value, -region.share))
+    return Looked(tuple(variable for _, variable in judged), tuple(column for column, _ in judged), tuple(regions))
+
+
+def find_where(study: Study, base: Trial, seed: int) -> Where:
+    """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
+    residual, moment = gaps(study, base)
+    batch, dof = study.batch, study.base.dof
+    raw = without_gains(study, base)
+    fitted = np.where(batch.seen, batch.position - residual, 0.0)
+    sign = np.where(batch.seen, direction(study), 0.0)
+    gain = 100.0 * base.fit.own(GAIN)[:, 0]
+    kinds = {
+        dof.words.position: (dof.units.shown, dof.shown(residual)),
+        THRUST: (dof.units.shown, dof.shown(raw)),
+        dof.words.force: (study.base.moment_unit, moment),
+    }
+    gap = Gap(batch.names, residual, raw, sign, batch.seen, gain, study.floor, shown=dof.shown)
+    looked = look(columns(study, fitted), kinds, gap, seed)
+    pushed = [run.command[run.command != 0] for run in study.runs]
+    return Where(
+        variables=looked.variables,
+        columns=looked.columns,
+        regions=looked.regions,
+        names=batch.names,
+        residual=residual,
+        moment=moment,
+        sign=sign,
+        gain=gain,
+        mean_moment=np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]),
+        time=study.time,
+        seen=batch.seen,
+        floor=study.floor,
+        moment_unit=study.base.moment_unit,
+        dof=dof,
+    )
+
+
+def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
+    """Residual headings [rad] of a trial on the runs it was fitted to, and the disturbance moment, both (R, N).
+
+    The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit.
+    """
+    if isinstance(trial.fit, InnovationsFit):
+        return missed(study, trial.model, trial.fit), disturbance(study, trial.model, trial.fit)
+    problem, batch = study.problem(trial.model), study.batch
+    residual = study.residual(trial.fit.fitted)
+    b = trial.fit.run_effects
+    lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
+    windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+    problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
+    fitted, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
+    gram = problem.gram(by_phi, by_run, fitted, b)
+    variances = choose_variances(gram, problem.effects, trial.fit.variances)
+    b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
+    window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
+    inertia = trial.model.index(trial.model.dof.parameter("inertia"))
+    held = np.take_along_axis(trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
+    return residual, np.where(batch.seen, trial.fit.theta[inertia] * held, 0.0)
+
+
+def without_gains(study: Study, trial: Trial) -> Floats:
+    """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
+    if isinstance(trial.fit, InnovationsFit):
+        return missed(study, trial.model, trial.fit)
+    problem = study.problem(trial.model)
+    b = trial.fit.run_effects.copy()
+    trial.fit.effects.of(b, GAIN)[...] = 0.0
+    return study.residual(problem.readings(trial.fit.phi, b))
+
+
+def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """Logarithm of each run's root mean square gap, (R,)."""
+    return np.asarray(0.5 * np.log(np.maximum((residual**2).sum(axis=1) / seen.sum(axis=1), 1e-18)))
+
+
+def _regions(column: Column, variable: Variable, gap: Gap) -> list[Region]:
+    """Neighbouring bins that stand out together, to the same side, are one region."""
+    side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
+    changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
+    values = column.values[:, None] if column.of_the_run else column.values
+    found = []
+    for begin, end in pairwise(changes):
+        if side[begin] == 0:
+            continue
+        low, high = float(variable.edges[begin]), float(variable.edges[end])
+        with np.errstate(invalid="ignore"):
+            inside = gap.seen & (values >= low) & (values < high)
+        row = max(variable.rows, key=lambda r: float(np.abs(r.t[begin:end]).max()))
+        found.append(_region(column, variable, gap, (low, high), row.kind, inside))
+    return found
+
+
+def _region(
+    column: Column, variable: Variable, gap: Gap, ends: tuple[float, float], kind: str, inside: NDArray[np.bool_]
+) -> Region:
+    """One region: its gap, the runs that show it, and its share of the whole gap above the noise."""
+    residual = gap.raw if kind == THRUST else gap.residual
+    count = max(int(inside.sum()), 1)
+    square = residual**2 - gap.floor**2
+    excess = float((square * inside).sum())
+    if column.of_the_run:
+        size = float(np.sqrt(max(excess / count, 0.0)))
+    else:
+        sums = ((residual * inside).sum(), (residual * gap.sign * inside).sum())
+        size = max(abs(float(one)) for one in sums) / count
+    samples = np.maximum(inside.sum(axis=1), 1)
+    mean = np.abs((residual * inside).sum(axis=1)) / samples
+    rough = (square * inside).sum(axis=1) / samples > 0.5 * gap.floor**2
+    taking = inside.any(axis=1) & ((mean > ODD_RUN * gap.floor / np.sqrt(samples)) | rough)
+    share = excess / max(float((square * gap.seen).sum()), 1e-300)
+    return Region(
+        variable.name, *ends, variable.unit, float(gap.shown(size)), variable.p_value,
+        tuple(name for name, part in zip(gap.names, taking) if part),
+        float(np.clip(share, 0.0, 1.0)), kind,
+    )  # fmt: skip

@@ -1,0 +1,854 @@
+"""The paper's method: steady rate and velocity error of each half-turn's tail, drag from the rates, inertia
+from the errors.
+
+Tail: the straight end of a half-turn. Its line has the steady rate as slope; its intercept at the instant of
+the step, less the start heading, is the velocity error (equation 5). Inertia follows by equation 7 (model
+1), 9 (model 3) or their common generalisation (model 2) with the drag of Table 1. All tails start at one angle, where
+drag and inertia are expected to be off least (tail_choice.py). What is known to bias them is taken off: the closed form
+of a rough model says by how much a line through this tail misses the steady one, the noise of the rates what it
+dilutes (drag.py).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from automarine_cli.dofs import Dof
+from automarine_cli.errors import FitError, SettingError
+from automarine_cli.fits.half_turns import STEP_RESPONSE_AT_ONCE, StepData
+from automarine_cli.fits.linear_mixed import solve_scaled
+from automarine_cli.models.closed_form import inertia_from_velocity_error, response, velocity_error
+from automarine_cli.models.yaw_model import base_roles, main_drag, steady_rate
+from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
+
+WITH_CONSTANT, C = "3+c", "c"
+"""The reading of Table 1 with a constant moment, and what it is called there."""
+
+FEWEST_A_WAY = 3
+"""Runs each way from which on it is asked whether drag differs."""
+
+MOST_DILUTED = 0.5
+"""Share of a sum that is taken off as noise at most: where more is noise, what is left says little."""
+
+
+@dataclass(frozen=True)
+class DragFit:
+    """Least squares of one drag model of a motion: estimates by name; SSE [moment²], AICc and residuals (R,) [moment]
+    of the plain least squares.
+
+    `variance` (R,) [rad²/s²] is that of the rates whose dilution was taken off, `dilution` by how much that moved each
+    estimate from the plain least squares, `explained` [moment²] what of the moments' squares the model explains;
+    `influence` (R, p) is how far each run moves the estimates.
+    """
+
+    model: str
+    dof: Dof
+    estimates: dict[str, Estimate]
+    sse: float
+    aicc: float
+    residuals: Floats
+    variance: Floats
+    dilution: Mapping[str, float]
+    explained: float
+    influence: Floats
+
+    def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
+        """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on the way that it
+        goes."""
+        return self.acting_with(moment, [e.value for e in self.estimates.values()])
+
+    def acting_with(self, moment: Floats, values: Iterable[float]) -> tuple[Floats, Floats | float, Floats | float]:
+        """The same with other values, in the order of the estimates."""
+        own, symbols = dict(zip(self.estimates, values)), self.dof.symbols
+        linear, quadratic = own.get(symbols.linear, 0.0), own.get(symbols.quadratic, 0.0)
+        moment = moment + own.get(symbols.constant, 0.0)
+        if not self.sided:
+            return moment, linear, quadratic
+        more = np.sign(moment) * own[symbols.difference]
+        return (moment, linear + more, quadratic) if self.model == "1" else (moment, linear, quadratic + more)
+
+    @property
+    def drag(self) -> tuple[float, float]:
+        """Linear and quadratic drag, zero where the model has no such term."""
+        return self._value("linear"), self._value("quadratic")
+
+    @property
+    def sided(self) -> bool:
+        """Whether drag differs between the two ways."""
+        return self.dof.symbols.difference in self.estimates
+
+    def _value(self, role: str) -> float:
+        name = self.dof.parameters[role]
+        return self.estimates[name].value if name in self.estimates else 0.0
+
+    def moved_by(self, influence: Floats) -> "DragFit":
+        """The same with intervals that know of this influence of the runs (R, p) on the estimates beside its own."""
+        total = self.influence + influence
+        stderr = np.sqrt(np.sum(total**2, axis=0))
+        spare = len(total) - len(self.estimates)
+        own = {
+            name: Estimate.from_stderr(e.value, error, spare, e.unit)
+            for (name, e), error in zip(self.estimates.items(), stderr)
+        }
+        return replace(self, estimates=own, influence=total)
+
+
+@dataclass(frozen=True)
+class NestedTest:
+    """F test of model 3 within model 2: statistic, degrees of freedom, p-value."""
+
+    f: float
+    dof: tuple[int, int]
+    p_value: float
+
+
+def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
+    """Parameters of a reading of Table 1 of a motion, by what they are, in the order of the regressors."""
+    return ("quadratic", C) if model == WITH_CONSTANT else base_roles(model, dof, sided)[1:]
+
+
+def regressors(rate: Floats, model: str, columns: Sequence[str]) -> Floats:
+    """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
+    known = {"quadratic": np.abs(rate) * rate, "linear": rate, C: np.ones_like(rate), "constant": -np.ones_like(rate)}
+    known["difference"] = np.abs(rate) if model == "1" else rate**2
+    return np.stack([known[name] for name in columns], axis=1)
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Each run's part of the normal equations of a drag model, noise of the rates taken off: squares (R, p, p), their
+    products with the moment (R, p)."""
+
+    squares: Floats
+    products: Floats
+
+    def solve(self) -> tuple[Floats, Floats]:
+        """Values (p,) and the inverse (p, p) of the sum of squares."""
+        inverse = np.linalg.inv(self.squares.sum(axis=0))
+        return inverse @ self.products.sum(axis=0), inverse
+
+
+def sums(moment: Floats, rate: Floats, variance: Floats | float, model: str, columns: Sequence[str]) -> Sums:
+    """The normal equations of moments (R,) on the regressors of rates (R,) of that variance [rad²/s²]."""
+    power = np.array([_power(role, model) for role in columns])
+    hermite = without_noise(rate, variance)
+    sign = np.sign(regressors(np.sign(rate), model, columns))
+    products = sign * hermite[:, power] * moment[:, None]
+    return Sums(sign[:, :, None] * sign[:, None, :] * hermite[:, power[:, None] + power], products)
+
+
+def _power(role: str, model: str) -> int:
+    """Power of the rate with which a parameter of a drag model goes."""
+    return {"quadratic": 2, "linear": 1, "difference": 1 if model == "1" else 2}.get(role, 0)
+
+
+def without_noise(rate: Floats, variance: Floats | float) -> Floats:
+    """Powers 0 to 4 of the size of rates (R,) without what noise of this variance adds to their means, (R, 5)."""
+    w, v = np.abs(rate), np.broadcast_to(variance, rate.shape)
+    powers = [np.ones_like(w), w, w**2 - v, w**3 - 3.0 * v * w, w**4 - 6.0 * v * w**2 + 3.0 * v**2]
+    return np.stack(powers, axis=1)
+
+
+def fit_drag_by_way(
+    moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof, variance: Floats | float = 0.0
+) -> DragFit:
+    """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
+    ways = np.sum(rate > 0), np.sum(rate < 0)
+    if not dof.directional or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
+        return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
+    try:
+        apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True, variance=variance)
+    except FitError:
+        return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
+    low, high = apart.estimates[dof.symbols.difference].ci95
+    return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
+
+
+def fit_drag(
+    moment: Floats,
+    rate: Floats,
+    model: str,
+    moment_unit: str,
+    dof: Dof,
+    sided: bool = False,
+    variance: Floats | float = 0.0,
+) -> DragFit:
+    """Fit one drag model to steady points: moments (R,) and rates (R,) [rad/s] of known variance [rad²/s²], 0 or (R,).
+
+    Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
+    """
+    columns = columns_of(model, dof, sided)
+    x = regressors(rate, model, columns)
+    points, count = x.shape
+    if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
+        sizes = len(np.unique(np.round(np.abs(moment), 9)))
+        raise FitError(
+            f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of {dof.words.force} as it "
+            f"has drag terms ({count}); there are {points} at {sizes}: run more {dof.words.force}s"
+        )
+    plain = sums(moment, rate, 0.0, model, columns)
+    variance = np.broadcast_to(variance, rate.shape) * _credible(plain, moment, rate, variance, model, columns)
+    kept = sums(moment, rate, variance, model, columns)
+    values, inverse = kept.solve()
+    without = plain.solve()[0]
+    residuals = moment - x @ without
+    leverage = np.einsum("rp,pk,rk->r", x, inverse, x)
+    score = (kept.products - kept.squares @ values) / np.maximum(1.0 - leverage, 1e-6)[:, None]
+    influence = score @ inverse
+    stderr = np.sqrt(np.sum(influence**2, axis=0))
+    sse = float(residuals @ residuals)
+    estimates = {
+        dof.parameters.get(role, role): Estimate.from_stderr(
+            v, e, points - count, dof.unit_of(_like(role, model), moment_unit)
+        )
+        for role, v, e in zip(columns, values, stderr)
+    }
+    dilution = dict(zip(estimates, (values - without).tolist()))
+    explained = float(kept.products.sum(axis=0) @ values)
+    aicc = _aicc(sse, points, count)
+    return DragFit(model, dof, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
+
+
+def _credible(
+    plain: Sums, moment: Floats, rate: Floats, variance: Floats | float, model: str, columns: Sequence[str]
+) -> float:
+    """The share of the variance whose dilution can be taken off: all, but where it would be most of some sum."""
+    squares = plain.squares.sum(axis=0)
+    noise = squares - sums(moment, rate, variance, model, columns).squares.sum(axis=0)
+    worst = float(np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max())
+    return min(1.0, MOST_DILUTED / worst) if worst > 0 else 1.0
+
+
+def _like(role: str, model: str) -> str:
+    """What has the same unit: the difference between two ways is one of the drag that the model always has."""
+    return main_drag(model) if role == "difference" else "constant" if role == C else role
+
+
+def _aicc(sse: float, points: int, parameters: int) -> float:
+    """Akaike's criterion corrected for few points (Hurvich and Tsai 1989); the noise variance counts as a
+    parameter."""
+    k = parameters + 1
+    correction = 2.0 * k * (k + 1) / (points - k - 1) if points > k + 1 else np.inf
+    return float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)
+
+
+def nested_test(small: DragFit, large: DragFit) -> NestedTest:
+    """Does the larger of two nested models explain more than chance would? Both with the same noise taken off."""
+    more = len(large.estimates) - len(small.estimates)
+    rest = len(large.residuals) - len(large.estimates)
+    f = max(large.explained - small.explained, 0.0) / more / max(large.sse / rest, 1e-300)
+    return NestedTest(float(f), (more, rest), float(special.fdtrc(more, rest, f)))
+
+
+def identity_gap(rate: Floats, k3: float, k2: float, k_r: float, variance: Floats | float = 0.0) -> float:
+    """k3 - (k2 + k_r sum|r|³/sum r⁴): zero for any least-squares pair of models 3 and 2, whatever the data; the sums
+    are those without noise of the rates.
+
+    The first normal equation of model 2 divided by that of model 3. The paper's printed pair breaks it:
+    1.257 - 1.259 = -0.002 with k_r = +0.02753, where at least +0.028 is needed.
+    """
+    cubes, fourths = without_noise(rate, variance)[:, 3:].sum(axis=0)
+    return float(k3 - k2 - k_r * cubes / fourths)
+
+
+Mask = NDArray[np.bool_]
+
+FEWEST_TAIL_SAMPLES = 3
+
+EARLIEST, LATEST = 15.0, 165.0
+"""Of half a turn, [degrees]: before it nothing is steady, after it nothing is left."""
+
+
+@dataclass(frozen=True)
+class TailLines:
+    """Straight ends of R half-turns: steady rate (R,) [rad/s], velocity error (R,) [rad], samples used (R,
+    N)."""
+
+    rate: Floats
+    error: Floats
+    used: Mask
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines through the ends of R runs from A places each, all (R, A): rate [rad/s], intercept at time 0 [rad],
+    samples, their mean time [s] and their sum of squared times about it [s²]."""
+
+    rate: Floats
+    error: Floats
+    count: Floats
+    mean: Floats
+    spread: Floats
+
+
+def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask, dof: Dof) -> TailLines:
+    """Least-squares line through the used samples of each run: shapes (..., R, N); slope and intercept at
+    time 0."""
+    count = used.sum(axis=-1)
+    if np.any(count < FEWEST_TAIL_SAMPLES):
+        raise _too_few(int(count.min()), dof)
+    mean_t = np.sum(time * used, axis=-1) / count
+    mean_h = np.sum(heading * used, axis=-1) / count
+    spread = (time - mean_t[..., None]) * used
+    rate = np.sum(spread * (heading - mean_h[..., None]), axis=-1) / np.sum(spread**2, axis=-1)
+    return TailLines(rate, mean_h - rate * mean_t - start_heading, used)
+
+
+def lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[np.int64], dof: Dof) -> Lines:
+    """Least-squares lines from the samples `first` (R, A) of each run to its last, by sums from behind."""
+    runs = np.arange(len(time))[:, None]
+    last = last_sample(seen)[:, None]
+
+    def summed(x: Floats) -> Floats:
+        return np.asarray(np.cumsum(x[:, ::-1], axis=1)[:, ::-1][runs, first])
+
+    t, h = (np.where(seen, x - np.take_along_axis(x, last, axis=1), 0.0) for x in (time, heading))
+    count, sum_t, sum_h = summed(seen.astype(float)), summed(t), summed(h)
+    sum_tt, sum_th = summed(t * t), summed(t * h)
+    if np.any(count < FEWEST_TAIL_SAMPLES):
+        raise _too_few(int(count.min()), dof)
+    spread = sum_tt - sum_t**2 / count
+    rate = (sum_th - sum_t * sum_h / count) / spread
+    mean = sum_t / count + np.take_along_axis(time, last, axis=1)
+    mean_h = sum_h / count + np.take_along_axis(heading, last, axis=1)
+    return Lines(rate, mean_h - rate * mean, count, mean, spread)
+
+
+def first_past(turned: Floats, time: Floats, seen: Mask, starts: Floats) -> NDArray[np.int64]:
+    """First sample (R, A) of each run whose noise-free turned angle (R, N) is past each start (A,) [rad]; at most so
+    late that a few samples are left."""
+    last, begun = last_sample(seen), np.argmax(seen & (time > 0), axis=1)
+    few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
+    # noise-free turns go one way: what is past an angle is what comes after the first sample past it
+    past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(turned, last)]
+    return np.minimum(past, few[:, None])
+
+
+def last_share(time: Floats, seen: Mask, share: float) -> Mask:
+    """Samples in the last share of the time since the step."""
+    end = np.where(seen, time, -np.inf).max(axis=1)
+    return seen & (time >= (1.0 - share) * end[:, None])
+
+
+def last_sample(seen: Mask) -> NDArray[np.int64]:
+    """Index of the last sample of each run, (R,)."""
+    return np.asarray(seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1))
+
+
+def noise_about_lines(time: Floats, heading: Floats, used: Mask, dof: Dof) -> float:
+    """Root mean square [rad] of the headings about the line of each run."""
+    lines = tail_lines(time, heading, np.zeros(len(time)), used, dof)
+    off = heading - lines.error[:, None]
+    off -= lines.rate[:, None] * time
+    off = off[used]
+    return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
+
+
+def asked_tail(tail: float | None, dof: Dof) -> float | None:
+    """The place [rad or m] where a person wants the tails to start, given as logs hold positions: degrees or metres.
+
+    Raises SettingError where no tail could be.
+    """
+    if tail is None:
+        return None
+    if dof.wraps and not EARLIEST <= tail <= LATEST:
+        raise SettingError(f"tail is {tail:g}; expected {EARLIEST:g} to {LATEST:g} degrees")
+    if not (tail > 0 and np.isfinite(tail)):
+        raise SettingError(f"tail is {tail:g}; expected metres above 0")
+    return float(dof.inner(tail))
+
+
+def checked_tail(tail: float, names: Sequence[str], heading: Floats, seen: Mask, dof: Dof) -> None:
+    """Raises FitError where a run, of headings (R, N) less their start, does not get as far as `tail` [rad or m]."""
+    far = np.abs(np.where(seen, heading, 0.0)).max(axis=1)
+    short = int(np.argmin(far))
+    if far[short] <= tail:
+        raise FitError(
+            f"the tails are to start at {dof.shown(tail):.0f} {dof.units.shown}, but {names[short]} ends at "
+            f"{dof.shown(float(far[short])):.0f} {dof.units.shown}; let them start earlier, or leave that run out"
+        )
+
+
+def _too_few(samples: int, dof: Dof) -> FitError:
+    return FitError(
+        f"only {samples} samples in the steady tail of a {dof.words.step} where {FEWEST_TAIL_SAMPLES} are needed; "
+        f"log the {dof.words.position} faster, or drop the highest {dof.words.force}s"
+    )
+
+
+@dataclass(frozen=True)
+class InertiaTable:
+    """Table 2 for one model: inertia of each run (R,), mean at each moment, overall with its interval, and the
+    influence of each run on it (R,)."""
+
+    per_run: Floats
+    per_moment: Mapping[float, float]
+    overall: Estimate
+    influence: Floats
+
+    def moved_by(self, influence: Floats) -> "InertiaTable":
+        """The same with an interval that knows of this influence of the runs (R,) on the inertia beside its own."""
+        total = self.influence + influence
+        stderr = float(np.sqrt(total @ total))
+        overall = Estimate.from_stderr(self.overall.value, stderr, len(total) - 1, self.overall.unit)
+        return replace(self, overall=overall, influence=total)
+
+
+def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, dof: Dof) -> InertiaTable | None:
+    """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
+    refitted.
+
+    None where the drag has no steady rate at some moment: the least squares of model 2 may make k_rr negative.
+    """
+    error = tails.error
+    per_run = inertia_from_velocity_error(error, *drag.acting(moment))
+    levels = np.unique(moment)
+    per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
+    left_out = _without_each(moment, error, drag, _refitted(moment, tails.rate, drag))
+    if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
+        return None
+    count = len(moment)
+    influence = np.sqrt((count - 1) / count) * (left_out.mean() - left_out)
+    stderr = float(np.sqrt(influence @ influence))
+    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, dof.unit_of("inertia", moment_unit))
+    return InertiaTable(per_run, per_moment, overall, influence)
+
+
+def _refitted(moment: Floats, rate: Floats, drag: DragFit) -> Floats:
+    """Drag (R, p) without each run in turn: from the normal equations less one run."""
+    columns = columns_of(drag.model, drag.dof, drag.sided)
+    unit = np.abs(regressors(rate, drag.model, columns)).max(axis=0)
+    every = sums(moment, rate, drag.variance, drag.model, columns)
+    squares, products = every.squares / (unit[:, None] * unit), every.products / unit
+    return solve_scaled(squares.sum(axis=0) - squares, products.sum(axis=0) - products) / unit
+
+
+def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats) -> Floats:
+    """Mean inertia (R,) without each run in turn, by the drag refitted without it, (R, p)."""
+    columns = columns_of(drag.model, drag.dof, drag.sided)
+    if len(columns) == 1:  # equations 7 and 9: inertia goes with the square of linear drag, or with quadratic drag
+        one, power = ((1.0, 0.0), 2) if columns == ("linear",) else ((0.0, 1.0), 1)
+        each = inertia_from_velocity_error(error, moment, *one)
+        return np.asarray((each.sum() - each) / (len(each) - 1) * refitted[:, 0] ** power)
+    means = []
+    for i, values in enumerate(refitted):
+        keep = np.arange(len(moment)) != i
+        acting = drag.acting_with(moment[keep], values.tolist())
+        means.append(float(np.mean(inertia_from_velocity_error(error[keep], *acting))))
+    return np.array(means)
+
+
+SHARES = np.arange(30.0, 166.0, 5.0) / 180.0
+"""Of half a turn, or of the way of the run that went least: where a tail may start."""
+
+BIAS_LIMIT = 0.005
+"""Bias of the last of these tails up to which a campaign counts as steady."""
+
+LEFT = 0.25
+"""Share of a bias that is taken to be left when it has been taken off by the rough model."""
+
+STEP = 1e-4
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A model good enough to say when a turn is steady: moment that acts on each run (R,), its drag, inertia."""
+
+    inertia: float
+    fit: DragFit
+    acting: tuple[Floats, Floats | float, Floats | float]
+
+    def answer(self, time: Floats) -> Floats:
+        """Noise-free headings (R, N)."""
+        moment, k_r, k_rr = (np.broadcast_to(x, len(time))[:, None] for x in self.acting)
+        parts = [slice(i, i + STEP_RESPONSE_AT_ONCE) for i in range(0, len(time), STEP_RESPONSE_AT_ONCE)]
+        return np.concatenate([response(time[p], moment[p], self.inertia, k_r[p], k_rr[p])[0] for p in parts])
+
+    def balance(self, rate: Floats) -> tuple[Floats, Floats]:
+        """Moment of the drag of each run at rates (R, A), and its slope on the rate."""
+        k_r, k_rr = (np.asarray(x)[..., None] for x in self.acting[1:])
+        return k_r * rate + k_rr * np.abs(rate) * rate, k_r + 2.0 * k_rr * np.abs(rate)
+
+    def moved(self, inertia: float, drag: float) -> "Reference":
+        """The same with more inertia and drag by these factors."""
+        moment, k_r, k_rr = self.acting
+        return replace(self, inertia=inertia * self.inertia, acting=(moment, drag * k_r, drag * k_rr))
+
+    def read(self, tails: TailLines) -> tuple[Floats, Floats]:
+        """Logarithms of inertia and of the factor of the drag by the tails, and the influence of each run on them
+        (R, 2)."""
+        drag, _ = (x[:, 0] for x in self.balance(tails.rate[:, None]))
+        moment, k_r, k_rr = self.acting
+        squares = drag @ drag
+        factor = float(drag @ moment / squares)
+
+        def inertia(drag: float) -> Floats:
+            return inertia_from_velocity_error(tails.error, moment, drag * k_r, drag * k_rr)
+
+        each = inertia(factor)
+        by_drag = (inertia(factor * (1.0 + STEP)).mean() / each.mean() - 1.0) / STEP
+        of_drag = drag * (moment - factor * drag) / (factor * squares)
+        of_inertia = (each / each.mean() - 1.0) / len(each) + by_drag * of_drag
+        return np.log([each.mean(), factor]), np.stack([of_inertia, of_drag], axis=1)
+
+    def thrust_scatter(self, rate: Floats, variance: Floats) -> float:
+        """Relative scatter of the moment from run to run that the rates (R,), of this variance by themselves, show."""
+        moment, (drag, slope) = self.acting[0], (x[:, 0] for x in self.balance(rate[:, None]))
+        spare = len(rate) / max(len(rate) - len(self.fit.estimates), 1)
+        left = spare * np.sum((moment - drag) ** 2) - np.sum(slope**2 * variance)
+        return float(np.sqrt(max(left, 0.0) / np.sum(moment**2)))
+
+    def thrust_variance(self, thrust: float) -> Floats:
+        """Variance (R,) of the steady rates by a relative scatter of the moment."""
+        slope = self.balance(steady_rate(*self.acting)[:, None])[1][:, 0]
+        return np.asarray((thrust * self.acting[0] / slope) ** 2)
+
+    def like(self, other: "Reference", share: float) -> bool:
+        """Whether the two differ by less than that share of inertia and drag."""
+        mine, others = (np.array([one.inertia, *one.fit.drag]) for one in (self, other))
+        return bool(np.abs(mine - others).max() <= share * np.abs(others).max())
+
+    def steady(self, tails: TailLines, time: Floats) -> TailLines:
+        """The tails without the part that is not steady yet: what a line through as much of the noise-free turn
+        lacks."""
+        lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used, self.fit.dof)
+        rate = tails.rate * steady_rate(*self.acting) / lines.rate
+        moment, *drag = self.acting
+        return TailLines(rate, tails.error + velocity_error(moment, self.inertia, *drag) - lines.error, tails.used)
+
+
+def reference(
+    moment: Floats, tails: TailLines, variance: Floats | float, dof: Dof, models: Sequence[str] = ("1", "2", "3")
+) -> Reference:
+    """That of the models of Table 1 that explains both rates and velocity errors best for its number of terms.
+
+    Thrust that scatters bends Table 1, but hardly moves the velocity errors: of model 3 they are the same at all
+    moments, of model 1 they grow. Raises FitError where the best has no positive drag and inertia.
+    """
+    found = []
+    for model in models:
+        try:
+            fit = fit_drag_by_way(moment, tails.rate, model, dof.units.forces[0], dof, variance)
+        except FitError:
+            if model != "2":
+                raise
+            continue
+        acting = fit.acting(moment)
+        each = inertia_from_velocity_error(tails.error, *acting)
+        inertia = float(each.mean())
+        left = float(np.sum((tails.error * (1.0 - inertia / each)) ** 2))
+        if np.isfinite(left) and (model != "2" or min(fit.drag) > 0 or len(models) == 1):
+            loss = fit.aicc + len(moment) * np.log(max(left, TINY))
+            found.append((loss, Reference(inertia, fit, acting)))
+    best = min(found, key=lambda one: one[0], default=(0.0, None))[1]
+    if best is None or not best.inertia > 0 or max(best.fit.drag) <= 0:
+        raise FitError(
+            dof.fill(
+                "the {step}s give a negative {inertia} or drag: the {position} runs ahead of its steady line or "
+                "against the {force}; "
+                "check the sign of the {force} and of the {position} (--columns), and that each step starts from rest"
+            )
+        )
+    return best
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What tails from A places, `start` (A,) [rad or m], are expected to give: relative bias of inertia and drag
+    (2, A) of lines through turns that are not steady yet, of drag by dilution (A,), and relative standard error of
+    inertia and drag (2, A)."""
+
+    start: Floats
+    bias: Floats
+    dilution: Floats
+    noise: Floats
+
+    @property
+    def error(self) -> Floats:
+        """Root mean square error (2, A) to be expected of inertia and drag, the known bias taken off."""
+        bias = self.bias + np.stack([0.0 * self.dilution, self.dilution])
+        return np.hypot(LEFT * bias, self.noise)
+
+    def best(self) -> int:
+        """The place where inertia and drag together are off least."""
+        return int(np.argmin(np.sum(self.error**2, axis=0)))
+
+    def told(self, dof: Dof, given: bool) -> str:
+        """Where the tails start and why, of one place."""
+        bias = 100.0 * self.bias + np.array([0.0, 100.0 * float(self.dilution)])
+        parts = [
+            f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {own:+.2g} %)"
+            for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, bias)
+        ]
+        why = "as asked; errors to be expected there" if given else "where the errors to be expected are smallest"
+        return (
+            f"Tails start at {dof.shown(float(self.start)):.0f} {dof.units.shown}, {why}: {parts[1]}, {parts[0]}. "
+            "The bias, of what is not steady yet and of noise that dilutes Table 1, is known and was taken off; a "
+            "quarter of it counts as error."
+        )
+
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        """For the result file, of one place; shares of the value."""
+        return {
+            name: {"error": float(error), "noise": float(noise), "bias": float(own)}
+            for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.bias)
+        } | {"dilution": float(self.dilution)}
+
+    def at(self, i: int) -> "Expected":
+        """One of the places alone."""
+        return Expected(self.start[i], self.bias[:, i], self.dilution[i], self.noise[:, i])
+
+
+def starts(data: StepData) -> Floats:
+    """Where a tail may start [rad or m]."""
+    ways = np.abs(np.where(data.seen, data.heading, 0.0)).max(axis=1)
+    return np.asarray(SHARES * (data.dof.limits.trim if np.isfinite(data.dof.limits.trim) else ways.min()))
+
+
+def expected(time: Floats, data: StepData, model: Reference, noise: float, thrust: float, start: Floats) -> Expected:
+    """Bias and noise of tails that start at `start` (A,); `noise` [rad] of the heading, relative scatter of `thrust`.
+
+    Drag is the factor of the reference's drag, by least squares of the moment on it; inertia the mean over the runs.
+    """
+    exact = model.answer(time)
+    lines = lines_to_the_end(time, exact, data.seen, first_past(exact, time, data.seen, start), data.dof)
+    moment, k_r, k_rr = (np.asarray(x)[..., None] for x in model.acting)
+    drag, slope = model.balance(lines.rate)
+    squares = (drag**2).sum(axis=0)
+    factor = (moment * drag).sum(axis=0) / squares
+
+    def inertia(more: float) -> Floats:
+        known = factor * (1.0 + more)
+        return np.asarray(inertia_from_velocity_error(lines.error, moment, known * k_r, known * k_rr))
+
+    each = inertia(0.0)
+    mean = each.mean(axis=0)
+    by_drag = (inertia(STEP).mean(axis=0) / mean - 1.0) / STEP
+    of_rate, of_error, shared = _of_lines(lines.count, lines.mean, lines.spread, noise)
+    of_error = of_error + (lines.rate**2 * data.interval[:, None] ** 2 / 12.0) + _of_start(data, time, noise)
+    of_rate = of_rate + (thrust * moment / slope) ** 2
+    rate_moves = -drag * slope / squares  # the logarithm of drag
+    error_moves = each / lines.error / (mean * len(time))  # that of inertia
+    of_drag = np.sum(rate_moves**2 * of_rate, axis=0)
+    cross = np.sum(error_moves * rate_moves * shared, axis=0)
+    of_inertia = np.sum(error_moves**2 * of_error, axis=0) + 2.0 * by_drag * cross + by_drag**2 * of_drag
+    return Expected(
+        start,
+        np.stack([mean / model.inertia, factor]) - 1.0,
+        -np.sum(slope**2 * of_rate, axis=0) / squares,
+        np.sqrt(np.stack([of_inertia, of_drag])),
+    )
+
+
+def rate_variance(time: Floats, tails: TailLines, noise: float) -> Floats:
+    """Variance (R,) of the steady rates by the heading's noise alone."""
+    count = tails.used.sum(axis=1)
+    mean = np.sum(time * tails.used, axis=1) / count
+    return np.asarray(noise**2 / np.sum((time - mean[:, None]) ** 2 * tails.used, axis=1))
+
+
+def _of_lines(count: Floats, mean: Floats, spread: Floats, noise: float) -> tuple[Floats, Floats, Floats]:
+    """Variances of slope and intercept of lines, and their covariance, by the heading's noise."""
+    return noise**2 / spread, noise**2 * (1.0 / count + mean**2 / spread), -(noise**2) * mean / spread
+
+
+def _of_start(data: StepData, time: Floats, noise: float) -> Floats:
+    """Variance (R, 1) of the start headings by the rest before the steps; none where they are known without it."""
+    rest = np.sum(data.seen & (time < 0), axis=1, keepdims=True)
+    return np.where(rest > 0, noise**2 / np.maximum(rest, 1), 0.0)
+
+
+TAIL_FEEDBACK_STEP = 1e-3
+"""Relative change of the model's inertia and drag by which the loop is felt."""
+
+MOST_GAIN = 0.9
+"""Of the loop: beyond it the correction hardly settles, and its uncertainty has no end."""
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """The tails when the correcting model has more inertia, or more drag, by `STEP`; influence of each run on the
+    logarithms of both, once round the loop and for ever on, (R, 2)."""
+
+    moved: tuple[TailLines, TailLines]
+    influence: Floats
+
+    def on_drag(self, moment: Floats, fit: DragFit) -> DragFit:
+        """A drag fit with intervals that know of the correction."""
+        values = np.array([e.value for e in fit.estimates.values()])
+        slopes = [(self._values(moment, fit, tails) - values) / TAIL_FEEDBACK_STEP for tails in self.moved]
+        return fit.moved_by(self.influence @ np.array(slopes))
+
+    def on_inertia(self, moment: Floats, fit: DragFit, table: InertiaTable) -> InertiaTable:
+        """Table 2 for the drag of `fit` with an interval that knows of the correction."""
+        slopes = []
+        for tails in self.moved:
+            acting = fit.acting_with(moment, self._values(moment, fit, tails).tolist())
+            mean = inertia_from_velocity_error(tails.error, *acting).mean()
+            slopes.append((mean - table.overall.value) / TAIL_FEEDBACK_STEP)
+        return table.moved_by(self.influence @ np.array(slopes))
+
+    @staticmethod
+    def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:
+        return sums(moment, tails.rate, fit.variance, fit.model, columns_of(fit.model, fit.dof, fit.sided)).solve()[0]
+
+
+def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
+    """Of the model that corrects the `raw` tails (lines as they are)."""
+    here, influence = model.read(model.steady(raw, time))
+    factors = ((1.0 + TAIL_FEEDBACK_STEP, 1.0), (1.0, 1.0 + TAIL_FEEDBACK_STEP))
+    moved = tuple(model.moved(*factor).steady(raw, time) for factor in factors)
+    loop = np.stack([(model.read(tails)[0] - here) / TAIL_FEEDBACK_STEP for tails in moved], axis=1)
+    gain = float(np.abs(np.linalg.eigvals(loop)).max())
+    loop *= min(1.0, MOST_GAIN / max(gain, MOST_GAIN))
+    return Feedback((moved[0], moved[1]), influence @ np.linalg.inv(np.eye(2) - loop).T)
+
+
+MODELS: tuple[str, ...] = ("1", "2", "3")
+
+ROUNDS = 8
+PLACED = 2
+"""Rounds in which the tails may still move; then only their correction does."""
+
+SETTLED = 1e-6
+"""Relative change of the correcting model below which it has settled."""
+
+
+@dataclass(frozen=True)
+class VelocityErrorFit:
+    """Tables 1 and 2 by the paper's method.
+
+    `tail_from` [rad] turned angle at which the tail starts, `given` whether it was asked for; `expected` what bias and
+    noise were expected of it, `steady` whether any tail has a bias within BIAS_LIMIT. `tails` have the bias
+    taken off; `variance` (R,) [rad²/s²] is that of their rates, which scatter by `thrust` (relative, of the
+    moment) beside the heading's noise. `inertia["2"]` or
+    `drag["2"]` is absent where the moments cannot carry model 2, `inertia["2"]` also where its drag has no steady rate.
+    """
+
+    tail_from: float
+    given: bool
+    expected: Expected
+    steady: bool
+    tails: TailLines
+    variance: Floats
+    thrust: float
+    drag: Mapping[str, DragFit]
+    inertia: Mapping[str, InertiaTable]
+
+    @property
+    def bias(self) -> tuple[float, float]:
+        """Relative bias of inertia and drag that the tail has by itself, and that was taken off."""
+        return float(self.expected.bias[0]), float(self.expected.bias[1])
+
+    def tail_because(self, dof: Dof) -> str:
+        """Where the tails start and why, in a sentence or two."""
+        return self.expected.told(dof, self.given)
+
+
+def fit_velocity_error(
+    data: StepData,
+    start_heading: Floats,
+    offset: float = 0.0,
+    moment_unit: str = "nu",
+    models: Sequence[str] = ("1", "2", "3", "3+c"),
+    tail: float | None = None,
+) -> VelocityErrorFit:
+    """Run the paper's method on half-turns, for some of the readings of Table 1 (see drag.py).
+
+    `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
+    share of its switch interval (the logger's convention); `tail` [rad or m] is where the tails start, None: where
+    they are best. Raises FitError where too few runs or samples are left.
+    """
+    time, words = data.time - offset * data.interval[:, None], data.dof.words
+    if len(data.moment) < 3 or len(np.unique(np.abs(data.moment))) < 2:
+        raise FitError(
+            f"{len(data.moment)} {words.step}s at {len(np.unique(np.abs(data.moment)))} sizes of {words.force} are "
+            "too few for Table 1; "
+            f"run at least 3 steps at 2 {words.force}s"
+        )
+    found = _settled(time, data, start_heading, tail)
+    variance = rate_variance(time, found.tails, found.noise)
+    variance = variance + found.model.thrust_variance(found.thrust)
+    more = feedback(found.model, found.raw, time)
+    drag, inertia = {}, {}
+    for name, fit in _drag(data, found.tails.rate, variance, moment_unit, models).items():
+        drag[name] = more.on_drag(data.moment, fit)
+        table = inertia_table(data.moment, found.tails, fit, moment_unit, data.dof) if name != "3+c" else None
+        if table is not None:
+            inertia[name] = more.on_inertia(data.moment, fit, table)
+    i = found.place
+    return VelocityErrorFit(
+        float(found.expected.start[i]),
+        tail is not None,
+        found.expected.at(i),
+        bool(np.abs(found.expected.bias).max(axis=0).min() <= BIAS_LIMIT),
+        found.tails,
+        variance,
+        found.thrust,
+        drag,
+        inertia,
+    )
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """Tails, `raw` and with the bias taken off, and the model by which, which follows from them; noise [rad] of the
+    headings, relative scatter of the thrust, what was expected of each place and which was taken."""
+
+    raw: TailLines
+    tails: TailLines
+    model: Reference
+    noise: float
+    thrust: float
+    expected: Expected
+    place: int
+
+
+def _settled(time: Floats, data: StepData, start_heading: Floats, tail: float | None) -> _Settled:
+    """Tails placed and corrected by a model that is found from them: a few rounds settle both."""
+    dof, seen = data.dof, data.seen
+    tails = tail_lines(time, data.heading, start_heading, last_share(time, seen, 0.3), dof)
+    model = reference(data.moment, tails, 0.0, dof)
+    places, kinds = starts(data), MODELS
+    if tail is not None:
+        checked_tail(tail, data.names, data.heading, seen, dof)
+        places = np.append(places, tail)
+    for turn in range(ROUNDS):
+        exact = model.answer(time)
+        noise = noise_about_lines(time, data.heading - exact, tails.used, dof)
+        thrust = model.thrust_scatter(tails.rate, rate_variance(time, tails, noise))
+        if turn < PLACED:
+            grid = expected(time, data, model, noise, thrust, places)
+            place = grid.best() if tail is None else len(places) - 1
+        else:
+            kinds = (model.fit.model,)
+        first = first_past(exact, time, seen, places[place : place + 1])
+        used = seen & (np.arange(time.shape[1]) >= first) & (time > 0)
+        raw = tail_lines(time, data.heading, start_heading, used, dof)
+        tails = model.steady(raw, time)
+        variance = rate_variance(time, tails, noise) + model.thrust_variance(thrust)
+        before, model = model, reference(data.moment, tails, variance, dof, kinds)
+        if turn >= PLACED and model.like(before, SETTLED):
+            break
+    return _Settled(raw, tails, model, noise, thrust, grid, place)
+
+
+def _drag(
+    data: StepData, rate: Floats, variance: Floats, moment_unit: str, models: Sequence[str]
+) -> dict[str, DragFit]:
+    """Table 1 by the models that the moments can carry, in their order; model 2, whose terms are hardest to tell
+    apart, says how much noise all of them take off."""
+    fits = {}
+    for model in sorted(models, key=lambda name: name != "2"):
+        if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
+            continue
+        if model == "3+c" and data.dof.has_constant:  # its constant is part of every model there
+            continue
+        fits[model] = fit_drag_by_way(data.moment, rate, model, moment_unit, data.dof, variance)
+        variance = fits[model].variance
+    return {model: fits[model] for model in models if model in fits}
