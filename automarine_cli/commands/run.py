@@ -2,6 +2,7 @@
 several campaigns side by side, with an overview of all."""
 
 import os
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -146,8 +147,10 @@ def _run(
     def add(name: str, work: Callable[[Progress], tuple[str, str]]) -> None:
         place = f"{len(outcomes) + 1}/{total} {name}"
         progress(place, len(outcomes), total)
+        begun = time.monotonic()
         did, why = work(lambda stage, done, items: progress(f"{place}: {stage}" if items else stage, done, items))
-        progress(f"{place}: {did}" + (f" ({why})" if why else ""), 0, 0)
+        took = f", {time.monotonic() - begun:.0f} s" if did in ("done", "refused") else ""
+        progress(f"{place}: {did}{took}" + (f" ({why})" if why else ""), 0, 0)
         outcomes.append(StepOutcome(name, did, why))
 
     for step in steps:

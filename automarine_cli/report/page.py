@@ -149,7 +149,7 @@ PIXELS_PER_POINT = 1.73  # a page-wide figure fills the page, and letters are of
 def page(text: str, folder: Path, title: str) -> str:
     """The report `text` (Markdown) as a page, with the pictures that it names in `folder` drawn into it."""
     body = to_html(text, lambda place, alt: figure(folder, place, alt))
-    style = files("automarine_cli.report.html").joinpath("page.css").read_text(encoding="utf-8").strip()
+    style = files("automarine_cli.report").joinpath("page.css").read_text(encoding="utf-8").strip()
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
