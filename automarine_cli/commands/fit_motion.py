@@ -74,23 +74,10 @@ depths = option(
 
 
 def _fit(
-    dof: Dof,
-    *,
-    logs: Sequence[Any],
-    columns: Any,
-    fit_to: str,
-    tail: float | None,
-    channels: str,
-    with_effects: tuple[str, ...],
-    known: Any,
-    strict: bool,
-    jobs: int,
-    progress: "Progress",
-    thrusters: Any = None,
-    arm: float | None = None,
-    within: float | None = None,
-    depths: tuple[float, float] | None = None,
-) -> "YawFit":
+    dof: Dof, *, logs: Sequence[Any], columns: Any, fit_to: str, tail: float | None, channels: str,
+    with_effects: tuple[str, ...], known: Any, strict: bool, jobs: int, progress: "Progress", thrusters: Any = None,
+    arm: float | None = None, within: float | None = None, depths: tuple[float, float] | None = None,
+) -> "YawFit":  # fmt: skip
     """The fit of any motion; see `fits.identify.identify_turns`."""
     from automarine_cli import effects
     from automarine_cli.fits.driven import wanted_effects

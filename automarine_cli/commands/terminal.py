@@ -7,7 +7,7 @@ import textwrap
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, Protocol, TextIO
+from typing import IO, Any, TextIO
 
 import click
 
@@ -125,22 +125,6 @@ def _is_terminal(stream: TextIO) -> bool:
 def _may_colour(stream: TextIO) -> bool:
     """See no-color.org: any value of NO_COLOR but the empty one turns colours off."""
     return _is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-
-
-class Result(Protocol):
-    """What every workflow returns: a frozen dataclass with the result file's content."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The result file's content."""
-        ...
-
-
-class Printable(Protocol):
-    """What goes onto the terminal: a `report.tables.Table`."""
-
-    def to_text(self, width: int | None = None) -> str:
-        """Lines for a terminal of that width (None: as wide as they are)."""
-        ...
 
 
 def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
@@ -262,11 +246,11 @@ def echo_warnings(warnings: Iterable[str]) -> None:
 
 
 def echo_result(
-    result: Result,
+    result: Any,
     *,
     as_json: bool,
     out: Path | None = None,
-    tables: Sequence[Printable | str] = (),
+    tables: Sequence[Any] = (),
     files: Sequence[str] = (),
     keep_hint: str | None = "-o DIR",
     warnings: Sequence[str] | None = None,
