@@ -83,7 +83,8 @@ class Command(click.Command):
         self.function, self.report = function, report
         self.saves, self.figures, self.by_effects = saves, figures, by_effects
         self.takes = set(inspect.signature(function).parameters)
-        self.own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
+        own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
+        self.own = sorted(own, key=lambda param: not isinstance(param, click.Argument))
         self.names = {str(param.name) for param in self.own}
         self.files = {str(param.name) for param in self.own if param.reads == "file"}
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None

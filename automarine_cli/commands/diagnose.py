@@ -42,21 +42,12 @@ def diagnose(
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.records import schema_in
     from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
-    from automarine_cli.runs.channels import AUTO
 
     names, execution = given_columns(columns), {"strict": strict, "progress": progress}
     schema = schema_in(model)
     if schema == THRUSTER_MAP.schema:
-        if thrusters is not None or arm is not None:
-            raise SettingError(
-                f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model; leave them out"
-            )
-        if channels != AUTO:
-            raise SettingError(f"{model.name} is a thruster map: --channels belongs to a motion; leave it out")
         return _of_a_map(logs, model, hold_out, names, seed, **execution)
     if schema == PLANAR_MODEL.schema:
-        if channels != AUTO:
-            raise SettingError(f"{model.name} is a planar model: every channel counts; leave --channels out")
         drive = {"columns": names, "thrusters": thrusters, "arm": arm, "jobs": jobs}
         return _of_the_plane(logs, model, hold_out, seed, **drive, **execution)
     return _of_a_motion(logs, model, hold_out, names, thrusters, arm, channels, seed, jobs, each, **execution)
@@ -160,3 +151,22 @@ def _of_a_map(
     )  # fmt: skip
     progress("diagnosing", 1, 1)
     return result
+
+
+def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
+    """Refuse what a kind of model has no use for."""
+    from automarine_cli.pipeline.records import schema_in
+    from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
+    from automarine_cli.runs.channels import AUTO
+
+    name, schema = settings["model"].name, schema_in(settings["model"])
+    if schema == THRUSTER_MAP.schema and (settings["thrusters"] is not None or settings["arm"] is not None):
+        raise SettingError(f"{name} is a thruster map: --thrusters and --arm belong to a yaw model; leave them out")
+    if schema == THRUSTER_MAP.schema and settings["channels"] != AUTO:
+        raise SettingError(f"{name} is a thruster map: --channels belongs to a motion; leave it out")
+    if schema == PLANAR_MODEL.schema and settings["channels"] != AUTO:
+        raise SettingError(f"{name} is a planar model: every channel counts; leave --channels out")
+    return settings
+
+
+diagnose.complete = _refuse_of_another

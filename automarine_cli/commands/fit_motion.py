@@ -158,7 +158,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     )  # fmt: skip
 
     tail = option(
-        "--tail", type=_checked("fits.tails.asked_tail", dof, options.Finite()), metavar=unit,
+        "--tail", type=_checked("fits.paper.asked_tail", dof, options.Finite()), metavar=unit,
         help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
         "is smallest.",
     )  # fmt: skip

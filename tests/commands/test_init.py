@@ -55,7 +55,7 @@ def test_what_is_named_canonically_needs_no_question(tmp_path: Path) -> None:
     assert "# heading_deg" in found.text and "wraps at 360; turns with the moment in 4 of 4 steps" in found.text
     assert "4 runs, -0.800 to 0.800 nu" in found.text
     known = read_campaign(tmp_path / "pool" / "campaign.toml")
-    assert [file.name for file in known.files("steps")] == [f"steps/run_0{i}.csv" for i in range(4)]
+    assert [file.name for file in known.logs("logs", "steps")] == [f"steps/run_0{i}.csv" for i in range(4)]
 
 
 def test_ranges_are_those_of_all_logs(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_nothing_is_replaced_without_being_told(tmp_path: Path, run: Callable[..
     assert init(tmp_path, overwrite=True, jobs=2).text == first.text
     elsewhere = init(tmp_path, out=tmp_path / "a" / "b" / "c.toml")
     assert tomllib.loads(elsewhere.text)["logs"]["steps"] == ["../../logs"]
-    assert read_campaign(tmp_path / "a" / "b" / "c.toml").files("steps")
+    assert read_campaign(tmp_path / "a" / "b" / "c.toml").logs("logs", "steps")
     (tmp_path / "empty").mkdir()
     refused = run("init", tmp_path / "empty")
     assert refused.exit_code == 1 and "no logs in this directory" in refused.stderr

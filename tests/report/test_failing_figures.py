@@ -53,7 +53,7 @@ CASES = {
         "diagnose pool/steps --model yaw/yaw_model.json", f"{REPORT}.diagnosis_report.where_figure", "where"
     ),
     "diagnose thrusters": Case(
-        "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.thruster_diagnosis.why_figure",
+        "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.thrusters.why_figure",
         "why",
     ),
     "compare": Case("compare yaw driven", f"{REPORT}.compare_report.compare_figure", "comparison"),

@@ -83,10 +83,10 @@ def test_a_column_that_is_not_there_or_not_whole_is_refused(tmp_path: Path) -> N
 def test_init_offers_the_columns_that_name_thrusters_and_runs(tmp_path: Path) -> None:
     bollard(tmp_path, eight(1, {"T3": 0.5}))
     (tmp_path / "steps.csv").write_text(TRIALS)
-    columns = tomllib.loads(am.init(tmp_path, write=False).text)["columns"]
+    columns = tomllib.loads(am.init(tmp_path, out=tmp_path / "campaign.toml", overwrite=True).text)["columns"]
     assert columns["by"] == "thruster" and columns["run"] == "trial"
     (tmp_path / "steps.csv").write_text(TRIALS.replace("trial", "operator"))
-    text = am.init(tmp_path, write=False).text
+    text = am.init(tmp_path, out=tmp_path / "campaign.toml", overwrite=True).text
     assert "run" not in tomllib.loads(text)["columns"] and '# run = "operator"' in text
 
 
