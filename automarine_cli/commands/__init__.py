@@ -87,15 +87,12 @@ class CommandGroup(click.Group):
     """Loads the commands of this folder and maps what they raise to the terminal."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """List the names of the commands, by group."""
         return [*names(), *self.commands]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Load the command of that name."""
         return self.commands.get(cmd_name) or (load(cmd_name) if cmd_name in names() else None)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands, group by group, without loading them."""
         for group, commands in COMMANDS.items():
             with formatter.section(group):
                 formatter.write_dl(list(commands.items()))
@@ -115,7 +112,6 @@ class CommandGroup(click.Group):
             raise self._refusal(ctx, problem) from problem
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """The options of the group itself."""
         try:
             return super().parse_args(ctx, args)
         except click.exceptions.NoArgsIsHelpError:
@@ -126,7 +122,6 @@ class CommandGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that is named; for a name that is none, the nearest one is offered."""
         names = self.list_commands(ctx)
         if args[0] not in names and not args[0].startswith("-"):
             import difflib

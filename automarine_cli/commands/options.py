@@ -23,7 +23,6 @@ class Finite(click.ParamType):
         self.type = click.FloatRange(**bounds) if bounds else ABOVE_ZERO if positive else click.FLOAT
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number. Raises BadParameter for another."""
         number = float(self.type.convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number; give one", param, ctx)
@@ -37,7 +36,6 @@ class Checked(click.ParamType):
         self.check, self.type, self.name = check, type, type.name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the value as its type has it. Raises what the check raises."""
         converted = self.type.convert(value, param, ctx)
         self.check(converted)
         return converted
@@ -49,7 +47,6 @@ class Names(click.ParamType):
     name = "names"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        """Return the names."""
         parts = value.split(",") if isinstance(value, str) else value
         return tuple(part.strip() for part in parts if part.strip())
 
@@ -63,11 +60,9 @@ class OneOf(click.ParamType):
         self.names = names
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name. Raises BadParameter for another, with all of them."""
         return click.Choice(tuple(self.names())).convert(value, param, ctx)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-        """Offer the names that begin so."""
         return click.Choice(tuple(self.names())).shell_complete(ctx, param, incomplete)
 
 

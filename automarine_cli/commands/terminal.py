@@ -70,7 +70,6 @@ class Refusal(click.ClickException):
     """What is refused, in one sentence; `Error:` is red on a terminal."""
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Print the sentence on standard error, folded on a terminal."""
         said = folded(f"Error: {self.format_message()}", width_of(sys.stderr))
         head = coloured("Error:", sys.stderr, "red", bold=True)
         click.echo(f"{head}{said.removeprefix('Error:')}", file=file, err=file is None)
@@ -85,7 +84,6 @@ class WrongUsage(click.UsageError):
         return error if isinstance(error, cls) else cls(error.format_message(), error.ctx)
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Print it on standard error."""
         lines = [f"{coloured('Error:', sys.stderr, 'red', bold=True)} {self.format_message()}"]
         if self.ctx is not None:
             path = self.ctx.command_path
