@@ -7,9 +7,10 @@ Fisher scoring on innovations and their variances (Ljung 1999, System Identifica
 16:551), damped; differences of all parameters and all trial steps are filtered together.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -329,9 +330,9 @@ def fit_innovations(
             raise FitError(NO_START)
         firsts = dict.fromkeys(phis[np.argsort(-values, kind="stable"), 0])  # distinct inertias, the best one first
         best = [int(np.argmax(np.where(phis[:, 0] == first, values, -np.inf))) for first in firsts]
-        tried = [_climb(problem, phis[k], LOOK) for k in best[:WAYS] if np.isfinite(values[k])]
-        phis = max(tried, key=lambda climb: climb.value).phi[None]
-    reached = _climb(problem, phis[0], iterations)
+        climbs = _climbed(problem, [phis[k] for k in best[:WAYS] if np.isfinite(values[k])], LOOK)
+        phis = max(climbs, key=lambda climb: climb.value).phi[None]
+    (reached,) = _climbed(problem, phis, iterations)
     if not np.isfinite(reached.value):
         raise FitError(NO_START)
     return _report(problem, reached, brief)
@@ -348,9 +349,26 @@ class _Climb:
     converged: bool
 
 
-def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
-    """Fisher scoring from phi (p,), damped where the likelihood is no parabola."""
-    (slopes,) = problem.slopes(phi[None])
+def _climbed(problem: DrivenProblem, starts: Iterable[Floats], iterations: int) -> list[_Climb]:
+    """The climbs from each start (p,); what they ask for at a time is filtered together."""
+    climbs = [_climb(problem, phi, iterations) for phi in starts]
+    reached: dict[int, _Climb] = {}
+    wanted = {i: next(climb) for i, climb in enumerate(climbs)}
+    while wanted:
+        slopes = iter(problem.slopes(np.concatenate(list(wanted.values()))))
+        for i, phis in list(wanted.items()):
+            try:
+                wanted[i] = climbs[i].send(list(islice(slopes, len(phis))))
+            except StopIteration as end:
+                reached[i] = end.value
+                del wanted[i]
+    return [reached[i] for i in range(len(climbs))]
+
+
+def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> Generator[Floats, list[Slopes], _Climb]:
+    """Fisher scoring from phi (p,), damped where the likelihood is no parabola. Yields the points (P, p) of which it
+    needs the slopes."""
+    (slopes,) = yield phi[None]
     value = slopes.value(problem, phi)
     free, limits = problem.free, problem.limits
     converged, done, damping = False, 0, LEAST_DAMPING
@@ -374,7 +392,7 @@ def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
         tried: list[Slopes] = []
         reached: list[float] = []
         for part in np.split(trials, rounds):
-            tried += problem.slopes(part)
+            tried += yield part
             reached += [one.value(problem, trial) for one, trial in zip(tried[-len(part) :], part)]
             if max(reached) > value + 0.1 * SETTLED:
                 break

@@ -99,9 +99,9 @@ def test_it_is_named_and_its_share_is_its_own(campaign: Campaign) -> None:
     found = json.loads((out / "diagnosis.json").read_text())
     assert found["verdict"] == "named" and [one["name"] for one in found["effects"]] == [campaign.effect]
     assert len(found["held_out"]) == len(campaign.logs) // 4
-    rows = (out / "diagnosis.md").read_text().split("**Budget of the gap**")[1].split("\n\n")[1].splitlines()
-    shares = dict(row.strip("| ").split(" | ") for row in rows[2:])
-    assert float(shares[campaign.effect]) > 30.0
+    gap = found["gap"]["held_out_runs"]
+    before, after = (gap[f"{when}_deg"] ** 2 - gap["noise_floor_deg"] ** 2 for when in ("before", "after"))
+    assert after < 0.3 * before
 
 
 def test_with_runs_held_out_by_name(campaign: Campaign, tmp_path: Path) -> None:
