@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import CHECK
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import CHECK
-from automarine_cli.results.shown import Shown
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
-from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.run import SetAside, runs_json
 
 NAMED = 3  # runs that share a note
 LEVELS = 6  # written out

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.cautions import DRAG, INERTIA, Caution
 from automarine_cli.fits.driven import Use
 from automarine_cli.fits.half_turns import instant
@@ -23,7 +24,6 @@ from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.figures.yaw import driven_runs_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import shared_readings
 
 MODELS = ("1", "2", "3")
