@@ -154,7 +154,6 @@ TARGET = Target(
     source="Mitchell et al. (2019), doi 10.1145/3287560.3287596",
     forms={"markdown": ".md"},
     carries=frozenset({*effects.built_in(), PREFIX}),
-    laws=None,
     varying=True,
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),

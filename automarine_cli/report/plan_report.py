@@ -17,6 +17,7 @@ from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
+PRECISION = "Value, predicted 95 % interval, and half its width in percent."
 CERTAIN = 1000.0
 EARLIER = (
     "The earlier runs count by the intervals in the model's file, which holds no correlations but that of inertia and "
@@ -116,9 +117,7 @@ def _interval_table(campaign: Campaign) -> Table:
         | {column: _precision(estimates.get(name)) for column, estimates in columns.items()}
         for name, alone in campaign.alone.items()
     ]
-    return Table.of(
-        "Intervals before and after", rows, ["Value, predicted 95 % interval, and half its width in percent."]
-    )
+    return Table.of("Intervals before and after", rows, [PRECISION])
 
 
 def _symbol(name: str, campaign: Campaign) -> str:

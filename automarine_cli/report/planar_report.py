@@ -67,10 +67,10 @@ def prediction_table(use: PlanarUse) -> Table:
         for ahead in each
     ]
     whose = "Each run is predicted by the parameters that the other runs give"
+    whose = whose if use.runs > 1 else "Of the run of the fit"
     return Table.of("Predictions", rows, [
-        f"Root mean square errors. {whose if use.runs > 1 else 'Of the run of the fit'}, from its filtered state, which "
-        "knows the readings until then, by the commands as they were logged. Yaw alone: the best of models 1 to 3 of "
-        "these runs' yaw.",
+        f"Root mean square errors. {whose}, from its filtered state, which knows the readings until then, by the "
+        "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
     ])  # fmt: skip
 
 

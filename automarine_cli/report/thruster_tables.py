@@ -95,15 +95,11 @@ def thrusters(result: ThrusterFit) -> Table:
     """One row a thruster where a column names them: its square law, and whether it differs from the others."""
     rows, unit = [], next(iter(result.analysis.square.values())).unit
     for part in result.compared:
-        values = {part.percent.get(side): side for side, _ in SIDES}
-        off = {side: MISSING if value is None else f"{value:+.1f} %" for value, side in values.items()}
-        laws = [(f"a {side} [{unit}]", f"{side} from the others", side) for side, _ in SIDES]
         row: dict[str, object] = {result.logs.by: part.name, "points": MISSING if part.why else str(part.points)}
-        for law, others, side in laws:
-            row |= {
-                law: None if part.why else part.law.get(side),
-                others: MISSING if part.why else off.get(side, MISSING),
-            }
+        for side, _ in SIDES:
+            off = part.percent.get(side)
+            row[f"a {side} [{unit}]"] = None if part.why else part.law.get(side)
+            row[f"{side} from the others"] = MISSING if part.why or off is None else f"{off:+.1f} %"
         rows.append(row | {"beyond chance": part.why or ("differs" if part.differs else "alike")})
     return Table.of(f"Each thruster by itself (column {result.logs.by})", rows, [
         "Square laws [95 % interval] against the median of the others; a thruster differs where chance is below 5 % "

@@ -30,6 +30,7 @@ from automarine_cli.report.figures.style import (
     house_style,
     legend,
     legend_below,
+    limit,
     new_figure,
     span,
 )
@@ -321,8 +322,9 @@ def _beside_each_other(
             top.plot(time, said, color=colour, lw=1.0, ls=style, label=label)
             bottom.plot(time, error, color=colour, lw=0.7)
         bottom.axhline(0.0, color="0.3", lw=0.6)
-        reach = 0.5 * float(np.ptp(run.measured)) + 1e-6
-        top.set_ylim(float(run.measured.min()) - reach, float(run.measured.max()) + reach)  # a line may leave
+        low, high = float(run.measured.min()), float(run.measured.max())
+        said_by = [said[np.isfinite(said)] for _, said, _ in (run.before, run.after)]
+        limit(top, low, high, 0.5 * (high - low), said_by)  # a line may leave
         top.set_title(run.title, fontsize=6.5, parse_math=False)
         bottom.sharex(top)
         bottom.set_ylim(-most, most)
