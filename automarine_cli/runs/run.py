@@ -10,7 +10,7 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.logs.formats import stem_of
+from automarine_cli.logs.find import stem_of
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.command_range import CommandRange, warnings_of
 from automarine_cli.runs.noise import median, position_noise
