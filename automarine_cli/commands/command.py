@@ -310,7 +310,7 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
     """A setting as the function takes it. Raises SettingError for a value of the wrong kind."""
     name = str(param.name)
     if param.reads == "logs":
-        from automarine_cli.logs.parquet import as_logs
+        from automarine_cli.logs.find import as_logs
 
         return as_logs(value, name)
     if param.reads == "file":

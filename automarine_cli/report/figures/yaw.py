@@ -99,8 +99,8 @@ def half_turns_figure(fit: YawFit) -> Figure:
 
 def _left_out(turn: HalfTurn) -> tuple[slice, slice]:
     """The rest before a half-turn, and what follows it in the step."""
-    first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
-    return slice(first, turn.kept.start + 1), slice(turn.kept.stop - 1, turn.step.stop)
+    first, stop = turn.looked_at
+    return slice(first, turn.kept.start + 1), slice(turn.kept.stop - 1, stop)
 
 
 def _heading(turn: HalfTurn, part: slice) -> Floats:
