@@ -20,6 +20,8 @@ from automarine_cli.report.figures.style import (
     svg,
 )
 
+pytestmark = pytest.mark.usefixtures("drawn_figures")
+
 
 @house_style
 def drawn() -> Figure:

@@ -22,6 +22,7 @@ from automarine_cli.report.campaign_run import of_final, of_model
 from automarine_cli.report.page import figure, to_html
 from automarine_cli.results.files import DiagnosisFile, ModelFile
 
+pytestmark = pytest.mark.usefixtures("drawn_figures")
 HOSTILE = (
     "<script>alert(1)</script>", "\"quoted' `tick` & &lt; $x_1$", "<img src=x onerror=alert(1)>",
     "[a](#b) **bold** | bar ![p](q.png)", "</svg></figure><script>alert(2)</script>", "$\\frac{1}{0}$ {{ 7*7 }} \\",
