@@ -332,8 +332,7 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
 
 def _document(value: object, name: str) -> Any:
     """A place, or the file that a result stands for; what we made ourselves is left as it is."""
-    from automarine_cli.pipeline.records import Document
-    from automarine_cli.results.shown import Shown
+    from automarine_cli.pipeline.records import Document, Shown
 
     if isinstance(value, Shown):
         return value.document(name)

@@ -13,16 +13,10 @@ from typing import Generic, TypeVar
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import OutputError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.innovations import sentences_of
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
-from automarine_cli.pipeline.results_folder import file_stems
-from automarine_cli.pipeline.words import listed
-from automarine_cli.report.diagnosis_report import escape
-from automarine_cli.report.page import page
-from automarine_cli.report.sections import Sections, sections
-from automarine_cli.report.tables import Table, interval, number
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import (
+from automarine_cli.pipeline.result_files import (
     CheckFile,
     DiagnosisFile,
     ModelFile,
@@ -35,7 +29,13 @@ from automarine_cli.results.files import (
     TuningFile,
     ValidationFile,
 )
-from automarine_cli.results.steps import STEPS, folder_of
+from automarine_cli.pipeline.results_folder import file_stems
+from automarine_cli.pipeline.words import listed
+from automarine_cli.report.campaign_steps import STEPS, folder_of
+from automarine_cli.report.diagnosis_report import escape
+from automarine_cli.report.page import page
+from automarine_cli.report.sections import Sections, sections
+from automarine_cli.report.tables import Table, interval, number
 
 FILES = ("report.html", "report.md")
 SHOWN_OPEN, MOST_SHOWN = 6, 40  # runs whose validation figure stands open, and that are in the page at all
@@ -244,8 +244,8 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
             f"whatever the unit of the {dof.words.force}."
         )
     blocks += [escape(line) for line in sentences_of(step.file.channels, dof)]
-    if step.file.buoyancy is not None:
-        blocks.append(escape(step.file.buoyancy.says))
+    if step.file.buoyancy:
+        blocks.append(escape(str(step.file.buoyancy["says"])))
     tables = [re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")]
     noted = "\n".join(tables)
     warnings = [escape(line) for line in step.file.warnings]
@@ -413,8 +413,8 @@ def _paragraph(steps: Steps, dof: Dof) -> Iterator[str]:
     found = [_law(model, lacks) if model else "", _thrust(tested) if tested else ""]
     said = within + "; ".join(one for one in found if one)
     parts.append(f"{said[:1].upper()}{said[1:]}." if any(found) else "")
-    if model is not None and model.file.buoyancy is not None:
-        parts.append(escape(model.file.buoyancy.says))
+    if model is not None and model.file.buoyancy:
+        parts.append(escape(str(model.file.buoyancy["says"])))
     parts += [_predicts(judged, model, added_by(lacks)), _verdict(lacks)]
     if any(parts):
         yield " ".join(filter(None, parts))

@@ -10,21 +10,8 @@ from automarine_cli.dofs import DOFS
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.manifest import manifest_of
-from automarine_cli.pipeline.records import to_mapping
-from automarine_cli.report.sections import Content, Sections, sections
-from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.files import (
-    CheckFile,
-    DiagnosisFile,
-    ModelFile,
-    PlanarFile,
-    RunFile,
-    ThrusterFile,
-    TuningFile,
-    ValidationFile,
-    VoltagePower,
-)
-from automarine_cli.results.kinds import (
+from automarine_cli.pipeline.records import Shown, to_mapping
+from automarine_cli.pipeline.result_files import (
     CHECK,
     DIAGNOSIS,
     MODELS,
@@ -32,10 +19,20 @@ from automarine_cli.results.kinds import (
     THRUSTER_MAP,
     TUNING,
     VALIDATION,
+    CheckFile,
+    DiagnosisFile,
+    ModelFile,
+    PlanarFile,
     ResultKind,
+    RunFile,
+    ThrusterFile,
+    TuningFile,
+    ValidationFile,
+    VoltagePower,
 )
-from automarine_cli.results.shown import Shown
-from automarine_cli.results.steps import REPORT, STEPS, folder_of
+from automarine_cli.report.campaign_steps import REPORT, STEPS, folder_of
+from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.tables import MISSING, Table, number
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end
 

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import CHECK
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import CHECK
-from automarine_cli.results.shown import Shown
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
-from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.run import SetAside, runs_json
 
 NAMED = 3  # runs that share a note
+LEVELS = 6  # written out
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,7 +69,8 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
         f"no {dof.words.step} because",
     )
     rows = tuple(_run_row(run, dof) for run in runs)
-    return Table(f"{dof.name.capitalize()} runs", header, rows, notes=tuple(_notes(runs, dof)))
+    table = Table(f"{dof.name.capitalize()} runs", header, rows, notes=tuple(_notes(runs, dof)))
+    return table.without_empty_columns()
 
 
 def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
@@ -84,7 +85,7 @@ def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
         str(run.counts.get("gaps", 0)),
         str(dropped),
         number(run.noise, 2),
-        MISSING if run.levels is None else ", ".join(number(level, 3) for level in run.levels),
+        _levels(run.levels),
         number(run.extent, 2),
         MISSING
         if turn is None
@@ -92,6 +93,15 @@ def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
         MISSING if turn is None else turn.cut_by,
         MISSING if run.why is None else run.why.split(":")[0],
     )
+
+
+def _levels(levels: Sequence[float] | None) -> str:
+    """Every level, or how many from where to where."""
+    if not levels:
+        return MISSING
+    if len(levels) <= LEVELS:
+        return ", ".join(number(level, 3) for level in levels)
+    return f"{len(levels)} from {number(min(levels), 3)} to {number(max(levels), 3)}"
 
 
 def _notes(runs: Sequence[RunSeen], dof: Dof) -> list[str]:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, Side
+from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
-from automarine_cli.results.shown import Shown
 
 SCHEMA = "automarine/comparison/1"
 

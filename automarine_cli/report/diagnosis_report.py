@@ -24,12 +24,12 @@ from automarine_cli.diagnosis.verdict import (
 )
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.innovations import fit_sentences
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.report.figures.diagnosis import before_after_figure, learned_figure, where_figure, why_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, code_again, interval, number
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import command_warnings
 
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}

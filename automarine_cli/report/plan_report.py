@@ -6,7 +6,9 @@ from functools import partial
 
 import numpy as np
 
+from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
+from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.planning.campaign import Campaign, specification
 from automarine_cli.planning.plan import Plan, command_path
 from automarine_cli.planning.rivals import Split
@@ -14,8 +16,6 @@ from automarine_cli.planning.vehicle import command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.kinds import PLAN
 
 SHEET = (
     "number", "name", "kind", "begins_min", "start_heading_deg", "turn_there_deg", "voltage_V", "rest_s", "do",

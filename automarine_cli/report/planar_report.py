@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from functools import partial
 
 from automarine_cli.dofs import YAW
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.planar_fit import HEADING, UNITS, PlanarFit, PlanarUse, shown
 from automarine_cli.models.planar_store import units
 from automarine_cli.report.figures.planar import planar_runs_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.estimate import Estimate
 
 WORDS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",

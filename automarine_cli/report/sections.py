@@ -7,15 +7,15 @@ from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.page import to_html
 from automarine_cli.report.tables import Table
-from automarine_cli.results.shown import Shown
 
 if TYPE_CHECKING:
+    from automarine_cli.estimate import Estimate
     from automarine_cli.pipeline.parallel import Each
     from automarine_cli.pipeline.results_folder import ResultFolder
     from automarine_cli.report.figures.style import Draw
-    from automarine_cli.results.estimate import Estimate
 
 WIDTH = 110  # columns of a result at Python's prompt
 Content = str | bytes | Mapping[str, object] | Callable[[], str | bytes]

@@ -9,7 +9,7 @@ import math
 import re
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 GAP = 2  # blanks between columns
@@ -161,6 +161,19 @@ class Table:
         for row in self.rows:
             if len(row) != len(self.header):
                 raise ValueError(f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns")
+
+    def without_empty_rows(self) -> "Table":
+        """The same without rows that hold nothing but their label."""
+        full = [i for i, row in enumerate(self.rows) if any(str(cell) != MISSING for cell in row[1:])]
+        rules = dict.fromkeys(sum(i < rule for i in full) for rule in self.rules)
+        return replace(self, rows=tuple(self.rows[i] for i in full), rules=tuple(rules))
+
+    def without_empty_columns(self) -> "Table":
+        """The same without columns that hold nothing."""
+        columns = zip(self.header, *self.rows)
+        full = [column for column in columns if not self.rows or any(str(cell) != MISSING for cell in column[1:])]
+        header, *rows = zip(*full)
+        return replace(self, header=header, rows=tuple(rows))
 
     def to_csv(self) -> str:
         """Header and rows; a missing cell is empty; title and notes stay out: any program reads it."""

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.cautions import DRAG, INERTIA, Caution
 from automarine_cli.fits.driven import Use
 from automarine_cli.fits.half_turns import instant
@@ -23,7 +24,6 @@ from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.figures.yaw import driven_runs_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import shared_readings
 
 MODELS = ("1", "2", "3")
@@ -66,7 +66,8 @@ def drag_table(
         "intervals."
     )
     notes = (unit_note, *_signs(dof), *notes)
-    return Table(f"Table 1. Identified {dof.name} models: drag", HEADER, tuple(rows), (3, 7), notes)
+    table = Table(f"Table 1. Identified {dof.name} models: drag", HEADER, tuple(rows), (3, 7), notes)
+    return table.without_empty_rows()
 
 
 def _effect_rows(ml: Mapping[str, OutputErrorFit]) -> list[tuple[Cell, ...]]:
@@ -166,7 +167,7 @@ def inertia_table(
     each = f"means over the runs at each {dof.words.force} are by the velocity error"
     notes = (f"{unit_note}; {each}." if levels else f"{unit_note}.", *notes)
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
-    return Table(title, HEADER, tuple(rows), rules, notes)
+    return Table(title, HEADER, tuple(rows), rules, notes).without_empty_rows()
 
 
 def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[str, ...]]:

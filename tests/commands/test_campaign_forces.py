@@ -12,7 +12,7 @@ from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import SettingError
 from automarine_cli.report.campaign_page import make_report
-from automarine_cli.results.steps import STEPS
+from automarine_cli.report.campaign_steps import STEPS
 
 HEAVE = f"""
 schema = "automarine/campaign/1"

@@ -8,6 +8,7 @@ import numpy as np
 from made_driven import Sea, steered
 
 from automarine_cli.dofs import SURGE, YAW
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
 from automarine_cli.fits.driven import (
@@ -25,7 +26,6 @@ from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_i
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.tables import interval
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 

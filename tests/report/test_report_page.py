@@ -17,10 +17,10 @@ from small_campaign import make_small_campaign
 import automarine_cli as am
 from automarine_cli.commands.report import report
 from automarine_cli.errors import OutputError
+from automarine_cli.pipeline.result_files import DiagnosisFile, ModelFile
 from automarine_cli.report.campaign_page import make_report, read_steps, summary
 from automarine_cli.report.campaign_run import of_final, of_model
 from automarine_cli.report.page import figure, to_html
-from automarine_cli.results.files import DiagnosisFile, ModelFile
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
 HOSTILE = (

@@ -14,8 +14,8 @@ from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.records import schema_in
+from automarine_cli.pipeline.result_files import THRUSTER_MAP
 from automarine_cli.report.thruster_diagnosis import sentences, tables
-from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from automarine_cli.commands.compare import compare
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.options import OneOf
+from automarine_cli.pipeline.result_files import THRUSTER_MAP
 from automarine_cli.report import thruster_tables
 from automarine_cli.report.campaign_run import says_of
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
-from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.thrusters.forms import FORMS
 from automarine_cli.thrusters.map import ThrusterMap
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.results.kinds import (
+from automarine_cli.pipeline.result_files import (
     CHECK,
     DIAGNOSIS,
     MODELS,
