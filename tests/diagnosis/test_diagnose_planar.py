@@ -119,6 +119,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("drawn_figures")
 def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     for run in campaign(HIDDEN["Y_r"], 1, 5, 8.0, SPEEDS):
         log(run, tmp_path)

@@ -20,6 +20,7 @@ from automarine_cli.errors import OutputError
 from automarine_cli.report.campaign_page import headlines, make_report, read_steps
 from automarine_cli.report.page import figure, to_html
 
+pytestmark = pytest.mark.usefixtures("drawn_figures")
 HOSTILE = (
     "<script>alert(1)</script>", "\"quoted' `tick` & &lt; $x_1$", "<img src=x onerror=alert(1)>",
     "[a](#b) **bold** | bar ![p](q.png)", "</svg></figure><script>alert(2)</script>", "$\\frac{1}{0}$ {{ 7*7 }} \\",

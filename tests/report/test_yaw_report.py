@@ -18,6 +18,7 @@ from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.style import FORMATS, new_figure
 from automarine_cli.report.figures.yaw import FINE, distinct, lines
 
+pytestmark = pytest.mark.usefixtures("drawn_figures")
 SIZES = (0.2, 0.5, 0.8, 1.1)
 
 

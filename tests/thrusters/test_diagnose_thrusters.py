@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from figures import drawn
 from repository import DATA
 
 from automarine_cli.commands.diagnose import diagnose
@@ -224,7 +225,8 @@ def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     model = tmp_path / "thrusters.json"
     model.write_text(json.dumps(SQUARE.to_json()), encoding="utf-8")
     assert schema_in(model) == THRUSTER_MAP.schema and schema_in(log) != THRUSTER_MAP.schema
-    result = diagnose([log], model=model, out=tmp_path / "one", jobs=1)
+    with drawn():
+        result = diagnose([log], model=model, out=tmp_path / "one", jobs=1)
     diagnose([log], model=model, out=tmp_path / "two", jobs=2)
     for name in ("diagnosis.json", "extended_model.json", "diagnosis.md", "why.png", "manifest.json"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
