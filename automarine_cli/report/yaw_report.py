@@ -185,7 +185,7 @@ def _ml(ml: Mapping[str, OutputErrorFit], model: str, name: str) -> str:
 def _f_test(fits: Mapping[str, DragFit], model: str) -> str:
     if model == "2" or model not in fits or "2" not in fits:
         return MISSING
-    return number(nested_test(fits[model], fits["2"]).p_value, 2)
+    return number(nested_test(fits[model], fits["2"])["p_value"], 2)
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
