@@ -5,8 +5,6 @@ from automarine_cli.quantities import Floats
 
 
 class GyroDrift(Effect):
-    """psi_m = psi + g t."""
-
     name = "gyro-drift"
     place = Place.SENSOR
     parameters = (Parameter("g", "drift of the {position}", "{x}/s", -0.2, 0.2, 0.003),)
@@ -21,5 +19,4 @@ class GyroDrift(Effect):
     parity = ODD
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
-        (drift,) = values
-        return heading + drift * time
+        return heading + values[0] * time

@@ -9,8 +9,6 @@ from automarine_cli.quantities import Floats
 
 
 class SensorLag(Effect):
-    """T_s psi_m' = psi - psi_m."""
-
     name = "sensor-lag"
     place = Place.SENSOR
     parameters = (Parameter("T_s", "time constant of the {position} sensor", "s", 0.0, 3.0, 0.1),)

@@ -23,5 +23,4 @@ class ThrustAsymmetry(Effect):
     parity = ODD
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (a,) = values
-        return (1.0 + a * np.sign(commands.force)) * commands.force
+        return (1.0 + values[0] * np.sign(commands.force)) * commands.force

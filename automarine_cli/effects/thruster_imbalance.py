@@ -30,7 +30,6 @@ class SingleThrusterEffect(Effect):
     stage = SINGLE
 
     def acts_in(self, dof: Dof) -> bool:
-        """Where two thrusters make the moment or force."""
         return len(dof.thrusters) == 2
 
 

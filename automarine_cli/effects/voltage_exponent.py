@@ -9,8 +9,6 @@ DEAD = 1e-9  # share of V_ref below which a supply is dead: a power of nothing h
 
 
 class VoltageExponent(Effect):
-    """tau (V/V_ref)^p."""
-
     name = "voltage-exponent"
     place = Place.ACTUATOR
     parameters = (

@@ -178,7 +178,7 @@ def _effects(
 
 def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tuple[float, ...]:
     effect, given = effects.get(entry.name), entry.parameters
-    wanted = {parameter.name_in(dof): parameter for parameter in effect.parameters}
+    wanted = {dof.fill(parameter.name): parameter for parameter in effect.parameters}
     for key in given:
         if key not in wanted:
             raise codec.refusal(place, f"unknown key {told(key)}; {entry.name} takes {', '.join(wanted) or 'none'}")

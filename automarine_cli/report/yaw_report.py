@@ -37,7 +37,7 @@ def drag_table(
     below."""
     fits: Mapping[str, DragFit] = {} if seed is None else seed.drag
     own = dof.symbols
-    quadratic, linear = Math(own.quadratic_print, own.quadratic_math), Math(own.linear, own.linear_math)
+    quadratic, linear = Math(own.quadratic_print, own.quadratic_math), Math(own.linear, own.linear)
 
     def of(name: str, form: Callable[[Estimate], str]) -> list[str]:
         return [form(fits[m].estimates[name]) if m in fits and name in fits[m].estimates else MISSING for m in MODELS]
@@ -139,10 +139,8 @@ def inertia_table(
     moment below."""
     tables = {} if seed is None else seed.inertia
     own = dof.symbols
-    ratio = Math(
-        f"{own.inertia}/{own.quadratic_print}", f"{own.inertia_math}/{own.quadratic_math}", f" [{dof.units.base}]"
-    )
-    inertia = Math(own.inertia, own.inertia_math)
+    ratio = Math(f"{own.inertia}/{own.quadratic_print}", f"{own.inertia}/{own.quadratic_math}", f" [{dof.units.base}]")
+    inertia = Math(own.inertia, own.inertia)
     rows: list[tuple[Cell, ...]] = [
         (inertia, *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS)),
         (replace(inertia, after=", 95 %"), *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
