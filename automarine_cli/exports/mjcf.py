@@ -39,7 +39,6 @@ LACKS = {
 
 
 def write(subject: YawSubject) -> Written:
-    """The MJCF text."""
     dof = subject.dof
     rigid, added = subject.inertias
     kind = "hinge" if dof.wraps else "slide"

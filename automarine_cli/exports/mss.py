@@ -20,7 +20,6 @@ MORE = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 
 
 def write(subject: YawSubject) -> Written:
-    """The Python or MATLAB text."""
     force, r, words = subject.force, subject.dof.symbols.velocity, subject.dof.words
     rigid, added = subject.inertias
     own = "I_z" if subject.dof.wraps else "m"
@@ -71,7 +70,6 @@ end
 
 
 def write_planar(subject: PlanarSubject) -> Written:
-    """The text of the function."""
     lines = []
     for name, places, value in subject.drags():
         i, j = places[0], places[-1]

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from types import ModuleType
 
 from automarine_cli import effects
-from automarine_cli.effects import base, inputs, laws
+from automarine_cli.effects import base
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, head, number, plain
@@ -93,7 +93,6 @@ def simulate(time, {given}, {x}0=0.0, {v}0=0.0{more}):
 
 
 def write(subject: YawSubject) -> Written:
-    """The text of the file."""
     terms, dof, own = subject.model.terms, subject.dof, subject.dof.symbols
     inertia = own.inertia.upper()  # I_R, M_U, M_W
     logged = [name for term in terms for name in effects.get(term.name).needs]
@@ -122,13 +121,7 @@ def runtime(chosen: Iterable[Effect]) -> str:
     """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
     classes = [type(effect) for effect in chosen]
     own = {kind.__module__ for kind in classes} - {Learned.__module__}
-    modules: list[ModuleType] = [
-        inputs,
-        base,
-        laws,
-        sys.modules[Learned.__module__],
-        *(sys.modules[name] for name in sorted(own)),
-    ]
+    modules: list[ModuleType] = [base, sys.modules[Learned.__module__], *(sys.modules[name] for name in sorted(own))]
     found = {name: part for module in modules for name, part in definitions(module).items()}
     needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}
     while new:
@@ -156,7 +149,6 @@ def definitions(module: ModuleType) -> dict[str, tuple[str, set[str]]]:
 
 
 def _bound(node: ast.stmt) -> list[str]:
-    """Names that a statement defines."""
     if isinstance(node, ast.ClassDef | ast.FunctionDef):
         return [node.name]
     targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
@@ -174,7 +166,6 @@ def maker(effect: Effect) -> str:
 
 
 def constants(subject: YawSubject, term: Term) -> str:
-    """One line for each parameter that counts: name, value, unit and meaning."""
     effect = effects.get(term.name)
     cards = effect.card(subject.dof, subject.model.moment_unit).parameters
     return "".join(
@@ -265,7 +256,6 @@ MOVED = {
 
 
 def write_planar(subject: PlanarSubject) -> Written:
-    """The text of the file."""
     rows = [", ".join(number(one) for one in line) for line in subject.inertia]
     sums: list[list[str]] = [[], [], []]
     constants = []

@@ -162,7 +162,6 @@ def largest_signal(subject: MapSubject) -> float:
 
 
 def _signal(curve: Curve, force: float) -> float:
-    """Control signal of a thrust, no more than the saturation."""
     n = curve.n_0 + (force / curve.a) ** (1.0 / curve.p)
     return float(n if curve.n_sat is None else min(n, curve.n_sat))
 
@@ -202,12 +201,10 @@ def _knots(curve: Curve | None, n_max: float, points: int) -> Floats:
 
 
 def force_of(map_: ThrusterMap, n: Floats) -> Floats:
-    """Thrust [N] of the map; nothing in a direction that was never measured."""
     return thrust_both_ways(map_.forward, map_.backward, n, unmeasured=0.0)
 
 
 def top(map_: ThrusterMap, n_max: float) -> float:
-    """The largest thrust [N] of the map up to n_max."""
     return float(np.max(np.abs(force_of(map_, np.array([-n_max, n_max])))))
 
 

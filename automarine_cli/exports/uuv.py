@@ -10,7 +10,6 @@ from automarine_cli.exports.base import Target, Written, YawSubject, at_place, c
 
 
 def write(subject: YawSubject) -> Written:
-    """The URDF or the YAML text."""
     index, turns, r = subject.dof.number, subject.dof.wraps, subject.dof.symbols.velocity
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias

@@ -19,7 +19,6 @@ class Topic:
     about: str
 
     def to_json(self) -> dict[str, str]:
-        """Name and one line."""
         return {"topic": self.name, "about": self.about}
 
 
@@ -31,35 +30,28 @@ class Contents:
     pages: tuple[Topic, ...]
 
     def to_json(self) -> dict[str, object]:
-        """Schema automarine/guide/1."""
         topics = [topic.to_json() for topic in (*self.commands, *self.pages)]
         return {"schema": "automarine/guide/1", "topics": topics}
 
 
 @dataclass(frozen=True)
 class Page:
-    """One page: its topic and its Markdown."""
-
     topic: str
     markdown: str
 
     def to_json(self) -> dict[str, str]:
-        """Schema automarine/guide/1."""
         return {"schema": "automarine/guide/1", "topic": self.topic, "text": self.markdown}
 
 
 def commands() -> tuple[str, ...]:
-    """Names of the commands that have a page, sorted."""
     return tuple(sorted(path.stem for path in FOLDER.glob("commands/*.md")))
 
 
 def pages() -> tuple[str, ...]:
-    """Names of all other pages, sorted."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.md")))
 
 
 def title(topic: str) -> str:
-    """The heading of a topic's page."""
     return page(topic).markdown.partition("\n")[0].removeprefix("# ")
 
 

@@ -32,7 +32,6 @@ class CampaignState:
 
     @property
     def says(self) -> str:
-        """How it ended."""
         ended = f"campaign {self.id[:8]} ended after {self.played} of {self.runs} runs"
         return ended if self.why_stopped is None else f"{ended}: {self.why_stopped}"
 
@@ -47,7 +46,6 @@ class State:
     troubles: tuple[str, ...] = ()
 
     def of(self, campaign_id: str) -> CampaignState | None:
-        """That of a campaign; None where the vehicle does not know it."""
         return next((one for one in self.campaigns if one.id == campaign_id), None)
 
 
@@ -69,7 +67,5 @@ class Log:
 
 @dataclass(frozen=True)
 class Listing:
-    """Every log."""
-
     schema: Literal["automarine/link-runs/1"]
     runs: tuple[Log, ...]

@@ -60,15 +60,12 @@ class Client:
 
     @property
     def url(self) -> str:
-        """Its address."""
         return f"http://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
 
     def state(self) -> State:
-        """What the vehicle is at. Raises LinkCut, WrongAnswer."""
         return _codec("state").read(State, self._json("GET", "/state"))
 
     def listing(self) -> Listing:
-        """Its logs. Raises LinkCut, WrongAnswer."""
         return _codec("list of logs").read(Listing, self._json("GET", "/runs"))
 
     def stop(self, ids: Sequence[str]) -> bool:

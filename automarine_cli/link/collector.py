@@ -83,7 +83,6 @@ class Collector:
     crossing: Crossing = field(default_factory=Crossing)
 
     def collected(self, campaign: LinkCampaign | None, stop: bool) -> Collected:
-        """Collect, and tell what came. Raises as `collect`."""
         before = len(self.ledger())
         state = self.collect(campaign, stop)
         logs, last = self.ledger(), None if campaign is None else state.of(campaign.id)

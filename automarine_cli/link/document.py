@@ -53,12 +53,10 @@ class PlannedRun:
 
     @property
     def driven(self) -> float:
-        """Length of the commands [s]."""
         return self.candidate.driven
 
     @property
     def candidate(self) -> Candidate:
-        """The run as a plan knows it."""
         return Candidate("planned", self.name, self.commands, start_heading=self.start_heading_deg)
 
 
@@ -79,7 +77,6 @@ class Battery:
 
     @property
     def supply(self) -> Supply:
-        """What is drawn."""
         return Supply(self.idle_A, self.full_A, self.at_moment)
 
 
@@ -111,16 +108,13 @@ class LinkCampaign:
 
     @property
     def text(self) -> str:
-        """The document."""
         return json_text(to_mapping(self))
 
     @cached_property
     def id(self) -> str:
-        """SHA-256 of the document."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def log_name(self, run: PlannedRun) -> str:
-        """Name of a run's log, without what marks its end."""
         return f"{self.id[:SHORT]}_{run.name}"
 
     def room(self, run: PlannedRun) -> int:
@@ -129,7 +123,6 @@ class LinkCampaign:
         return int(lines * LONGEST_LINE) + HEAD
 
     def begins(self, number: int) -> float:
-        """When a run's log begins on the campaign's clock [s]."""
         return round(sum(self.rest_s + run.driven + run.wait_s for run in self.runs[:number]), 3)
 
     def left(self, number: int) -> float:
@@ -160,13 +153,11 @@ def read_campaign(path: Path) -> LinkCampaign:
 
 
 def campaign_in(content: bytes) -> LinkCampaign:
-    """The campaign in the bytes of a document. Raises SettingError."""
     source: Source = Document("campaign", content)
     return campaign_of(read_plain(source, "JSON", SettingError, most=MOST_BYTES), "campaign")
 
 
 def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
-    """The same of plain data. Raises SettingError with the key's path."""
     return Codec(where).read(LinkCampaign, data)
 
 

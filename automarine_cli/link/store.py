@@ -42,7 +42,6 @@ class Store:
 
     @property
     def runs(self) -> Path:
-        """Where logs are."""
         return self.folder / "runs"
 
     @property
@@ -56,7 +55,6 @@ class Store:
         return self.folder / "lease"
 
     def prepare(self) -> None:
-        """Make the folders. Raises OutputError."""
         try:
             for folder in (self.runs, self.campaigns):
                 folder.mkdir(parents=True, exist_ok=True)
@@ -64,7 +62,6 @@ class Store:
             raise OutputError(f"{self.folder} cannot be written to ({problem.strerror}); give another folder") from None
 
     def accepted(self) -> list[LinkCampaign]:
-        """Every campaign that is not over, the first first."""
         return [one for one in self._documents() if isinstance(one, LinkCampaign)]
 
     def accept(self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None) -> bool:
@@ -112,7 +109,6 @@ class Store:
         sync_folder(self.campaigns)
 
     def is_stopped(self, campaign: LinkCampaign) -> bool:
-        """Whether it was stopped."""
         return self._stop_mark(campaign).exists()
 
     def next_run(self, campaign: LinkCampaign) -> int | None:
@@ -122,7 +118,6 @@ class Store:
         return next((number for number, is_played in enumerate(played) if not is_played), None)
 
     def part(self, name: str) -> Path:
-        """The log that is being written."""
         return self.runs / f"{name}.part"
 
     def begin(self, name: str, room: int) -> int:
@@ -145,7 +140,6 @@ class Store:
         return number
 
     def write(self, number: int, name: str, line: str) -> None:
-        """Add a line to an open log; the system knows it before the next command. Raises OutputError."""
         content = line.encode()
         with _one_sentence(name):
             if os.write(number, content) < len(content):
@@ -191,20 +185,16 @@ class Store:
         return None
 
     def listing(self) -> Listing:
-        """Every log."""
         names = sorted(name for name in self._names() if name.endswith((".csv", ".part")))
         return Listing(RUNS_SCHEMA, tuple(log for name in names if (log := self.log(name)) is not None))
 
     def open_log(self, name: str) -> BinaryIO:
-        """The bytes of a log. Raises OSError."""
         return _opened(self.runs / name)
 
     def is_playing(self) -> bool:
-        """Whether a log is open."""
         return _playing(self._names()) is not None
 
     def state(self) -> State:
-        """What the vehicle is at."""
         documents, names = self._documents(), self._names()
         campaigns = (self._state_of(one) if isinstance(one, LinkCampaign) else one for one in documents)
         odd = [one for one in documents if isinstance(one, str)]
@@ -215,7 +205,6 @@ class Store:
         return State(STATE_SCHEMA, found, _playing(names), tuple(odd))
 
     def _status(self, name: str) -> os.stat_result | None:
-        """Of a log; None where there is none of that name."""
         if LOG_NAME.fullmatch(name):
             with suppress(FileNotFoundError):
                 found = (self.runs / name).lstat()
@@ -263,7 +252,6 @@ class Store:
         )
 
     def _names(self) -> dict[str, bool]:
-        """What is in the folder of logs, and whether it is a file."""
         with os.scandir(self.runs) as entries:
             return {entry.name: entry.is_file(follow_symlinks=False) for entry in entries}
 
@@ -319,7 +307,6 @@ def _deaths(name: str, names: Collection[str]) -> int:
 
 
 def _playing(names: Mapping[str, bool]) -> str | None:
-    """The open log."""
     parts = (name for name in sorted(names) if name.endswith(".part") and names[name] and LOG_NAME.fullmatch(name))
     return next((name.removesuffix(".part") for name in parts), None)
 

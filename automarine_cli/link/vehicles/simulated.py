@@ -80,7 +80,6 @@ class Simulated:
         refuse_beyond(campaign, self.full)
 
     def track(self, campaign: LinkCampaign, run: PlannedRun) -> Track:
-        """How the vehicle would turn, without noise."""
         logger = Logger(YAW, campaign.moment_unit, campaign.rate_hz, campaign.rest_s, None, None)
         on_paper = logger.run(run.candidate)
         moment = on_paper.moment
@@ -124,13 +123,10 @@ class RehearsedRun:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What a campaign would be."""
-
     campaign: LinkCampaign
     runs: tuple[RehearsedRun, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Schema automarine/rehearsal/1."""
         runs = [vars(run) for run in self.runs]
         return {"schema": "automarine/rehearsal/1", "campaign": self.campaign.id, "planned": runs}
 
