@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Parameter, Place, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place, inf
 
 
 class Backlash(Effect):

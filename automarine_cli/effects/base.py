@@ -141,6 +141,11 @@ def reference(name: str, meaning: str, laws: tuple[int, ...] = ()) -> Parameter:
     return Parameter(name, meaning, "{force}", 0.0, start=1.0, reference="moment", laws=laws)
 
 
+def multiple(name: str, meaning: str, laws: tuple[int, ...]) -> Parameter:
+    """Return the parameter of some laws that is a multiple of another, about one."""
+    return Parameter(name, meaning, "1", 0.05, 20.0, 1.0, scan=(0.4, 2.5), log=True, laws=laws)
+
+
 @dataclass(frozen=True)
 class Law:
     """A law of nature beside an effect's first one: its equation (a template), source, and look-alikes by name; where
@@ -152,15 +157,6 @@ class Law:
 
 
 @dataclass(frozen=True)
-class ParameterCard:
-    """A parameter in the words, letters and units of a motion."""
-
-    name: str
-    meaning: str
-    unit: str
-
-
-@dataclass(frozen=True)
 class Card:
     """An effect in the words, letters and units of a motion: what people read of it."""
 
@@ -169,7 +165,7 @@ class Card:
     says: str
     reveals: str
     separated_by: str
-    parameters: tuple[ParameterCard, ...]
+    parameters: tuple[Parameter, ...]
     laws: tuple[str, ...]
 
 
@@ -180,7 +176,7 @@ class Effect:
         )
 
     name: ClassVar[str]
-    place: ClassVar[Place]
+    place: ClassVar[Place] = Place.MOMENT
     parameters: ClassVar[tuple[Parameter, ...]]
     equation: ClassVar[str]
     says: ClassVar[str]
@@ -228,7 +224,8 @@ class Effect:
         """Its texts in a motion; without a unit of force that is called the force's unit."""
         unit = force_unit or f"{dof.words.force} unit"
         parameters = tuple(
-            ParameterCard(dof.fill(p.name), dof.fill(p.meaning), dof.unit_in(p.unit, unit)) for p in self.parameters
+            replace(p, name=dof.fill(p.name), meaning=dof.fill(p.meaning), unit=dof.unit_in(p.unit, unit))
+            for p in self.parameters
         )
         equation, says, reveals, separated = map(dof.fill, (self.equation, self.says, self.reveals, self.separated_by))
         laws = tuple(dof.fill(law.equation) for law in self.laws)
@@ -245,6 +242,7 @@ class Effect:
         return tuple(bool(p.held or (p.scan and sized)) for p in self.parameters)
 
     def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
+        """Which parameters a fit leaves as they are, at these values."""
         return tuple(p.held or not self.counts(p, values) for p in self.parameters)
 
     def law(self, values: Sequence[float]) -> int:
@@ -261,6 +259,7 @@ class Effect:
         return not parameter.laws or self.law(values) in parameter.laws
 
     def varies(self, values: tuple[float, ...]) -> bool:
+        """Whether each run has coefficients of its own, at these values."""
         return False
 
     def lacking(self, given: Collection[str], values: Sequence[float], dof: Dof) -> str:

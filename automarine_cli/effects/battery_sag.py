@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place, choice, choose, inf, reference
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, choose, inf, reference
 
 
 class BatterySag(Effect):

@@ -1,13 +1,11 @@
 """A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady
 current."""
 
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, State, inf
 
 
 class BiasMoment(Effect):
     name = "bias-moment"
-    place = Place.MOMENT
     parameters = (Parameter("b", "constant {force}", "{force}", -inf, inf, 0.02),)
     equation = "+b"
     says = "A constant {force} acts on the vehicle in one direction, commanded or not."

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place, choice
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, Place, choice
 
 
 class CompassDeviation(Effect):

@@ -2,15 +2,13 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State, choice, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, inf
 
 CREEP = 0.02  # rad/s within which the sign is smoothed, far below any rate that a step reaches
 
 
 class CoulombDrag(Effect):
     name = "coulomb-drag"
-    place = Place.MOMENT
     parameters = (
         Parameter("c", "dry friction {force}", "{force}", 0.0, inf, 0.03),
         choice("law", "whether it grows near rest", "the same; Stribeck"),

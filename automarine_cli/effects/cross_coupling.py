@@ -1,12 +1,10 @@
 """Surge that turns the vehicle: unequal added masses ahead and abeam (Munk moment)."""
 
-from automarine_cli.effects.base import Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, State, inf
 
 
 class CrossCoupling(Effect):
     name = "cross-coupling"
-    place = Place.MOMENT
     parameters = (Parameter("c", "coupling of surge and yaw rate", "{force} s²/m", -inf, inf, 0.05),)
     equation = "c u r"
     says = "Surge speed couples into yaw."

@@ -1,13 +1,11 @@
 """Cubic drag: drag that grows faster than the square, as quadratic coefficients rise with Reynolds number
 or tilt."""
 
-from automarine_cli.effects.base import Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, State, inf
 
 
 class CubicDrag(Effect):
     name = "cubic-drag"
-    place = Place.MOMENT
     parameters = (Parameter("{cubic}", "cubic {motion} drag", "{force} s³{/x3}", 0.0, inf, 0.1),)
     equation = "-{cubic} {v}³"
     says = "Drag at high {speeds} grows faster than the square of the {rate}."

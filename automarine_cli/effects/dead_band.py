@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place, choice, deliver_by_law, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, deliver_by_law, inf
 
 EDGE = 0.1
 CUTS = tuple(0.02 * 1.3**i for i in range(14))

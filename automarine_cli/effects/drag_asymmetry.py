@@ -1,12 +1,10 @@
 """A hull that drags more turning one way than the other."""
 
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, State, inf
 
 
 class DragAsymmetry(Effect):
     name = "drag-asymmetry"
-    place = Place.MOMENT
     parameters = (
         Parameter(
             "e",

@@ -1,7 +1,6 @@
 """A heading integrated from a gyro with a bias."""
 
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place
 
 
 class GyroDrift(Effect):

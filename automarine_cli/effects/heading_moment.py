@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, State, inf
 
 
 class HeadingMoment(Effect):
     name = "heading-moment"
-    place = Place.MOMENT
     parameters = (
         Parameter("b", "sine part", "{force}", -inf, inf, 0.03),
         Parameter("c", "cosine part", "{force}", -inf, inf, 0.0),

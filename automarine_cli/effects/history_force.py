@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State, choice, choose, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, choose, inf
 
 TIMES, SHARES = (0.327, 2.62, 39.3), (2.0, 0.752, 0.379)
 """Time constants [s] and sizes of the exponentials whose sum is sqrt(1 s/t) to 4 % from 0.2 to 30 s."""
@@ -17,7 +16,6 @@ class HistoryForce(Effect):
     """
 
     name = "history-force"
-    place = Place.MOMENT
     parameters = (
         Parameter("h", "{force} by change of {speed}", "{force} s{/x}", 0.0, inf, 0.1),
         Parameter("T", "time in which it fades", "s", 0.1, 30.0, 2.0, off=2.0, scan=(0.7, 3.0, 12.0), log=True),

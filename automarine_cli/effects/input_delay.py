@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place, choice, deliver_by_law
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, deliver_by_law
 
 FAR = 10.0  # seconds before the log over which its first command is taken to have held
 

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.effects.base import MIXED, Effect, Parameter, Place, State, choice, reference
+from automarine_cli.effects.base import MIXED, Effect, Parameter, State, choice, reference
 from automarine_cli.errors import ModelError
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 
@@ -85,7 +85,6 @@ def variable_of(name: str) -> Variable:
 class Learned(Effect):
     """f(x), f(x) times the thrust, or -f(x) times the speed; `learned` makes one for a variable x."""
 
-    place = Place.MOMENT
     mistaken_for = ()
     source = "Wood (2017), Generalized Additive Models, sections 5 and 6 (penalised splines, smoothness by likelihood)"
     parity = MIXED

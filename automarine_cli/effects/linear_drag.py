@@ -1,12 +1,10 @@
 """Linear drag: laminar friction, dominant at low rates."""
 
-from automarine_cli.effects.base import Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, State, inf
 
 
 class LinearDrag(Effect):
     name = "linear-drag"
-    place = Place.MOMENT
     parameters = (Parameter("{linear}", "linear {motion} drag", "{force} s{/x}", 0.0, inf, 0.05),)
     equation = "-{linear} {v}"
     says = "Part of the drag grows with the {rate} itself, not with its square."

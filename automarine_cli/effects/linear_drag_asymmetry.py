@@ -3,13 +3,11 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, State, inf
 
 
 class LinearDragAsymmetry(Effect):
     name = "linear-drag-asymmetry"
-    place = Place.MOMENT
     parameters = (
         Parameter(
             "e", "half the difference of linear drag {to_positive} and {to_negative}", "{force} s{/x}", -inf, inf, 0.05

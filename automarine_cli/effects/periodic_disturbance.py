@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place, State, choice, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, State, choice, inf
 
 
 class PeriodicDisturbance(Effect):
@@ -14,7 +13,6 @@ class PeriodicDisturbance(Effect):
     """
 
     name = "periodic-disturbance"
-    place = Place.MOMENT
     parameters = (
         Parameter("A", "amplitude of the sine", "{force}", -inf, inf, 0.03),
         Parameter("B", "amplitude of the cosine", "{force}", -inf, inf, 0.0),

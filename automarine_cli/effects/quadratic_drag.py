@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Parameter, Place, State, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, State, inf
 
 
 class QuadraticDrag(Effect):
     name = "quadratic-drag"
-    place = Place.MOMENT
     parameters = (Parameter("{quadratic}", "quadratic {motion} drag", "{force} s²{/x2}", 0.0, inf, 1.0),)
     equation = "-{quadratic} |{v}| {v}"
     says = "Part of the drag grows with the square of the {rate}."

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place, choice, choose, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, choose, inf
 
 SOFT = (0.9, 1.4, 2.2)
 """Limits at which a soft one is tried, as shares of the largest moment: it bends moments far below it."""

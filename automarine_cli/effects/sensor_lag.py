@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place
 
 
 class SensorLag(Effect):

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State, choice, choose, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, choose, inf
 
 
 class TetherSpring(Effect):
     name = "tether-spring"
-    place = Place.MOMENT
     parameters = (
         Parameter("kappa", "{stiffness} of the tether", "{force}/{x}", 0.0, inf, 0.01),
         choice("law", "how it pulls", "taut; with slack; hardening"),

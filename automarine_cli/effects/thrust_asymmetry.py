@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import ODD, Commands, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Commands, Effect, Floats, Parameter, Place
 
 
 class ThrustAsymmetry(Effect):

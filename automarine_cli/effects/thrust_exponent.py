@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Parameter, Place, reference
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place, reference
 
 
 class ThrustExponent(Effect):

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State, choice, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, inf
 
 
 class ThrustLoss(Effect):
     name = "thrust-loss"
-    place = Place.MOMENT
     parameters = (
         Parameter("b", "loss of {force} by {speed} and root of {force}", "({force})^1/2 s{/x}", 0.0, inf, 0.05),
         choice("law", "when thrust is lost", "both ways; in advance only"),

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Parameter, inf
+from automarine_cli.effects.base import Commands, Floats, Parameter, inf
 from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect, each
-from automarine_cli.quantities import Floats
 
 
 class ThrusterDeadBand(SingleThrusterEffect):

@@ -14,6 +14,7 @@ from automarine_cli.effects.base import (
     Place,
     choice,
     deliver_by_law,
+    multiple,
     reference,
 )
 from automarine_cli.quantities import Floats
@@ -41,17 +42,7 @@ class ThrusterLag(Effect):
             "propeller speed; thrust; propeller, faster at speed; slew limit; own time as it falls",
         ),
         reference("tau_ref", "{force} at whose speed T is meant", laws=(2, 3)),
-        Parameter(
-            "fall",
-            "time constant as the speed falls, as a multiple of T",
-            "1",
-            0.05,
-            20.0,
-            1.0,
-            scan=(0.4, 2.5),
-            log=True,
-            laws=(4,),
-        ),
+        multiple("fall", "time constant as the speed falls, as a multiple of T", laws=(4,)),
     )
     equation = "T n' = n_c - n, {f} = n |n|"
     says = "The thrusters reach what is commanded only after a lag."

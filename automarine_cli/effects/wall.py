@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place, State, choice, choose, inf
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, State, choice, choose, inf
 
 
 class Wall(Effect):
     name = "wall"
-    place = Place.MOMENT
     parameters = (
         Parameter("p", "cosine part", "{force} s^2/{x}^2", -inf, inf, 0.1),
         Parameter("q", "sine part", "{force} s^2/{x}^2", -inf, inf, 0.0),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State, choice, choose, reference
+from automarine_cli.effects.base import Effect, Law, Parameter, Place, State, choice, choose, multiple, reference
 from automarine_cli.quantities import Floats
 
 
@@ -27,9 +27,7 @@ class WaterSwirl(Effect):
             "by the jets, calms as its square",
         ),
         reference("tau_ref", "{force} whose jets stir as a slip of one", laws=(3, 6)),
-        Parameter(
-            "calm", "time to calm, as a multiple of T_w", "1", 0.05, 20.0, 1.0, scan=(0.4, 2.5), log=True, laws=(5,)
-        ),
+        multiple("calm", "time to calm, as a multiple of T_w", laws=(5,)),
     )
     equation = "drag on s = {v} - {water}, T_w {water}' = chi s - (1 - chi) {water}"
     says = "The water begins to {move} with the vehicle and carries it along."

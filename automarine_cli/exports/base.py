@@ -12,6 +12,7 @@ The folder is the registry; the tests ask for a reader in `tests/helpers/export_
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from importlib.resources import files
 from typing import Any
 
 from automarine_cli import __version__, effects
@@ -252,6 +253,12 @@ def headed(origin: Origin, lines: Iterable[str]) -> list[str]:
     """Lines below the one that says where the file came from, in letters of ASCII alone."""
     every = (f"Written by automarine {__version__} from {origin}.", *lines)
     return [line.encode("ascii", "backslashreplace").decode("ascii") for line in every]
+
+
+def filled(template: str, fields: Mapping[str, object]) -> str:
+    """Return the text of a file of `templates` with its fields filled."""
+    text = files("automarine_cli.exports").joinpath("templates", f"{template}.txt").read_text(encoding="utf-8")
+    return text.format_map(fields)
 
 
 def commented(lines: Iterable[str], sign: str) -> str:

@@ -162,12 +162,7 @@ def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
 
 
 def _of_plan(plan: PlanFile) -> dict[str, object]:
-    limits, supply = plan.limits, plan.supply
-    return {
-        "schema": SCHEMA,
-        "moment_unit": plan.moment_unit,
-        "rate_hz": limits.logger.rate_hz,
-        "rest_s": limits.runs.rest_before_s,
-        "battery": to_mapping(limits.battery) | to_mapping(supply),
-        "runs": [to_mapping(run) for run in plan.planned],
-    }
+    limits, runs = plan.limits, [to_mapping(run) for run in plan.planned]
+    battery = to_mapping(limits.battery) | to_mapping(plan.supply)
+    return {"schema": SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": limits.logger.rate_hz,
+            "rest_s": limits.runs.rest_before_s, "battery": battery, "runs": runs}  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from automarine_cli.errors import AutomarineError, OutputError
 from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
-from automarine_cli.link.store import HeldElsewhereError, Store, held, waiting
+from automarine_cli.link.store import HeldElsewhereError, Store, held
 from automarine_cli.link.vehicles.base import Vehicle
 
 LEASE_S = 3.0
@@ -55,7 +55,7 @@ class Player:
         with contextlib.suppress(OSError):  # a log that stays open is never begun again
             self.store.close_leftovers()
         while self.lives():
-            for campaign, number, _ in waiting(self.store):
+            for campaign, number in self.store.waiting():
                 if not self._waited(campaign, number):
                     break
                 self._run(campaign, number)

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link.answers import LOG_NAME, RUNS_SCHEMA, SHA256, STATE_SCHEMA, CampaignState, Listing, Log, State
-from automarine_cli.link.document import ENDS, INTERRUPTED, SHORT, LinkCampaign, PlannedRun, campaign_in
+from automarine_cli.link.document import ENDS, INTERRUPTED, SHORT, LinkCampaign, campaign_in
 from automarine_cli.pipeline.results_folder import write_whole
 from automarine_cli.pipeline.words import printable
 
@@ -117,6 +117,12 @@ class Store:
         played = (_end_of(campaign.log_name(run), names) is not None for run in campaign.runs)
         return next((number for number, is_played in enumerate(played) if not is_played), None)
 
+    def waiting(self) -> Iterator[tuple[LinkCampaign, int]]:
+        """Campaign and number of the run that is to be played next, as long as there is something."""
+        for campaign in self.accepted():
+            while not self.is_stopped(campaign) and (number := self.next_run(campaign)) is not None:
+                yield campaign, number
+
     def part(self, name: str) -> Path:
         return self.runs / f"{name}.part"
 
@@ -179,7 +185,7 @@ class Store:
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
         with suppress(OSError, SettingError):  # also a file that is too large for a log
-            if (found := self._status(name)) is not None:
+            if LOG_NAME.fullmatch(name) and stat.S_ISREG((found := (self.runs / name).lstat()).st_mode):
                 closed = name.endswith(".csv")
                 return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
         return None
@@ -203,13 +209,6 @@ class Store:
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
         found = tuple(one for one in campaigns if isinstance(one, CampaignState))
         return State(STATE_SCHEMA, found, _playing(names), tuple(odd))
-
-    def _status(self, name: str) -> os.stat_result | None:
-        if LOG_NAME.fullmatch(name):
-            with suppress(FileNotFoundError):
-                found = (self.runs / name).lstat()
-                return found if stat.S_ISREG(found.st_mode) else None
-        return None
 
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
@@ -379,10 +378,3 @@ def sync_folder(folder: Path) -> None:
         os.fsync(number)
     finally:
         os.close(number)
-
-
-def waiting(store: Store) -> Iterator[tuple[LinkCampaign, int, PlannedRun]]:
-    """Campaign, number and run of what is to be played next, as long as there is something."""
-    for campaign in store.accepted():
-        while not store.is_stopped(campaign) and (number := store.next_run(campaign)) is not None:
-            yield campaign, number, campaign.runs[number]

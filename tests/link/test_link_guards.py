@@ -244,7 +244,7 @@ class SpoiltLink(Client):
         if self.request:
             return replace(self, token=spoil(self.token.encode(), self.at).decode())._ask_once(method, path, headers)
         answer = super()._ask(method, path, body, headers)
-        return replace(answer, content=spoil(answer.content, self.at))
+        return answer._replace(content=spoil(answer.content, self.at))
 
     def _ask_once(self, method: str, path: str, headers: dict[str, str]) -> _Answer:
         return super()._ask(method, path, None, headers)
