@@ -9,7 +9,7 @@ from typing import NamedTuple
 from urllib.parse import quote, urlsplit
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.answers import Listing, State
+from automarine_cli.link.document import Listing, State
 from automarine_cli.pipeline.records import Codec, Document, read_plain
 from automarine_cli.pipeline.words import printable
 

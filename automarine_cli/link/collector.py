@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.answers import Log, State
 from automarine_cli.link.client import PIECE, Client, LinkCut, WrongAnswer
-from automarine_cli.link.document import SHORT, LinkCampaign
+from automarine_cli.link.document import SHORT, LinkCampaign, Log, State
 from automarine_cli.link.store import sync_folder
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.progress import Progress, silent

@@ -1,4 +1,5 @@
-"""A campaign as it crosses the link: one JSON document, known by the SHA-256 of its bytes; plain data, and checked."""
+"""What crosses the link: a campaign, one JSON document that is known by the SHA-256 of its bytes, and what the vehicle
+answers, its state and its list of logs; plain data, and checked."""
 
 import hashlib
 import re
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
+from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
 from automarine_cli.results.files import PlanFile
@@ -17,6 +18,11 @@ from automarine_cli.results.kinds import PLAN
 from automarine_cli.simulation.checks import at_least_zero, between, positive
 
 SCHEMA = "automarine/link-campaign/1"
+STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"
+RUNS_SCHEMA: Literal["automarine/link-runs/1"] = "automarine/link-runs/1"
+LOG_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,140}\.(csv|part)")
+SHA256 = re.compile("[0-9a-f]{64}")
+LARGEST_LOG = 1 << 32
 MOST_BYTES = 4_000_000
 MOST_RUNS, MOST_COMMANDS, LONGEST_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
@@ -141,6 +147,63 @@ class LinkCampaign:
                     f"falls to {left:.3g} Ah of {self.battery.charge_Ah:g}, below the reserve of {kept:.3g} Ah; plan "
                     "fewer or shorter runs"
                 )
+
+
+@dataclass(frozen=True)
+class CampaignState:
+    """How far a campaign is; `why_stopped` where somebody or something stopped it."""
+
+    id: str
+    runs: int
+    played: int
+    interrupted: int
+    over: bool
+    battery_left_Ah: float
+    why_stopped: str | None = None
+
+    def __post_init__(self) -> None:
+        if not SHA256.fullmatch(self.id):
+            raise SettingError(f"id is {told(self.id)}; expected the SHA-256 of a campaign")
+
+    @property
+    def says(self) -> str:
+        ended = f"campaign {self.id[:8]} ended after {self.played} of {self.runs} runs"
+        return ended if self.why_stopped is None else f"{ended}: {self.why_stopped}"
+
+
+@dataclass(frozen=True)
+class State:
+    """What the vehicle is at: the open log, every campaign, and sentences on what in its folder is not right."""
+
+    schema: Literal["automarine/link-state/1"]
+    campaigns: tuple[CampaignState, ...]
+    playing: str | None = None
+    troubles: tuple[str, ...] = ()
+
+    def of(self, campaign_id: str) -> CampaignState | None:
+        return next((one for one in self.campaigns if one.id == campaign_id), None)
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log in the vehicle's folder; one that is still written has no hash."""
+
+    name: str
+    size: int
+    closed: bool
+    sha256: str | None = None
+
+    def __post_init__(self) -> None:
+        if not LOG_NAME.fullmatch(self.name) or not 0 <= self.size < LARGEST_LOG:
+            raise SettingError(f"a log cannot be called {told(self.name)} and have {told(self.size)} bytes")
+        if self.closed and not (self.sha256 and SHA256.fullmatch(self.sha256) and self.name.endswith(".csv")):
+            raise SettingError(f"{self.name} is closed and has the SHA-256 {told(self.sha256)}; expected 64 hex digits")
+
+
+@dataclass(frozen=True)
+class Listing:
+    schema: Literal["automarine/link-runs/1"]
+    runs: tuple[Log, ...]
 
 
 def read_campaign(path: Path) -> LinkCampaign:

@@ -22,8 +22,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
-from automarine_cli.link.answers import SHA256, State
-from automarine_cli.link.document import MOST_BYTES, SHORT
+from automarine_cli.link.document import MOST_BYTES, SHA256, SHORT, State
 from automarine_cli.link.player import LEASE_S, play
 from automarine_cli.link.store import ASKED, HeldElsewhereError, Store, held, sync_folder
 from automarine_cli.link.vehicles.base import Vehicle

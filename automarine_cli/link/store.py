@@ -18,8 +18,21 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.link.answers import LOG_NAME, RUNS_SCHEMA, SHA256, STATE_SCHEMA, CampaignState, Listing, Log, State
-from automarine_cli.link.document import ENDS, INTERRUPTED, SHORT, LinkCampaign, campaign_in
+from automarine_cli.link.document import (
+    ENDS,
+    INTERRUPTED,
+    LOG_NAME,
+    RUNS_SCHEMA,
+    SHA256,
+    SHORT,
+    STATE_SCHEMA,
+    CampaignState,
+    LinkCampaign,
+    Listing,
+    Log,
+    State,
+    campaign_in,
+)
 from automarine_cli.pipeline.results_folder import write_whole
 from automarine_cli.pipeline.words import printable
 
