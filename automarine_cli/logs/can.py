@@ -16,7 +16,7 @@ used where there is one. Source: the LAWICEL protocol.
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -84,19 +84,11 @@ OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and byt
 Bits = NDArray[np.uint8]
 Name = tuple[int, bool]  # identifier, and whether it is an extended one
 Captured = Mapping[Name, tuple[Floats, list[bytes]]]
-Reader = Callable[[Path, str], tuple[Captured, tuple[str, ...]]]
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
-    """Read an ASC, BLF or SLCAN capture. Raises LogError for what is none, and without a DBC."""
-    return decoded(path, name, columns, _slcan if path.suffix.lower() == ".slcan" else _vector)
-
-
-FORMAT = Format("CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"("))
-
-
-def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog:
-    """The signals of a capture on the clock of the heading. Raises LogError as `read`."""
+    """Read an ASC, BLF, SLCAN or candump capture. Raises LogError for what is none, and without a DBC."""
+    reader = {".slcan": _slcan, ".log": _candump}.get(path.suffix.lower(), _vector)
     needed("can", "can", name, "CAN captures")
     needed("cantools", "can", name, "DBC files")
     with unsound_is_refused(name, "CAN"):
@@ -122,8 +114,11 @@ def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog
     return on_one_clock(Recording(streams, "CAN messages", (*known, *rest), notes), columns, name)
 
 
+CANDUMP = Format("candump", (".log",), read, begins=(b"(",))
+FORMAT = Format("CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"("))
+
+
 def grouped(time: Floats, names: list[Name], frames: list[bytes]) -> Captured:
-    """Frames in the order of the file, by their identifiers."""
     places: dict[Name, list[int]] = {}
     for i, name in enumerate(names):
         places.setdefault(name, []).append(i)
@@ -216,13 +211,12 @@ def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap
     for (switch, ids), signals in groups.items():
         chosen = np.isin(raw_of(bits, by_name[switch]), ids) if switch else np.ones(len(time), dtype=bool)
         if chosen.any():
-            values = {name: _values(bits[chosen], one, name in words) for name, one in signals.items()}
+            values = {
+                name: (words_of if name in words else values_of)(bits[chosen], signal)
+                for name, signal in signals.items()
+            }
             which = f" ({switch} {listed(map(str, ids))})" if switch else ""
             yield Stream(f"{message.name}{which}", time[chosen], values)
-
-
-def _values(bits: Bits, signal: Any, as_words: bool) -> NDArray[Any]:
-    return words_of(bits, signal) if as_words else values_of(bits, signal)
 
 
 def bits_of(frames: list[bytes], length: int) -> Bits:
@@ -270,14 +264,6 @@ def words_of(bits: Bits, signal: Any) -> NDArray[np.str_]:
 CANDUMP_LINE = re.compile(
     r"\(\d+\.\d+\) +\S+ +(?:[0-9A-F]{3}|[0-9A-F]{8})#(?:#[0-9A-F])?(?:R\d?|(?:[0-9A-F]{2})*)(?: [RT])?", re.I
 )
-
-
-def _read_candump(path: Path, name: str, columns: ColumnMap) -> RawLog:
-    """Read a candump capture. Raises LogError as `can.read`."""
-    return decoded(path, name, columns, _candump)
-
-
-CANDUMP = Format("candump", (".log",), _read_candump, begins=(b"(",))
 
 
 def _candump(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:

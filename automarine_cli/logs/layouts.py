@@ -48,13 +48,11 @@ class Layout:
 
     @property
     def rules(self) -> dict[str, ColumnRule]:
-        """The column map as everything is taken to be; where a column is open the likelier reading."""
         rules = column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
         return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     @property
     def clock(self) -> "Layout":
-        """The same with nothing but its time."""
         times = tuple(one for one in self.columns if CANONICAL[one.key].quantity == "time")
         return replace(self, columns=times, lacking=(), names=tuple(one.source for one in times))
 
@@ -69,7 +67,6 @@ class Layout:
 
     @property
     def foreign(self) -> bool:
-        """Whether it is no log of a vehicle: nothing that moves and nothing that drives."""
         of_vehicle = {YAW.position, YAW.velocity, YAW.command, *YAW.thrusters}
         found = {CANONICAL[one.key].quantity for one in self.columns}
         return not self.bollard and self.dof is YAW and not found & of_vehicle
@@ -86,13 +83,11 @@ class Maps:
     given: ColumnMap = field(default_factory=ColumnMap)
 
     def columns(self) -> ColumnMap:
-        """All of it as a column map."""
         parts = tuple(ColumnsOf(names, merged(layouts)) for names, layouts in self.own)
         return replace(self.given, columns=merged(self.shared), columns_of=parts, join=self.join)
 
 
 def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
-    """The rules of layouts that share a map."""
     return {key: rule for layout in reversed(layouts) for key, rule in layout.rules.items()}
 
 
@@ -113,26 +108,15 @@ def recognised(layout: Layout, alike: Mapping[str, Span], given: ColumnMap) -> L
         found |= _tests(found, layout, known)
     elif not all(found[side] is not None for side in YAW.thrusters):
         found |= {side: known.get(side) for side in YAW.thrusters}
-    needed = BOLLARD[:2] if layout.bollard else _needed(found)
-    return replace(
-        layout,
-        columns=_each_once(one for one in found.values() if one is not None),
-        lacking=tuple(quantity for quantity in needed if found.get(quantity) is None),
-    )
-
-
-def _needed(found: Mapping[str, Recognised | None]) -> tuple[str, ...]:
-    """What no log of yaw does without; thruster commands stand in for a moment that is not there."""
-    return NEEDED[:2] if all(found[side] is not None for side in YAW.thrusters) else NEEDED
-
-
-def _each_once(found: Iterable[Recognised]) -> tuple[Recognised, ...]:
-    """A column that was recognised as two quantities is the first of them."""
-    return tuple({one.source: one for one in reversed(list(found))}.values())[::-1]
+    commanded = all(found.get(side) is not None for side in YAW.thrusters)  # in place of a moment
+    needed = BOLLARD[:2] if layout.bollard else NEEDED[:2] if commanded else NEEDED
+    lacking = tuple(quantity for quantity in needed if found.get(quantity) is None)
+    # a column that was recognised as two quantities is the first of them
+    first = {column.source: column for column in reversed(list(found.values())) if column is not None}
+    return replace(layout, columns=tuple(first.values())[::-1], lacking=lacking)
 
 
 def _given(key: str, rule: ColumnRule, seen: Mapping[str, Span]) -> Recognised:
-    """A column as the user's own map says."""
     keys = {"source": "from"}
     defaults = ColumnRule("")
     more = {keys.get(name, name): value for name, value in to_mapping(rule).items()
@@ -147,7 +131,6 @@ def _given(key: str, rule: ColumnRule, seen: Mapping[str, Span]) -> Recognised:
 def _tests(
     found: Mapping[str, Recognised | None], layout: Layout, known: Mapping[str, Recognised]
 ) -> dict[str, Recognised | None]:
-    """Control signal and force of bollard tests, looked at together."""
     n, force = found["n"], found["force"]
     if n is None and force is not None:  # a throttle called thrust, beside a force with its unit
         free = [name for name in layout.names if name.lower().startswith("thrust") and name != force.source]
@@ -179,20 +162,15 @@ def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, g
     shared: list[Layout] = []
     own: list[list[Layout]] = []
     for layout in layouts:
-        group = next((one for one in (shared, *own) if all(_agree(layout, other) for other in one)), None)
+        groups = (part for part in (shared, *own) if all(_fits(layout, o) and _fits(o, layout) for o in part))
+        group = next(groups, None)
         if group is None:
             own.append(group := [])
         group.append(layout)
     named = []
     for group in own:
-        wanted = [file for layout in group for file in layout.files]
-        named.append((_names(wanted, files, folder), tuple(group)))
+        named.append((_names([file for layout in group for file in layout.files], files, folder), tuple(group)))
     return Maps(tuple(shared), tuple(named), given.join, given)
-
-
-def _agree(one: Layout, other: Layout) -> bool:
-    """Whether two layouts can be read by one map: no rule of the one means another column of the other."""
-    return _fits(one, other) and _fits(other, one)
 
 
 def _fits(one: Layout, other: Layout) -> bool:
@@ -208,7 +186,6 @@ def _fits(one: Layout, other: Layout) -> bool:
 
 
 def _names(wanted: Sequence[LogFile], every: Sequence[LogFile], folder: Path) -> tuple[str, ...]:
-    """Patterns that mean these files of all."""
     top = folder.resolve()
     inner = {file: Path(os.path.relpath(file.path.resolve(), top)).as_posix() for file in every}
     places = places_of([inner[file] for file in wanted], list(inner.values()))
@@ -237,7 +214,7 @@ def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
                 pair = own.name, beside[0].name
             if pair is not None:
                 found.setdefault(pair)
-    longest = max((_gap(one) for one in driven), default=0.0)
+    longest = max((_longest_gap(one) for one in driven), default=0.0)
     age = OLDEST if longest < OLDEST else float(np.ceil(1.1 * longest))
     return tuple(Join(*pair, max_age_s=age) for pair in found)
 
@@ -262,7 +239,7 @@ def _drives(layout: Layout) -> bool:
     return not layout.bollard and (sides or any(is_called(dof.command, layout.names) for dof in DOFS.values()))
 
 
-def _gap(layout: Layout) -> float:
+def _longest_gap(layout: Layout) -> float:
     """The longest time [s] between two rows of a file that is written seldom; none of one that pauses now and then."""
     clock = recognise("time", layout.names, layout.seen)
     if clock is None:
@@ -292,7 +269,6 @@ def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
 
 
 def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
-    """What each column does over several logs."""
     whole: dict[str, Span] = {}
     for one in seen:
         for name, span in one.items():
@@ -301,7 +277,6 @@ def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
 
 
 def quantities_of(names: Iterable[str]) -> set[str]:
-    """What columns of these names hold by themselves."""
     return {CANONICAL[name].quantity for name in names if name in CANONICAL}
 
 
@@ -334,7 +309,7 @@ def layouts_of(
         clocks = maps_of([layout.clock for layout in apart], logs, folder, given).columns()
         logs = whole_logs(logs, given)
         beside = [layout.clock for layout in apart if not set(layout.files) & set(logs)]
-        seen |= {file: _layout_of(file, clocks) for file in logs if _is_joined(given, file)}
+        seen |= {file: _layout_of(file, clocks) for file in logs if any(join.places(file.path) for join in given.join)}
         seen = {file: seen[file] for file in logs}
     layouts = _recognised(seen.values(), given)
     ours = {file for layout in layouts if not layout.foreign for file in layout.files}
@@ -347,14 +322,6 @@ def layouts_of(
     maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *beside], files, folder, given)
     unread = {file: error for file, error in seen.items() if isinstance(error, LogError)}
     return Layouts(tuple(logs), tuple(layouts), maps, strangers, unread)
-
-
-def _is_joined(columns: ColumnMap, file: LogFile) -> bool:
-    """Whether other files are joined to a log, or would be if they were there."""
-    try:
-        return bool(columns.beside(file.path))
-    except LogError:
-        return True
 
 
 def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
@@ -402,27 +369,24 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
     The folder at the top is never one of them: results that are written into it later would be taken for logs.
     """
     left, found = set(wanted), []
-    for folder in _folders(everywhere):
+    folders = {"/".join(name.split("/")[:i]) for name in everywhere for i in range(1, name.count("/") + 1)}
+    for folder in sorted(folders, key=lambda folder: (folder.count("/"), folder)):  # outer ones first
+        if re.search(r"[*?[]", folder):
+            continue
         inside = {name for name in everywhere if name.startswith(f"{folder}/")}
         if inside and inside <= left:
             found.append(folder)
             left -= inside
     for glob in _globs(sorted(left)):
-        meant = {name for name in everywhere if _is_meant(name, glob)}
+        folder = glob.rpartition("/")[0]
+        meant = {name for name in everywhere if name.rpartition("/")[0] == folder and fnmatchcase(name, glob)}
         if len(meant & left) > 1 and meant <= set(wanted):
             found.append(glob)
             left -= meant
     return sorted([*found, *left])
 
 
-def _folders(names: Sequence[str]) -> list[str]:
-    """Folders that hold logs at any depth, outer ones first."""
-    found = {"/".join(name.split("/")[:i]) for name in names for i in range(1, name.count("/") + 1)}
-    return sorted((one for one in found if not re.search(r"[*?[]", one)), key=lambda one: (one.count("/"), one))
-
-
 def _globs(names: Sequence[str]) -> list[str]:
-    """Globs by ending and by the first word of a name, the wider ones first."""
     wide, narrow = [], []
     for name in names:
         folder, slash, last = name.rpartition("/")
@@ -434,8 +398,3 @@ def _globs(names: Sequence[str]) -> list[str]:
         if word and word[0] != stem:
             narrow += [f"{folder}{slash}{word[0]}*", f"{folder}{slash}{word[0]}*{ending}"]
     return list(dict.fromkeys([*wide, *narrow]))
-
-
-def _is_meant(name: str, glob: str) -> bool:
-    """Whether a glob means a name; a star stays within its folder."""
-    return name.rpartition("/")[0] == glob.rpartition("/")[0] and fnmatchcase(name, glob)

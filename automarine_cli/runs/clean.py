@@ -27,10 +27,6 @@ class NotUsable(RunError):
     """An unusable run: the reason, with a hint."""
 
 
-def _commands(table: LogTable) -> tuple[str, ...]:
-    return (table.dof.command,) if table.dof.command in table.columns else table.dof.thrusters
-
-
 def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...]:
     """Clean the rows `chosen` (indices into the table, shape (N,), or a slice) of one run; a wide gap may split it
     into several.
@@ -39,7 +35,8 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
-    dof, summed, commands = table.dof, is_velocity_only(table), _commands(table)
+    dof, summed = table.dof, is_velocity_only(table)
+    commands = (dof.command,) if dof.command in table.columns else dof.thrusters
     measured = dof.velocity if summed else dof.position
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
@@ -78,8 +75,10 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
 
 def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
     dof = table.dof
-    own = ("time", dof.position, dof.command)
-    extras = {key: values for key, values in columns.items() if key not in own}
+    extras = {key: values for key, values in columns.items() if key not in ("time", dof.position, dof.command)}
+    repeated, coarse = counts["duplicates"], ()
+    if repeated > COARSE * counts["rows"]:
+        coarse = (f"{repeated} of {counts['rows']} stamps repeat the one before: the clock is coarser than the log",)
     return Run(
         name=name,
         source=table.source,
@@ -89,14 +88,13 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         moment_unit=table.moment_unit or "",
         extras=extras,
         counts=counts,
-        notes=table.notes + _coarse_clock(counts),
+        notes=table.notes + coarse,
         reading=table.notes,
         dof=dof,
     )
 
 
 def _summed_up(run: Run) -> Run:
-    """The run with the sum of its velocities for a position, of which it is told that no sensor gave it."""
     dof = run.dof
     velocity = run.extras[dof.velocity]
     fresh = fresh_readings(velocity)  # a held reading is as old as it is long held
@@ -104,13 +102,6 @@ def _summed_up(run: Run) -> Run:
     position = summed_position(run.time, instant, _any_command(run), dof)
     note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
     return replace(run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note))
-
-
-def _coarse_clock(counts: Mapping[str, int]) -> tuple[str, ...]:
-    repeated, rows = counts["duplicates"], counts["rows"]
-    if repeated <= COARSE * rows:
-        return ()
-    return (f"{repeated} of {rows} stamps repeat the one before: the clock is coarser than the log",)
 
 
 def _only(columns: Mapping[str, Floats], kept: Mask) -> dict[str, Floats]:

@@ -50,7 +50,6 @@ class Misfit:
 
     @property
     def sentence(self) -> str:
-        """One sentence, without a stop."""
         return f"{self.why}; write {self.rule} under [columns] to mend that, or give the map of this signal"
 
 

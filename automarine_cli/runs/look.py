@@ -63,7 +63,6 @@ NO_KEYS = ("dof", "commanded", "limits")  # of a run in check.json
 
 
 def _keyed(record: "StepSeen | RunSeen", keys: Mapping[str, str]) -> dict[str, object]:
-    """The fields of a record under their keys, in order."""
     names = (one.name for one in fields(record) if one.name not in NO_KEYS)
     return {keys.get(name, name): getattr(record, name) for name in names}
 

@@ -47,20 +47,17 @@ class Survey:
 
     @property
     def count(self) -> int:
-        """How many logs could be read, or will be once the questions are answered."""
         bad = {run.file for run in self.set_aside}
         return sum(file.name not in bad for layout in self.layouts for file in layout.files)
 
     @property
     def columns(self) -> tuple[Recognised, ...]:
-        """What columns are taken for, each meaning once."""
         every = [column for layout in self.layouts for column in layout.columns]
         unique = {(column.key, column.source, str(column.rule)): column for column in reversed(every)}
         return tuple(unique.values())[::-1]
 
     @property
     def thrusters_drive(self) -> bool:
-        """Whether the yaw logs hold thruster commands and no moment."""
         return self.commands != () and not {column.key for column in self.columns} & set(names_of(YAW.command))
 
     @property
@@ -84,7 +81,6 @@ class Survey:
 
     @property
     def turns(self) -> tuple[int, int]:
-        """How many stretches from rest turned with, and against, the sign of their moment."""
         others = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
         kinds = [kind for file, runs in self.runs.items() if file not in others for kind in runs]
         return sum(kind.with_moment for kind in kinds), sum(kind.against for kind in kinds)
@@ -157,7 +153,6 @@ def _fixed(placed: Mapping[str, Sequence[LogFile]]) -> Placed:
 
 
 def _test_of(file: LogFile, columns: ColumnMap) -> SetAside | None:
-    """Why a bollard test cannot be read by the map."""
     try:
         require_thruster(read_log(file, columns, dof=YAW))
     except LogError as error:
@@ -185,7 +180,6 @@ def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> st
 
 
 def _of_three(names: Sequence[str]) -> bool:
-    """Whether logs with these columns hold the heading, what pushes ahead or abeam, and speeds or a place."""
     there = quantities_of(names)
     pushed = {SURGE.command, SWAY.command} & there
     moved = {SURGE.velocity, SWAY.velocity} & there or {"north", "east"} <= there
