@@ -212,7 +212,8 @@ def likely_canonical(quantity: str, column: str) -> str:
     plain = column.lower()
     choices = names_of(quantity)
     endings = {
-        "rad": "_rad", "deg": "_deg", "kgf": "_kgf", "lbf": "_lbf", "ms": "_ms", "milli": "_ms", "us": "_us", "nm": "_Nm",
+        "rad": "_rad", "deg": "_deg", "kgf": "_kgf", "lbf": "_lbf", "ms": "_ms", "milli": "_ms", "us": "_us",
+        "nm": "_Nm",
     }  # fmt: skip
     fit = (choice for word, ending in endings.items() if word in plain
            for choice in choices if choice.endswith((ending, f"{ending}_s")))  # fmt: skip

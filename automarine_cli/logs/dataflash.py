@@ -154,8 +154,8 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
             stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == "RCOU")
             if name == "RCOU":
                 told = messages.get("PARM", {})
-                named = (clock := _clock(told)) is not None and {"Name", "Value"} <= told.keys()
-                known = parameters(told["Name"], clock, told["Value"]) if named else {}
+                clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
+                known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
                 stream, asked = with_pulses(stream, name, fields, known, columns)
             streams += [] if stream is None else [stream]
     holds = tuple(f"{name} ({len(next(iter(fields.values())))})" for name, fields in messages.items())

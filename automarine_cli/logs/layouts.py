@@ -186,46 +186,44 @@ def _fits(one: Layout, other: Layout) -> bool:
 
 
 def _names(wanted: Sequence[LogFile], every: Sequence[LogFile], folder: Path) -> tuple[str, ...]:
-    top = folder.resolve()
-    inner = {file: Path(os.path.relpath(file.path.resolve(), top)).as_posix() for file in every}
-    places = places_of([inner[file] for file in wanted], list(inner.values()))
-    found = []
-    for place in places:
-        stray = [file for file in every if file not in wanted and matches(file.path, place)]
-        found.append(f"{top.name}/{place}" if stray else place)
-    return tuple(found)
+    inner = {file: _within(folder, file).as_posix() for file in every}
+    names = []
+    for place in places_of([inner[file] for file in wanted], list(inner.values())):
+        stray = any(file not in wanted and matches(file.path, place) for file in every)
+        names.append(f"{folder.resolve().name}/{place}" if stray else place)
+    return tuple(names)
+
+
+def _within(folder: Path, file: LogFile) -> Path:
+    return Path(os.path.relpath(file.path.resolve(), folder.resolve()))
 
 
 def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
-    """Which files of a folder are one log, by their names: those that hold what moves beside those that hold what
-    drives."""
-    moved = [layout for layout in kinds if _moves(layout) and not _drives(layout)]
-    driven = [one for one in kinds if not _moves(one) and (_drives(one) or _stands_beside(one, moved, folder))]
+    """Return which files of a folder are one log, by their names: those that hold what moves beside those that hold
+    what drives."""
+    moving = [layout for layout in kinds if _moves(layout) and not _drives(layout)]
+    main = [_within(folder, file) for layout in moving for file in layout.files]
+    driving = [
+        layout for layout in kinds if not _moves(layout) and (_drives(layout) or _goes_with(layout, main, folder))
+    ]
+    others = [_within(folder, file) for layout in driving for file in layout.files]
     found: dict[tuple[str, str], None] = {}
-    top = folder.resolve()
-    there = [(Path(os.path.relpath(f.path.resolve(), top)), one) for one in driven for f in one.files]
-    for layout in moved:
-        for file in layout.files:
-            own = Path(os.path.relpath(file.path.resolve(), top))
-            pairs = (_pattern(own, path) for path, _ in there)
-            pair = next((one for one in pairs if one), None)
-            beside = [path for path, _ in there if path.parent == own.parent]
-            if pair is None and len(beside) == 1:
-                pair = own.name, beside[0].name
-            if pair is not None:
-                found.setdefault(pair)
-    longest = max((_longest_gap(one) for one in driven), default=0.0)
+    for path in main:
+        pair = next(filter(None, (_pattern(path, other) for other in others)), None)
+        near = [other for other in others if other.parent == path.parent]
+        if pair is None and len(near) == 1:
+            pair = path.name, near[0].name
+        if pair is not None:
+            found.setdefault(pair)
+    longest = max(map(_longest_gap, driving), default=0.0)
     age = OLDEST if longest < OLDEST else float(np.ceil(1.1 * longest))
     return tuple(Join(*pair, max_age_s=age) for pair in found)
 
 
-def _stands_beside(layout: Layout, moved: Sequence[Layout], folder: Path) -> bool:
+def _goes_with(layout: Layout, main: Sequence[Path], folder: Path) -> bool:
     """Whether each file with a clock stands, by its name, beside one that holds what moves: then it holds what drives,
     whatever that is called."""
-    top = folder.resolve()
-    theirs = [Path(os.path.relpath(file.path.resolve(), top)) for one in moved for file in one.files]
-    own = [Path(os.path.relpath(file.path.resolve(), top)) for file in layout.files]
-    paired = all(any(_pattern(other, mine) for other in theirs) for mine in own)
+    paired = all(any(_pattern(other, _within(folder, file)) for other in main) for file in layout.files)
     clock, signal = (recognise(quantity, layout.names, layout.seen) for quantity in ("time", "n"))
     return paired and clock is not None and not (layout.bollard and signal is not None)
 
@@ -253,10 +251,9 @@ def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
     """Patterns of two names that differ in one word: nav_*.csv and cmd_*.csv, or nav/*.csv and cmd/*.csv."""
     if one.name == other.name and one.parent.parent == other.parent.parent and one.parent != other.parent:
         return f"{one.parent.name}/*{one.suffix}", f"{other.parent.name}/*{other.suffix}"
-    if one.parent != other.parent:
-        return None
-    words = [re.split(r"([_\-. ]+)", stem_of(path.name)) for path in (one, other)]
-    if len(words[0]) != len(words[1]) or len(words[0]) < 3:
+    stems = [stem_of(path.name) for path in (one, other)]
+    words = [re.split(r"([_\-. ]+)", stem) for stem in stems]
+    if one.parent != other.parent or len(words[0]) != len(words[1]) or len(words[0]) < 3:
         return None
     differ = [i for i, (mine, theirs) in enumerate(zip(*words)) if mine != theirs]
     if len(differ) != 1:
@@ -264,16 +261,15 @@ def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
     i = differ[0]
     before = "*" + words[0][i - 1] if i else ""
     after = words[0][i + 1] + "*" if i + 1 < len(words[0]) else ""
-    endings = [path.name[len(stem_of(path.name)) :] for path in (one, other)]
+    endings = [path.name[len(stem) :] for path, stem in zip((one, other), stems)]
     return f"{before}{words[0][i]}{after}{endings[0]}", f"{before}{words[1][i]}{after}{endings[1]}"
 
 
 def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
-    whole: dict[str, Span] = {}
-    for one in seen:
-        for name, span in one.items():
-            whole[name] = whole[name] + span if name in whole else span
-    return whole
+    spans: dict[str, Span] = {}
+    for part in seen:
+        spans |= {name: spans[name] + span if name in spans else span for name, span in part.items()}
+    return spans
 
 
 def quantities_of(names: Iterable[str]) -> set[str]:

@@ -88,8 +88,9 @@ def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
         number(run.extent, 2),
         MISSING
         if turn is None
-        else f"{turn.kept_samples} samples, {turn.gone:.0f} {dof.units.shown} of {number(turn.moment, 3)}",
-        MISSING if turn is None else turn.cut_by,
+        else f"{turn['kept_samples']} samples, {turn[f'{dof.words.gone_key}_{dof.units.key}']:.0f} {dof.units.shown} "
+        f"of {number(turn[dof.words.force], 3)}",
+        MISSING if turn is None else turn["cut_by"],
         MISSING if run.why is None else run.why.split(":")[0],
     )
 

@@ -21,7 +21,6 @@ LEAST_STUCK = 20  # samples of one exact position
 TIMES_HELD = 4.0  # as long as other values: a sensor that answers seldom is not stuck
 SLOWEST = 5.0  # s between samples; nobody logs a test more slowly
 FASTEST = 2e-4  # s between samples
-LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
 WHILE = 1.0  # s over which a way is measured: it is longer than its noise
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
@@ -55,18 +54,16 @@ def clock_trouble(time: Floats) -> str | None:
     return None
 
 
-def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
-    """Why a position as logged, shape (N,) [rad or m], cannot be one of this motion, or None."""
-    return _angle_trouble(time, position, dof) if dof.wraps else _way_trouble(time, position, dof)
-
-
 def beyond(position: Floats, dof: Dof) -> NDArray[np.bool_]:
     """Which positions, (N,), are further than any vehicle gets: what some sensors say instead of nothing. Ways count
     from the middle one, since they may be measured from anywhere."""
     return np.asarray(np.abs(position - (0.0 if dof.wraps else median(position))) > dof.limits.far)
 
 
-def _way_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
+def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
+    """Return why a position as logged, shape (N,) [rad or m], cannot be one of this motion, or None."""
+    if dof.wraps:
+        return _angle_trouble(time, position, dof)
     name, column = dof.position, dof.column(dof.position, dof.units.log)
     largest = median(np.abs(position - position[0]))
     later = np.interp(time + WHILE, time, position)
@@ -110,14 +107,6 @@ def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
             f'name it {dof.column(name, "deg")}, or say unit = "deg" with --columns'
         )
     return None
-
-
-def command_trouble(command: Floats, name: str) -> str | None:
-    """Why a moment, force or thruster command, shape (N,), cannot be one, or None."""
-    largest = float(np.abs(command).max(initial=0.0))
-    if largest <= LARGEST_COMMAND:
-        return None
-    return f"units look wrong: a {name} of {largest:.3g}. Check which column is the {name}"
 
 
 def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:

@@ -12,12 +12,13 @@ from automarine_cli.logs import LogTable
 from automarine_cli.logs.table import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.checks import beyond, clock_trouble, command_trouble, position_trouble, stuck
+from automarine_cli.runs.checks import beyond, clock_trouble, position_trouble, stuck
 from automarine_cli.runs.noise import NORMAL, fresh_readings, median, slope
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.unwrap import Indices, Mask, find_glitches, find_jumps, unwrap, wrapped
 
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
+LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
 COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
 COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps", "jumps")
 SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting a start of its own
@@ -60,7 +61,9 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
     if not summed:
         _refuse(position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
-        _refuse(command_trouble(columns[key], dof.words.force if key == dof.command else "thruster command"))
+        if (largest := float(np.abs(columns[key]).max(initial=0.0))) > LARGEST_COMMAND:
+            what = dof.words.force if key == dof.command else "thruster command"
+            raise NotUsable(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
     if summed:
         return _bridged(_summed_up(_run(table, columns, name, counts)))
     glitch = find_glitches(columns["time"], columns[dof.position], dof) | beyond(columns[dof.position], dof)
@@ -76,9 +79,9 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
 def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
     dof = table.dof
     extras = {key: values for key, values in columns.items() if key not in ("time", dof.position, dof.command)}
-    repeated, coarse = counts["duplicates"], ()
+    notes, repeated = table.notes, counts["duplicates"]
     if repeated > COARSE * counts["rows"]:
-        coarse = (f"{repeated} of {counts['rows']} stamps repeat the one before: the clock is coarser than the log",)
+        notes += (f"{repeated} of {counts['rows']} stamps repeat the one before: the clock is coarser than the log",)
     return Run(
         name=name,
         source=table.source,
@@ -88,7 +91,7 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         moment_unit=table.moment_unit or "",
         extras=extras,
         counts=counts,
-        notes=table.notes + coarse,
+        notes=notes,
         reading=table.notes,
         dof=dof,
     )
