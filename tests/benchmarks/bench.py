@@ -2,7 +2,7 @@
 out/bench.json.
 
 Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [tails] [sensors]
-       [commands] [startup] [simulator] [fit] [reading] [memory] [broken]
+       [commands] [simulator] [fit] [reading] [memory]
        [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
@@ -22,9 +22,9 @@ from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
 from interval_coverage import coverage
 from planning import planning
-from reading import broken, memory, reading
+from reading import memory, reading
 from sensors import sensors
-from speed import Result, fit, simulator, startup
+from speed import Result, fit, simulator
 from tails import tails
 
 from automarine_cli.commands.terminal import terminal_progress
@@ -40,7 +40,7 @@ CAMPAIGNS = {
     "sensors": 200,
 }
 SECTIONS = (
-    *CAMPAIGNS, "commands", "startup", "simulator", "fit", "reading", "memory", "broken",
+    *CAMPAIGNS, "commands", "simulator", "fit", "reading", "memory",
 )  # fmt: skip
 
 
@@ -52,11 +52,11 @@ def run_section(name: str, jobs: int, campaigns: int | None, repeats: int, full:
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
     if name == "reading":
         return reading(repeats, full, progress)
-    if name in ("memory", "broken"):
-        return {"memory": memory, "broken": broken}[name](full, progress)
+    if name == "memory":
+        return memory(full, progress)
     if name == "commands":
         return commands(min(repeats, 3), progress)
-    return {"startup": startup, "simulator": simulator, "fit": fit}[name](3 * repeats, progress)
+    return {"simulator": simulator, "fit": fit}[name](3 * repeats, progress)
 
 
 def main() -> None:

@@ -1,12 +1,7 @@
-"""Speed: start-up of the command, simulated samples a second, and the fit, each against the plain way to do it."""
+"""Speed: simulated samples a second, and the fit, each against the plain way to do it."""
 
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,56 +27,6 @@ Result = tuple[list[Table], dict[str, Any]]
 
 START = (1.2 * INERTIA, 0.8 * K_RR)
 ACCURACY = {"rtol": 1e-6, "atol": 1e-8}  # of solve_ivp: as accurate as a hundredth of a degree needs, and easily
-
-
-def startup(count: int, progress: Progress) -> Result:
-    """`automarine --help` against a bare `import click`, and a fit of 20 points against the imports it needs, in turns
-    so that all see the same machine."""
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder, "bollard.csv")
-        n = np.linspace(-150, 150, 20)
-        log.write_text("n,force_N\n" + "".join(f"{x:.1f},{2e-4 * x * abs(x):.4f}\n" for x in n))
-        fitting = ["fit-thrusters", str(log), "-q"]
-        needed = _child(_LOADED, *fitting).split()
-        commands = {
-            "import click": ["-c", "import click"],
-            "automarine --help": ["-m", "automarine_cli", "--help"],
-            f"the {len(needed)} library modules that fit-thrusters loads": ["-c", f"import {', '.join(needed)}"],
-            "automarine fit-thrusters, 20 points": ["-m", "automarine_cli", *fitting],
-        }
-        taken: dict[str, list[float]] = {name: [] for name in commands}
-        for i in range(count + 2):
-            for name, command in commands.items():
-                work = partial(subprocess.run, [sys.executable, *command], check=True, capture_output=True)
-                seconds = _seconds(work)
-                if i >= 2:  # the first two fill the caches
-                    taken[name].append(seconds)
-            progress("start-up", i + 1, count + 2)
-    click, own, modules, fit = (np.array(values) for values in taken.values())
-    ratios = float(np.median(own / click)), float(np.median(fit / modules))
-    rows = tuple((name, f"{1000 * np.median(values):.0f}") for name, values in taken.items())
-    notes = tuple(
-        f"Ratio {ratio:.2f} (median of {count} pairs); asked for is at most {most}."
-        for ratio, most in zip(ratios, (1.5, 1.3))
-    )
-    results = {name: float(np.median(values)) for name, values in taken.items()}
-    return [Table("Start-up", ("command", "median ms"), rows, notes=notes)], {
-        "runs": count, "seconds": results, "ratio": ratios[0], "fit_thrusters_ratio": ratios[1],
-    }  # fmt: skip
-
-
-_LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "click", "matplotlib")
-_LOADED = f"""import sys
-from automarine_cli.commands import automarine
-automarine(sys.argv[1:], standalone_mode=False)
-names = [n for n, m in sys.modules.items() if n.split(".")[0] in {_LIBRARIES} and getattr(m, "__spec__", None)]
-print(*[n for n in names if all(part.isidentifier() for part in n.split("."))])
-"""
-
-
-def _child(code: str, *arguments: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True)
-    return done.stdout
 
 
 def simulator(repeats: int, progress: Progress) -> Result:
