@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 
 
-@command("diagnose", report="planar_diagnosis_report thruster_diagnosis", by_effects=True)
+@command("diagnose", report="diagnosis_report", by_effects=True)
 @options.logs
 @options.model
 @options.hold_out

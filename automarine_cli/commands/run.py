@@ -19,8 +19,8 @@ from automarine_cli.pipeline.progress import Progress, silent
 
 if TYPE_CHECKING:
     from automarine_cli.pipeline.result_files import RunFile
+    from automarine_cli.report.campaign_page import Step
     from automarine_cli.report.campaign_run import CampaignOutcome, CampaignRun, Campaigns, StepOutcome
-    from automarine_cli.report.campaign_steps import Step
 
 RESULTS = "results"
 """The folder beside the campaign file that takes the results of who names none."""
@@ -29,7 +29,7 @@ NO_PAGE = "no step has a result to show"
 
 
 def _steps() -> tuple[str, ...]:
-    from automarine_cli.report.campaign_steps import STEP_NAMES
+    from automarine_cli.report.campaign_page import STEP_NAMES
 
     return STEP_NAMES
 
@@ -133,8 +133,8 @@ def _run(
     file that makes no sense and OutputError.
     """
     from automarine_cli.pipeline.results_folder import refuse_unfit
+    from automarine_cli.report.campaign_page import REPORT, STEP_NAMES, STEPS
     from automarine_cli.report.campaign_run import CampaignRun, StepOutcome, warnings_of, with_results
-    from automarine_cli.report.campaign_steps import REPORT, STEP_NAMES, STEPS
 
     campaign = read_campaign(path)
     refuse_unfit(out)

@@ -385,7 +385,7 @@ def _fit_steps(
     tail: float | None,
 ) -> YawFit:
     unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
-    chosen = choose_channels([turn.step.run for turn in turns], dof, channels)
+    chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
     turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
     data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))

@@ -10,7 +10,7 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.logs.formats import stem_of
+from automarine_cli.logs.find import stem_of
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.pipeline.result_files import LogReading, RunsUsed, SetAside
 from automarine_cli.quantities import CLOCK, SINCE, Floats

@@ -233,7 +233,7 @@ def test_moments_of_the_thrusters(place: Path) -> None:
         ("campaign/1", "campaign/9", "expected 'automarine/campaign/1'"),
         ("per_test = 2", "per_test = 0", "campaign.toml: thrusters.per_test is 0; 0 is not in the range x>=1"),
         ('["steps"]', '["step"]', "campaign.toml: logs.steps: "),
-        ("[thrusters]", "[columns]\nheading = 'yaw'\n[thrusters]", "campaign.toml: columns.heading is no column"),
+        ("[thrusters]", "[columns]\nheading = 'yaw'\n[thrusters]", "campaign.toml: columns.heading: no column"),
     ],
 )
 def test_campaign_files_are_refused_by_key(

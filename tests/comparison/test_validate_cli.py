@@ -20,8 +20,8 @@ from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
+from automarine_cli.report.figures.runs import validation_figure
 from automarine_cli.report.figures.style import MODEL_COLOURS
-from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.style import new_figure, png
+from automarine_cli.report.figures.style import FORMATS, new_figure
 from automarine_cli.report.figures.yaw import FINE, distinct, lines
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -118,7 +118,7 @@ def is_complete(figure: Figure) -> None:
         for line in ax.lines:
             x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
             assert np.all(np.isfinite(x)) and np.all(np.isfinite(y))
-    assert png(figure).startswith(b"\x89PNG")
+    assert FORMATS["png"](figure).startswith(b"\x89PNG")
 
 
 def lines_of_more_than(ax: Axes, samples: int) -> int:
