@@ -72,13 +72,14 @@ def _sheet_rows(campaign: Campaign) -> Table:
     """The run sheet for programs and spreadsheets."""
     unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
     rows = []
-    for slot, why, back, turned in zip(campaign.slots, campaign.why, campaign.ways_back, campaign.turns):
+    for slot in campaign.slots:
         run = slot.candidate
         rows.append((
-            str(slot.number), slot.name, run.kind, f"{slot.begins / 60.0:.2f}", f"{run.start_heading:g}", f"{back:.0f}",
-            "" if run.voltage is None else f"{run.voltage:g}", f"{rest:g}", in_words(run, unit), f"{run.driven:g}",
-            f"{turned:.0f}", f"{slot.wait:g}", f"{slot.left:.4f}",
-            f"{100.0 * slot.left / campaign.limits.battery.charge_Ah:.1f}", command_path(slot), why,
+            str(slot.number), slot.name, run.kind, f"{slot.begins / 60.0:.2f}", f"{run.start_heading:g}",
+            f"{slot.turn_there:.0f}", "" if run.voltage is None else f"{run.voltage:g}", f"{rest:g}",
+            in_words(run, unit), f"{run.driven:g}",
+            f"{slot.turns:.0f}", f"{slot.wait:g}", f"{slot.left:.4f}",
+            f"{100.0 * slot.left / campaign.limits.battery.charge_Ah:.1f}", command_path(slot), slot.why,
         ))  # fmt: skip
     return Table("", SHEET, tuple(rows))
 
@@ -88,10 +89,10 @@ def _sheet_table(campaign: Campaign) -> Table:
     unit, full = campaign.fitting.model.moment_unit, campaign.limits.battery.charge_Ah
     rows = [
         (
-            str(slot.number), _clock(slot.begins), f"{slot.candidate.start_heading:g}", f"{back:+.0f}",
-            in_words(slot.candidate, unit), f"{slot.wait:g}", f"{100.0 * slot.left / full:.0f}", why,
+            str(slot.number), _clock(slot.begins), f"{slot.candidate.start_heading:g}", f"{slot.turn_there:+.0f}",
+            in_words(slot.candidate, unit), f"{slot.wait:g}", f"{100.0 * slot.left / full:.0f}", slot.why,
         )
-        for slot, why, back in zip(campaign.slots, campaign.why, campaign.ways_back)
+        for slot in campaign.slots
     ]  # fmt: skip
     header = (
         "run", "begin at min:s", "start heading deg", "turn there by deg", "after the rest", "then wait s",
@@ -159,15 +160,15 @@ def _evidence(split: Split) -> str:
 
 def _compared_table(campaign: Campaign) -> Table:
     """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
-    names = list(campaign.plan.percent)
+    names = list(campaign.plan.stderr_percent)
     rows = [
         (
-            label, number(curve.minutes[-1], 3), number(curve.motion[-1], 3),
-            *(number(curve.percent[name][-1], 2) for name in names),
+            label, number(curve.minutes[-1], 3), number(curve.motion_s[-1], 3),
+            *(number(curve.stderr_percent[name][-1], 2) for name in names),
         )
         for label, curve in (
             ("this plan", campaign.plan), ("the paper's grid", campaign.grid),
-            *((f"this plan and one {curve.name}", curve) for curve in campaign.more),
+            *((f"this plan and one {curve.campaign}", curve) for curve in campaign.more),
         )
     ]  # fmt: skip
     header = ("campaign", "min in the pool", "s of motion", *(f"{_symbol(name, campaign)} %" for name in names))

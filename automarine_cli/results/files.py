@@ -351,10 +351,19 @@ class Gaps:
 
 
 @dataclass(frozen=True)
-class Named:
-    """An effect by its name."""
+class Rival:
+    """An effect that cannot be excluded, and the run that would."""
 
     name: str
+    split_by: str = ""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect that a diagnosis tried alone, and what it gained."""
+
+    name: str
+    gain: float
 
 
 @dataclass(frozen=True)
@@ -363,7 +372,7 @@ class FoundEffect:
 
     name: str
     parameters: Mapping[str, Given] = field(default_factory=dict)
-    rivals: tuple[Named, ...] = ()
+    rivals: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -392,6 +401,9 @@ class DiagnosisFile(ResultRecord):
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
     effects: tuple[FoundEffect, ...] = ()
     base: Mapping[str, Moved] = field(default_factory=dict)
+    candidates: tuple[Tried, ...] = ()
+    threshold: float | None = None
+    smallest_visible: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def of_thrusters(self) -> bool:
