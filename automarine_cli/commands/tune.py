@@ -83,12 +83,19 @@ def tune(
 
 def _completed(settings: dict[str, Any]) -> dict[str, Any]:
     """A diagnosis brings the model beside it. Raises UsageError where there is nothing to do."""
-    from automarine_cli.control.knowledge import EXTENDED, is_diagnosis
+    from automarine_cli.control.knowledge import EXTENDED
+    from automarine_cli.pipeline.records import schema_in
+    from automarine_cli.results.kinds import DIAGNOSIS
 
     if not settings["target"] and not settings["check"]:
         raise click.UsageError("give --for TARGET, or --check LOG with a tuning.json")
     model, extended = settings["model"], settings["extended"]
-    if extended is None and isinstance(model, Path) and model.with_name(EXTENDED).is_file() and is_diagnosis(model):
+    if (
+        extended is None
+        and isinstance(model, Path)
+        and model.with_name(EXTENDED).is_file()
+        and schema_in(model) == DIAGNOSIS.schema
+    ):
         extended = model.with_name(EXTENDED)
     return settings | {"extended": extended}
 
