@@ -16,16 +16,15 @@ from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_k
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design, present_gains
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, Source, read_plain, schema_in
+from automarine_cli.pipeline.records import Document, Shown, Source, read_plain, schema_in
+from automarine_cli.pipeline.result_files import DIAGNOSIS, TUNING
 from automarine_cli.pipeline.results_folder import Attempt, attempted
 from automarine_cli.planning.limits import Goal, Limits, Moments
 from automarine_cli.planning.plan import Plan, make_plan
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.kinds import DIAGNOSIS, TUNING
-from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.propulsion import map_and_arm
 

@@ -13,6 +13,7 @@ from scipy import special
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import HORIZONS, Predicted, free_run, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
@@ -31,7 +32,6 @@ from automarine_cli.fits.whole_runs import (
 )
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
 from automarine_cli.simulation.batch import make_batch

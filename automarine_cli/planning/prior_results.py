@@ -9,15 +9,14 @@ import numpy as np
 from automarine_cli import effects
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import Source, read_plain, told
+from automarine_cli.pipeline.result_files import DIAGNOSIS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.information import ANGLE, OFFSET, Fitting
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate, Given
-from automarine_cli.results.files import DiagnosisFile, ModelFile
-from automarine_cli.results.kinds import DIAGNOSIS
 
 NOISE_DEG, SCATTER = 1.0, 0.03  # where a model's file does not say: a compass in a pool, the thrust of small motors
 NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."

@@ -23,7 +23,7 @@ from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel
 from automarine_cli.pipeline.records import FILLER, Codec, Place, everything, in_words, key_of, keyed, told
-from automarine_cli.results.kinds import PLANAR_MODEL
+from automarine_cli.pipeline.result_files import PLANAR_MODEL
 from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
 from automarine_cli.simulation.run_groups import Format, Levels, PlanarRuns, RunGroup, group_from, levels_of
 
