@@ -44,7 +44,7 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
         *(_row(_with(symbol, ", 95 %"), fits, partial(_between, key)) for symbol, key in of.items()),
         _row("AICc", fits, lambda drag: number(drag.aicc)),
         _row("F test against 2, p", {m: drag for m, drag in fits.items() if m != "2" and "2" in fits},
-             lambda drag: number(nested_test(drag, fits["2"]).p_value, 2)),
+             lambda drag: number(nested_test(drag, fits["2"])["p_value"], 2)),
         *(_row(_with(symbol, LIKELIEST), ml, partial(_between, key)) for symbol, key in of.items()),
         _row("log density of left-out runs", ml, lambda fit: number(float(fit.mixed.predictive.sum()), 6)),
     ]  # fmt: skip
