@@ -18,11 +18,8 @@ from automarine_cli.report.figures.style import (
     new_figure,
 )
 
-<<<<<<< HEAD
 png, svg, pdf = (FORMATS[kind] for kind in ("png", "svg", "pdf"))
-=======
 pytestmark = pytest.mark.usefixtures("drawn_figures")
->>>>>>> tests
 
 
 @house_style
