@@ -61,7 +61,6 @@ def _of_a_motion(
     import hashlib
 
     from automarine_cli.diagnosis.diagnose import MotionDiagnosis, diagnose_runs, expected_seconds
-    from automarine_cli.fits.linear_mixed import in_words_of
     from automarine_cli.models.store import load_yaw_models
     from automarine_cli.pipeline.progress import foretell
     from automarine_cli.runs.channels import wanted_channels
@@ -96,7 +95,7 @@ def _of_a_motion(
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None
     foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))
-    with told_beside(aside), in_words_of(dof):
+    with told_beside(aside):
         diagnosis = diagnose_runs(
             runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, each=each, channels=channels
         )

@@ -83,7 +83,6 @@ def _fit(
     from automarine_cli.fits.driven import wanted_effects
     from automarine_cli.fits.identify import identify_turns
     from automarine_cli.fits.known import Known, names_in
-    from automarine_cli.fits.linear_mixed import in_words_of
     from automarine_cli.fits.paper import asked_tail
     from automarine_cli.fits.whole_runs import OutputErrorFit
     from automarine_cli.logs import given_columns
@@ -113,7 +112,7 @@ def _fit(
     def fit_models(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
 
-    with told_beside(campaign.set_aside), in_words_of(dof):
+    with told_beside(campaign.set_aside):
         fit = identify_turns(
             dof, turns, not_turned, whole_runs, "half-turns" if fit_to == "steps" else fit_to,
             beforehand, fit_models, channels, tail_start, names,

@@ -51,7 +51,6 @@ class OverRuns(Estimate):
 
     @classmethod
     def of(cls, by_run: Mapping[str, float], unit: str) -> "OverRuns":
-        """Of two runs or more."""
         values = np.array(list(by_run.values()))
         middle, stderr = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
         half = float(special.stdtrit(len(values) - 1, 0.975)) * stderr
@@ -74,7 +73,6 @@ class Difference:
     verdict: str
 
     def to_json(self) -> dict[str, object]:
-        """Its form in comparison.json."""
         return {
             "parameter": self.parameter,
             "of": self.of,
@@ -342,7 +340,6 @@ def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str
 
 
 def _contrasts(sides: Sequence[Side]) -> list[str]:
-    """What two results say differently of themselves, in words."""
     notes = []
     for fact in ("preferred model", "form", "verdict"):
         values = {side.name: side.facts[fact] for side in sides if fact in side.facts}

@@ -30,7 +30,7 @@ from automarine_cli.diagnosis.verdict import (
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import LEAST_STEP
 from automarine_cli.fits.driven import stepped
-from automarine_cli.fits.innovations import channels_json
+from automarine_cli.fits.innovations import channel_noises, channels_json
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
@@ -225,7 +225,7 @@ class MotionDiagnosis(Shown):
             "base": {name: {"before": before[name].to_json(), "after": after[name].to_json()} for name in before},
             "smallest_visible": {name: size for name, size in diagnosis.detectable.items() if np.isfinite(size)},
             "open_water": study.driven,
-            **channels_json(diagnosis.channels, search.final.fit, dof),
+            **channels_json(diagnosis.channels, channel_noises(search.final.fit, dof)),
             "held_out": [] if diagnosis.held_out is None else [run.name for run in diagnosis.held_out.runs],
             "runs": runs_json(len(study.runs), self.set_aside, study.runs),
         }

@@ -36,7 +36,7 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
     dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     fits: Mapping[str, DragFit] = {} if fit.seed_method is None else fit.seed_method.drag
-    quadratic, linear = Math(symbols.quadratic_print, symbols.quadratic_math), Math(symbols.linear, symbols.linear_math)
+    quadratic, linear = Math(symbols.quadratic_print, symbols.quadratic_math), Math(symbols.linear, symbols.linear)
     of = {quadratic: symbols.quadratic, linear: symbols.linear}
     rows = [
         *(_row(symbol, fits, partial(_value, key)) for symbol, key in of.items()),
@@ -44,7 +44,7 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
         *(_row(_with(symbol, ", 95 %"), fits, partial(_between, key)) for symbol, key in of.items()),
         _row("AICc", fits, lambda drag: number(drag.aicc)),
         _row("F test against 2, p", {m: drag for m, drag in fits.items() if m != "2" and "2" in fits},
-             lambda drag: number(nested_test(drag, fits["2"]).p_value, 2)),
+             lambda drag: number(nested_test(drag, fits["2"])["p_value"], 2)),
         *(_row(_with(symbol, LIKELIEST), ml, partial(_between, key)) for symbol, key in of.items()),
         _row("log density of left-out runs", ml, lambda fit: number(float(fit.mixed.predictive.sum()), 6)),
     ]  # fmt: skip
@@ -121,9 +121,9 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     below."""
     dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     tables = {} if fit.seed_method is None else fit.seed_method.inertia
-    inertia = Math(symbols.inertia, symbols.inertia_math)
+    inertia = Math(symbols.inertia, symbols.inertia)
     ratio = Math(
-        f"{symbols.inertia}/{symbols.quadratic_print}", f"{symbols.inertia_math}/{symbols.quadratic_math}",
+        f"{symbols.inertia}/{symbols.quadratic_print}", f"{symbols.inertia}/{symbols.quadratic_math}",
         f" [{dof.units.base}]",
     )  # fmt: skip
     rows = [

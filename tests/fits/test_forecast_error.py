@@ -12,8 +12,8 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
 from automarine_cli.fits.driven import (
+    ForecastScore,
     Judgement,
-    Worth,
     base_starts,
     driven_problem,
     fit_driven,
@@ -140,7 +140,7 @@ def test_a_disturbance_as_large_as_the_commands_is_said() -> None:
 
 
 def test_a_fit_that_constants_beat_is_not_usable_whatever_fitted_it() -> None:
-    worth = (Worth(2.0, 1.0, 0.5, 2.0, 10), Worth(5.0, 3.0, 4.0, 2.0, 10))
+    worth = (ForecastScore(2.0, 1.0, 0.5, 2.0, 10), ForecastScore(5.0, 3.0, 4.0, 2.0, 10))
     judged = Judgement(worth, 4)
     assert judged.warnings(YAW) == (judged.sentence(YAW),)
     assert judged.sentence(YAW).startswith("This model is not usable: it predicts 5 s ahead to")
