@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 6076, "report": 6023, "diagnosis": 4634, "logs": 4634, "commands": 3287, "runs": 3216, "thrusters":
-    3161, "link": 2719, "control": 2702, "planning": 2394, "simulation": 2035, "effects": 2014, "exports": 1890,
-    "comparison": 1553, "pipeline": 1548, "models": 1086, "filters": 1005, "dofs": 496, "top": 195, "guide": 192,
+    "fits": 6076, "report": 6028, "diagnosis": 4634, "logs": 4634, "commands": 3289, "runs": 3216, "thrusters":
+    3161, "link": 2719, "control": 2529, "planning": 2233, "simulation": 2015, "effects": 2014, "exports": 1890,
+    "comparison": 1553, "pipeline": 1560, "models": 1086, "filters": 1005, "dofs": 496, "top": 195, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 50860
+MOST_LINES_IN_ALL = 50526
 MOST_FILES = 263
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
