@@ -51,7 +51,6 @@ simulate.complete = _with_seed
 
 
 def _read(specification: Any) -> "AnySpecification":
-    """The specification in a file. Raises SettingError."""
     if not isinstance(specification, Path):
         return specification
     from automarine_cli.pipeline.records import read_mapping
