@@ -50,7 +50,7 @@ CASES = {
         "validation_there_and_back",
     ),
     "diagnose": Case(
-        "diagnose pool/steps --model yaw/yaw_model.json", f"{REPORT}.diagnosis_report.where_figure", "where"
+        "diagnose pool/steps --model yaw/yaw_model.json", f"{REPORT}.figures.diagnosis.where_figure", "where"
     ),
     "diagnose thrusters": Case(
         "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.diagnosis.thruster_why_figure",
