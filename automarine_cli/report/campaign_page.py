@@ -188,8 +188,11 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     Raises OutputError if there is none at all.
     """
     steps = read_steps(folder)
-    of = (dof.name for dof in DOFS.values() if any(step.dof is dof for step in steps.found.values()))
-    title = title or f"{' and '.join(of)} identification".capitalize()
+    folders = {
+        dof: {dof.name, *(folder_of(dof, step) for step in ("validation", "diagnosis"))} for dof in DOFS.values()
+    }
+    motions = [dof.name for dof, names in folders.items() if names & steps.found.keys()]
+    title = title or f"{' and '.join(motions or [YAW.name])} identification".capitalize()
     text = document(steps, title, ran.cautions if ran else (), ran.steps if ran else ())
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
 

@@ -452,8 +452,9 @@ def _(result: PlanarDiagnosis) -> Sections:
     if search.where is not None:
         horizon = judged(search.foretold[0][YAW.position]).horizon
         less = f"predicted {horizon:g} s ahead"
-        drawings |= {
+        drawings = {
             "where": partial(figures.where_figure, search.where, search.words, "stretches of runs", less),
+            **drawings,
             "before_after": partial(figures.planar_before_after_figure, search),
         }
     regions = () if search.where is None else search.where.regions

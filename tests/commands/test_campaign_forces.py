@@ -40,7 +40,7 @@ def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
     for said in (
         "# Heave identification",
         "## Heave model",
-        "In heave, model 3",
+        "| fit-heave | model 3: ",
         "Buoyancy: a constant force of 2",
         "## Validation in heave",
     ):

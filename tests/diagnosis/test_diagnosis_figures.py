@@ -79,7 +79,7 @@ def test_names_of_runs_are_shown_as_they_are(lag: Diagnosis) -> None:
     assert any(region.runs for region in lag.where.regions)
     text = page(lag)
     assert "<b>" not in text.replace("\\<b\\>", "") and "lap|" not in text
-    assert escape("a|<b>_1*\n# c") == r"a\|\<b\>_1\* # c" and escape("# c") == r"\# c"
+    assert escape("a|<b>_1*\n# c") == r"a\|\<b\>\_1\* # c" and escape("# c") == r"\# c"
 
 
 def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> None:
