@@ -82,7 +82,7 @@ def sentences(result: ThrusterFit) -> tuple[str, ...]:
     """The choice, the tare, what was left out, and notes."""
     dropped = result.reduction.dropped
     parts = [f"{count} {name.replace('_', ' ')}" for name, count in dropped.items() if count]
-    said = [result.analysis.selection.because, result.tare.says]
+    said = [result.analysis.because, result.tare.says]
     if result.reduction.plateaus:
         left = f"; left out: {', '.join(parts)}" if parts else ""
         said.append(f"{result.reduction.samples} samples were reduced to {result.reduction.plateaus} plateaus{left}.")
@@ -139,7 +139,7 @@ def forms(result: ThrusterFit) -> Table:
     """All forms on the same points; errors in percent of full scale; a star marks the chosen one."""
     analysis = result.analysis
     rows = []
-    for score in analysis.selection.scores:
+    for score in analysis.scores:
         chosen = score.form.name == analysis.chosen.form.name
         bounds = [f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at]
         rows.append(
