@@ -12,6 +12,7 @@ for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, befor
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import figures
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import HealthCheck, settings
@@ -30,6 +31,12 @@ settings.register_profile(
 settings.load_profile("house")
 
 TAKEN = ResultFolder.taken
+DEAREST = {
+    "test_ardusub_circle", "test_ardusub_processes", "test_diagnose_planted", "test_diagnose_varying", "test_effects",
+    "test_fits_output_error", "test_golden", "test_innovations", "test_link_kills", "test_own_words",
+    "test_pages_examples", "test_plan", "test_settles", "test_tune_cli", "test_verdict",
+}  # fmt: skip
+"""Files that take longest: begun first, so that no process waits at the end for another's long one."""
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
@@ -40,16 +47,28 @@ def pytest_itemcollected(item: pytest.Item) -> None:
             item.add_marker(pytest.mark.skip(reason="real data not at hand (AUTOMARINE_DATA)"))
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files in the order of their names, but for the dearest."""
+    items.sort(key=lambda item: item.path.stem not in DEAREST)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def strict_figures() -> Iterator[None]:
-    """A figure that cannot be drawn is a warning to a user, and here fails whatever asked for it."""
+    """A figure that cannot be made is a warning to a user, and here fails whatever asked for it; see `figures.py`."""
 
     def taken(folder: ResultFolder, attempt: Attempt[object]) -> object:
         assert not attempt[1], attempt[1]
         return attempt[0]
 
-    with pytest.MonkeyPatch.context() as patch:
+    with figures.empty(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(ResultFolder, "taken", taken)
+        yield
+
+
+@pytest.fixture(scope="module")
+def drawn_figures() -> Iterator[None]:
+    """For modules that look at figures."""
+    with figures.drawn():
         yield
 
 

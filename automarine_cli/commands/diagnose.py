@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 
 
-@command("diagnose", report="planar_diagnosis_report thruster_diagnosis", by_effects=True)
+@command("diagnose", report="diagnosis_report", by_effects=True)
 @options.logs
 @options.model
 @options.hold_out
@@ -41,7 +41,7 @@ def diagnose(
     """
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
+    from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
 
     names, execution = given_columns(columns), {"strict": strict, "progress": progress}
     schema = schema_in(model)
@@ -61,7 +61,6 @@ def _of_a_motion(
     import hashlib
 
     from automarine_cli.diagnosis.diagnose import MotionDiagnosis, diagnose_runs, expected_seconds
-    from automarine_cli.fits.linear_mixed import in_words_of
     from automarine_cli.models.store import load_yaw_models
     from automarine_cli.pipeline.progress import foretell
     from automarine_cli.runs.channels import wanted_channels
@@ -97,7 +96,7 @@ def _of_a_motion(
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None
     foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))
-    with told_beside(aside), in_words_of(dof):
+    with told_beside(aside):
         diagnosis = diagnose_runs(
             runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, each=each, channels=channels
         )
@@ -135,7 +134,7 @@ def _of_a_map(
 ) -> "ThrusterDiagnosis":
     """Diagnose a thruster map on bollard tests; without `hold_out` a quarter of the levels is held out."""
     from automarine_cli.diagnosis.thruster_map import diagnose_thrusters
-    from automarine_cli.results.kinds import THRUSTER_MAP
+    from automarine_cli.pipeline.result_files import THRUSTER_MAP
     from automarine_cli.thrusters.bollard_data import load_thruster_logs, thrusters_pulling
     from automarine_cli.thrusters.map import ThrusterMap
 
@@ -157,7 +156,7 @@ def _of_a_map(
 def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
     """Refuse what a kind of model has no use for."""
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
+    from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
     from automarine_cli.runs.channels import AUTO
 
     name, schema = settings["model"].name, schema_in(settings["model"])

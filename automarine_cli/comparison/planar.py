@@ -1,6 +1,6 @@
 """Free runs of a planar model from the start of each log, and their errors channel by channel."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,39 +11,46 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.planar_structure import CHANNELS, PLACES, rough_velocities
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import VALIDATION
 from automarine_cli.quantities import Floats
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import VALIDATION
-from automarine_cli.results.shown import Shown
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-STEP = 0.05
-"""Longest step of the simulation [s]."""
-BEGINNING = 2.0
-"""s of a run from which its start is told."""
-FEWEST = 3
-"""Samples of a rest, and of a start under way."""
+STEP = 0.05  # longest step of the simulation [s]
+BEGINNING = 2.0  # s of a run from which its start is told
+FEWEST = 3  # samples of a rest, and of a start under way
 NOISE = {"heading": 0.02, "yaw_rate": 0.02, "surge": 0.03, "sway": 0.03, "north": 0.05, "east": 0.05}
 """What readings of a start count for [rad, m, s]."""
 ROUNDS, NUDGE, LOOSE = 4, 1e-4, 3.0
-FAR = 1e6
-"""m, or rad: a simulation that gets there diverges."""
+FAR = 1e6  # m, or rad: a simulation that gets there diverges
 DEGREES = 180.0 / np.pi
-SCORES = (
-    "heading_rmse_deg", "heading_max_abs_deg", "position_rmse_m", "position_max_abs_m", "surge_rmse_m_s",
-    "sway_rmse_m_s", "yaw_rate_rmse_deg_s",
-)  # fmt: skip
-MEANING = {
-    "heading_rmse_deg": "free run: measured less simulated heading from the start of each run to its end",
-    "heading_max_abs_deg": "free run: the largest heading error",
-    "position_rmse_m": "free run: distance between measured and simulated position",
-    "position_max_abs_m": "free run: the largest such distance",
-    "surge_rmse_m_s": "free run: measured less simulated surge speed",
-    "sway_rmse_m_s": "free run: measured less simulated sway speed",
-    "yaw_rate_rmse_deg_s": "free run: measured less simulated yaw rate",
+
+
+def rms(error: Floats) -> float:
+    return float(np.sqrt(np.nanmean(error**2)))
+
+
+def largest(error: Floats) -> float:
+    return float(np.nanmax(np.abs(error)))
+
+
+SCORES: Mapping[str, tuple[str, Callable[[Floats], float], float, str]] = {
+    "heading_rmse_deg": (
+        "heading",
+        rms,
+        DEGREES,
+        "measured less simulated heading from the start of each run to its end",
+    ),
+    "heading_max_abs_deg": ("heading", largest, DEGREES, "the largest heading error"),
+    "position_rmse_m": ("position", rms, 1.0, "distance between measured and simulated position"),
+    "position_max_abs_m": ("position", largest, 1.0, "the largest such distance"),
+    "surge_rmse_m_s": ("surge", rms, 1.0, "measured less simulated surge speed"),
+    "sway_rmse_m_s": ("sway", rms, 1.0, "measured less simulated sway speed"),
+    "yaw_rate_rmse_deg_s": ("yaw_rate", rms, DEGREES, "measured less simulated yaw rate"),
 }
+"""What is scored of free runs, by which size, in which unit, and what that means."""
 START = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_rad_s")
 
 
@@ -61,7 +68,6 @@ class PlanarFree:
 
     @property
     def diverged(self) -> bool:
-        """Whether the simulation diverges."""
         return any(not np.isfinite(one).all() or np.abs(one).max() > FAR for one in self.simulated.values())
 
     def error(self, channel: str) -> Floats | None:
@@ -74,7 +80,6 @@ class PlanarFree:
 
     @cached_property
     def distance(self) -> Floats | None:
-        """Distance between measured and simulated position [m], (N,)."""
         north, east = (self.error(name) for name in PLACES)
         return None if north is None or east is None else np.hypot(north, east)
 
@@ -83,16 +88,11 @@ class PlanarFree:
         """Every one of `SCORES`; None where the log lacks the channel, or the simulation diverges."""
         if self.diverged:
             return dict.fromkeys(SCORES)
-        heading, distance = self.error("heading"), self.distance
-        rates = {name: self.error(name) for name in ("surge", "sway", "yaw_rate")}
+        errors = {name: self.error(name) for name in ("heading", "surge", "sway", "yaw_rate")}
+        errors["position"] = self.distance
         return {
-            "heading_rmse_deg": _rms(heading, DEGREES),
-            "heading_max_abs_deg": _largest(heading, DEGREES),
-            "position_rmse_m": _rms(distance),
-            "position_max_abs_m": _largest(distance),
-            "surge_rmse_m_s": _rms(rates["surge"]),
-            "sway_rmse_m_s": _rms(rates["sway"]),
-            "yaw_rate_rmse_deg_s": _rms(rates["yaw_rate"], DEGREES),
+            name: None if (error := errors[channel]) is None else factor * size(error)
+            for name, (channel, size, factor, _) in SCORES.items()
         }
 
 
@@ -109,7 +109,6 @@ def free_runs(model: PlanarModel, runs: Sequence[Run]) -> tuple[PlanarFree, ...]
 
 
 def _start(states: Floats) -> Start:
-    """The start of one run in as many states (S, 6)."""
     return Start(states[:, :3].T[..., None], states[:, 3:].T[..., None])
 
 
@@ -167,14 +166,6 @@ def _mean(values: Floats | None, until: NDArray[np.bool_]) -> float:
     return float(np.mean(here)) if len(here) else float(values[np.isfinite(values)][0])
 
 
-def _rms(error: Floats | None, factor: float = 1.0) -> float | None:
-    return None if error is None else float(factor * np.sqrt(np.nanmean(error**2)))
-
-
-def _largest(error: Floats | None, factor: float = 1.0) -> float | None:
-    return None if error is None else float(factor * np.nanmax(np.abs(error)))
-
-
 def overall(free: Sequence[PlanarFree]) -> dict[str, float | None]:
     """Scores over all runs: root of the mean square, each run counting alike, and the largest of the largest."""
     found: dict[str, float | None] = {}
@@ -196,7 +187,6 @@ class PlanarValidation(Shown):
     set_aside: tuple[SetAside, ...]
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of validation.json: schema automarine/validation/1."""
         runs, name = [free.run for free in self.free], PLANAR.name
         return {
             "schema": VALIDATION.schema,
@@ -210,7 +200,7 @@ class PlanarValidation(Shown):
                 }
             },
             "best": name,
-            "scores": MEANING,
+            "scores": {name: f"free run: {meaning}" for name, (*_, meaning) in SCORES.items()},
             "logs": {
                 run.name: {
                     "file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0]),

@@ -33,7 +33,6 @@ def needed_signals(model: YawModel) -> tuple[str, ...]:
 
 
 def has_sensor(model: YawModel) -> bool:
-    """Whether what the sensor shows differs from the true position under this model."""
     return any(effects.get(term.name).place is effects.Place.SENSOR for term in model.terms)
 
 
@@ -239,7 +238,6 @@ def _rated(begins: Sequence[Run], runs: Sequence[Run], width: int) -> tuple[Floa
 
 
 def _window(run: Run) -> int:
-    """Samples of the first second, 5 at least."""
     count = int(np.searchsorted(run.time, run.time[0] + WINDOW * (1 + 1e-9), side="right"))
     return min(max(count, FEWEST), len(run))
 

@@ -18,16 +18,13 @@ from automarine_cli.runs.run import Run
 SMOOTHED = 1.0  # s over which a position is smoothed for its rate
 FEWEST_RUNS = 3  # for an interval over runs
 DRAWS = 2000  # bootstrap resamples
-
 SCORES = ("rmse", "max_abs", "fit_percent", "restarted_rmse", "rate_rmse")
 """The scores; `score_key` says what they are called in files."""
 
-SUMMED = ("rmse", "restarted_rmse", "rate_rmse")
-"""Those that are roots of mean squares."""
+SUMMED = ("rmse", "restarted_rmse", "rate_rmse")  # those that are roots of mean squares
 
 
 def score_key(score: str, dof: Dof) -> str:
-    """The key of a score in result files, with its unit."""
     units = dof.units
     if score == "rate_rmse":
         return f"{dof.words.speed}_rmse_{units.rate_key}"

@@ -32,19 +32,18 @@ from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.driven import STEPS, Worth, base_starts, disturbed, driven_problem, judged_of, worth_of
+from automarine_cli.fits.driven import STEPS, ForecastScore, base_starts, disturbed, driven_problem, judged_of, worth_of
 from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.innovations import channels_of, fit_innovations, measured_noises
+from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import VALIDATION
-from automarine_cli.results.shown import Shown
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import VALIDATION
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.checks import without_undriven
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 
 MEANING = {
@@ -66,7 +65,6 @@ class Scored:
 
     @property
     def diverged(self) -> tuple[str, ...]:
-        """Names of the runs in which the simulation ran away."""
         return tuple(one.run.name for one in self.free if one.diverged)
 
 
@@ -152,7 +150,7 @@ class Ahead:
     who has no more logs than these cannot know which does best on them. `by_run` are the errors of each model by
     horizon and run."""
 
-    worth: Mapping[str, tuple[Worth, ...]]
+    worth: Mapping[str, tuple[ForecastScore, ...]]
     preferred: str
     dof: Dof
     by_run: Mapping[str, Mapping[float, Mapping[str, float]]]
@@ -165,7 +163,6 @@ class Ahead:
 
     @property
     def sentence(self) -> str:
-        """One line: of what use the preferred model is."""
         judged = {number: one for number, worth in self.worth.items() if (one := judged_of(worth)) is not None}
         if self.preferred not in judged:
             return "These runs are driven and disturbed, and too short to judge predictions."
@@ -219,7 +216,6 @@ def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...
 
 
 def _by_run(ahead: Predicted, runs: Sequence[Run]) -> dict[str, float]:
-    """Root mean square error of each run that has predictions."""
     sizes = np.sqrt(ahead.by_run(ahead.error, len(runs)))
     return {run.name: float(size) for run, size in zip(runs, sizes) if np.isfinite(size)}
 
@@ -248,7 +244,6 @@ class Validation(Shown):
     ahead: Ahead | None = None
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of validation.json: schema automarine/validation/1."""
         compared, dof, ahead = self.comparison, self.stored.dof, self.ahead
         use = {} if ahead is None else {"of_use": ahead.of_use, "says": ahead.sentence}
         return {
@@ -262,7 +257,7 @@ class Validation(Shown):
             "effects": list(self.stored.effects),
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
-            **channels_of(self.channels, measured_noises(compared.runs, dof)),
+            **channels_json(self.channels, measured_noises(compared.runs, dof)),
             **({} if ahead is None else {"prediction": ahead.to_json(), "use": use}),
             "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
             "logs": {
@@ -333,7 +328,6 @@ def usable_runs(
 
 
 def _refuse_incomplete(run: Run, signals: Sequence[str]) -> None:
-    """Refuse a run without a value of each signal at each sample."""
     for name in signals:
         signal = run.signal(name)
         if signal is None:

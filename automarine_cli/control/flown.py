@@ -17,13 +17,11 @@ from automarine_cli.control.tuning import Setup, set_up
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
-from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, Source, json_document, read_plain
+from automarine_cli.pipeline.records import Document, Shown, Source, json_document, read_plain
+from automarine_cli.pipeline.result_files import TUNING
 from automarine_cli.quantities import Floats
-from automarine_cli.results.kinds import TUNING
-from automarine_cli.results.shown import Shown
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
@@ -162,8 +160,7 @@ def _changed(runs: Sequence[Run], setup: Setup, phrase: Callable[[Diagnosis], st
         for k, (start, stop) in enumerate(pairwise(np.linspace(0, len(run), parts + 1).astype(int)), 1)
     ]
     try:
-        with in_words_of(setup.known.model.dof):
-            diagnosis = diagnose_runs(pieces, setup.known.model, seed=setup.seed)
+        diagnosis = diagnose_runs(pieces, setup.known.model, seed=setup.seed)
     except AutomarineError as problem:
         return f"The log could not be diagnosed: {problem}."
     effects = (effect.says for effect in diagnosis.effects)

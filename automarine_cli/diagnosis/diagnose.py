@@ -29,21 +29,19 @@ from automarine_cli.diagnosis.verdict import (
     verdict_of,
 )
 from automarine_cli.errors import TooFewRunsError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import LEAST_STEP
 from automarine_cli.fits.cautions import covariance_json, valid_range
 from automarine_cli.fits.driven import stepped
-from automarine_cli.fits.innovations import InnovationsFit, channels_json, random_estimates
+from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.models.store import StoredModels, model_json
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
-from automarine_cli.pipeline.records import Document, json_document
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import DIAGNOSIS
-from automarine_cli.results.shown import Shown
+from automarine_cli.pipeline.records import Document, Shown, json_document
+from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 
 DRIVEN_S, STEPPED_S = 3e-4, 1e-4
 """Seconds for each reading and effect of a diagnosis of driven runs, and of others, on a machine of 2020; roughly."""
@@ -248,7 +246,7 @@ class MotionDiagnosis(Shown):
             "base": {name: {"before": before[name].to_json(), "after": after[name].to_json()} for name in before},
             "smallest_visible": {name: size for name, size in diagnosis.detectable.items() if np.isfinite(size)},
             "open_water": study.driven,
-            **channels_json(diagnosis.channels, search.final.fit, dof),
+            **channels_json(diagnosis.channels, channel_noises(search.final.fit, dof)),
             "held_out": [] if diagnosis.held_out is None else [run.name for run in diagnosis.held_out.runs],
             "runs": runs_json(len(study.runs), self.set_aside, study.runs),
         }

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 from automarine_cli import __version__, effects
 from automarine_cli.effects.learned import PREFIX
+from automarine_cli.estimate import Given
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
 from automarine_cli.exports.export import in_enu, in_newton_metres
 from automarine_cli.models.yaw_model import Term
+from automarine_cli.pipeline.result_files import AddedEffect, Covariance, ModelEntry, Parent, ValidRange
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.estimate import Given
-from automarine_cli.results.files import AddedEffect, Covariance, ModelEntry, Parent, ValidRange
 
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
 NO_RANGE = "The file does not tell which {forces} were fitted; fit again with this version of automarine."
@@ -22,7 +22,6 @@ NO_LOGS = "Not known: there is no manifest.json beside the model file that is of
 
 
 def write(subject: YawSubject) -> Written:
-    """The card in Markdown."""
     file = subject.file
     assert file is not None, "the card is written of a file"
     entry = file.models[subject.origin.number] or ModelEntry()
@@ -81,7 +80,6 @@ def _rows(subject: YawSubject, entry: ModelEntry, added: Sequence[AddedEffect]) 
 
 
 def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
-    """Numbers of the file as the subject's unit and frame have them."""
     model = replace(subject.model, terms=(replace(term, values=tuple(column)),))
     if subject.settings.newton_metres_per_nu is not None:
         model = in_newton_metres(model, subject.settings.newton_metres_per_nu)
@@ -154,7 +152,6 @@ TARGET = Target(
     source="Mitchell et al. (2019), doi 10.1145/3287560.3287596",
     forms={"markdown": ".md"},
     carries=frozenset({*effects.built_in(), PREFIX}),
-    laws=None,
     varying=True,
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),

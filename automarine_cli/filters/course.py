@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,7 @@ from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 STEP, LEAST_STEP = 0.25, 0.1
 """Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
 controller answers every reading, and the commands would tell of one that was left out."""
-LONGEST = 0.15
-"""Longest step [s] between samples that are further apart; longer ones are divided."""
+LONGEST = 0.15  # longest step [s] between samples that are further apart; longer ones are divided
 APART = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 SMOOTH_GYRO = 0.25
@@ -111,8 +111,7 @@ def _averaged(time: Floats, read: Floats, at: NDArray[np.int64]) -> tuple[Floats
     return values, float(np.median(count))
 
 
-FINEST = 0.05
-"""Shortest time [s] over which a command is held as it is; those of faster logs are averaged over that."""
+FINEST = 0.05  # shortest time [s] over which a command is held as it is; those of faster logs are averaged over that
 
 
 @dataclass(frozen=True)
@@ -153,7 +152,6 @@ class Course:
 
     @cached_property
     def commands(self) -> tuple[Commands, ...]:
-        """The commands of each degree of freedom on the fine grid."""
         begins = np.cumsum(self.width, axis=1) - self.width - self.early[:, None]
         return tuple(
             Commands(force[None], begins[None], self.width[None], before, self.start[:, None], self.signals)
@@ -185,7 +183,6 @@ class Course:
         return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
 
     def only(self, run: int) -> "Course":
-        """One run of these."""
         return self.some(np.arange(len(self.names)) == run)
 
     def some(self, runs: NDArray[np.bool_]) -> "Course":
@@ -215,7 +212,6 @@ class Course:
 
     @cached_property
     def averaged_signals(self) -> dict[str, Floats]:
-        """The other logged columns, averaged over the filter's steps (R, K)."""
         return {name: self.averaged(column[None])[0][0] for name, column in self.signals.items()}
 
 
@@ -286,33 +282,13 @@ def make_course(
 
 
 def _rows(channels: Sequence[Channel], rows: NDArray[np.bool_], steps: int) -> tuple[Channel, ...]:
-    """The readings of some runs over their first steps."""
     at = rows, slice(steps + 1)
     return tuple(replace(one, values=one.values[at], seen=one.seen[at]) for one in channels)
 
 
-@dataclass(frozen=True)
-class _Laid:
-    """One run on its own layout, as `Course` has it of all; `values` and `seen` (C, K + 1), both without thinning in
-    `often` (2, C, K + 1), `noise` (C,), not a number where a channel was not read."""
-
-    length: Floats
-    held: Floats
-    width: Floats
-    early: float
-    at: NDArray[np.int64]
-    part: Floats
-    signals: Mapping[str, Floats]
-    values: Floats
-    seen: NDArray[np.bool_]
-    often: Floats
-    noise: Floats
-
-
 def _lay(
     run: Run, node: Floats, motion: Motion, signals: Sequence[str], sensors: Sequence[tuple[int, str, bool]]
-) -> _Laid:
-    """Lay one run out with the filter's nodes at `node` [s]."""
+) -> SimpleNamespace:
     edges, mean = _fine(run)
     at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
     values, seen = np.zeros((len(sensors), len(node))), np.zeros((len(sensors), len(node)), dtype=bool)
@@ -325,7 +301,7 @@ def _lay(
         values[c, here], seen[c, here] = found, True
         here, found, _ = readings_of(run.time, read, node, 0.0)
         often[0, c, here], often[1, c, here] = found, 1.0
-    return _Laid(
+    return SimpleNamespace(
         length=np.diff(node),
         held=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
         width=np.diff(edges),

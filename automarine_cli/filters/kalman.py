@@ -27,10 +27,8 @@ from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.plane import in_body_axes
 from automarine_cli.simulation.rollout import right_hand_side
 
-SMALL = 1e-3
-"""Least difference [rad, m, per s] by which a state is moved to see what depends on it."""
-SHARE = 0.02
-"""Difference of the log gain, likewise."""
+SMALL = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
+SHARE = 0.02  # difference of the log gain, likewise
 
 
 @dataclass(frozen=True)
@@ -260,8 +258,7 @@ def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats
     return np.stack([mean for mean, _ in lines]), np.stack([slope for _, slope in lines])
 
 
-FAR = 5.0
-"""Standard deviations beyond which an innovation counts linearly, and its reading as noisier than the others."""
+FAR = 5.0  # standard deviations beyond which an innovation counts linearly, and its reading as noisier than the others
 
 
 @dataclass(frozen=True)
@@ -440,10 +437,8 @@ def _update(
         covariance -= gain[..., :, None] * shares[..., None, :]
 
 
-HORIZONS = (2.0, 5.0, 15.0)
-"""Seconds ahead."""
-SETTLING = 2.0
-"""Time [s] that a filter has before its first prediction counts."""
+HORIZONS = (2.0, 5.0, 15.0)  # seconds ahead
+SETTLING = 2.0  # time [s] that a filter has before its first prediction counts
 LOOKS_BACK = (0.5, 1.0, 2.0)
 """Lengths [s] over which a constant rate may be taken; the best of them counts, for it is the rival of the model."""
 

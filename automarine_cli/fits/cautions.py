@@ -1,19 +1,19 @@
 """What a person must know before trusting a yaw fit: said in sentences, from the fit itself."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import SWITCH
-from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, identity_gap
+from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import HalfTurn
 
 
@@ -44,18 +44,11 @@ def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] 
     }
 
 
-CORRELATED = 0.95
-"""Correlation of two estimates from which on only a combination of them is known."""
-
-DILUTED = 0.04
-"""Scatter of the thrust from run to run from which on it is said that Table 1 is corrected for it."""
-
-UNMOVED = 1e-9
-"""Relative change from its start below which a parameter never moved."""
-
+CORRELATED = 0.95  # correlation of two estimates from which on only a combination of them is known
+DILUTED = 0.04  # scatter of the thrust from run to run from which on it is said that Table 1 is corrected for it
+UNMOVED = 1e-9  # relative change from its start below which a parameter never moved
 INERTIA, DRAG = "inertia", ("quadratic", "linear")
 EVERY = (INERTIA, *DRAG)
-
 REMEDY = {
     "inertia": "add runs from rest, logged faster",
     "quadratic": "add runs at larger {forces}, each held until the {speed} is steady",
@@ -75,30 +68,20 @@ class Caution:
     grave: bool = False
 
 
-def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> list[Caution]:
-    """What to know of the parameters of each maximum-likelihood fit."""
-    found = []
+def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> Iterator[Caution]:
     for number, fit in sorted(fits.items()):
         if not fit.mixed.converged:
-            found.append(
-                Caution(
-                    number,
-                    EVERY,
-                    f"Model {number} had not converged after {fit.mixed.iterations} iterations; its numbers are rough: "
-                    "do not use them, or add runs.",
-                    grave=True,
-                )
-            )
+            after = f"had not converged after {fit.mixed.iterations} iterations"
+            says = f"Model {number} {after}; its numbers are rough: do not use them, or add runs."
+            yield Caution(number, EVERY, says, grave=True)
         dof = fit.model.dof
         for role in EVERY:
             estimate = fit.estimates.get(dof.parameters[role])
             if estimate is not None and not estimate.known:
                 stuck = _stuck(fit, role)
-                sentence = stuck or _negative(role, estimate, dof) or _wide(role, estimate, dof)
-                if sentence:
-                    found.append(Caution(number, (role,), f"Model {number}: {sentence}", grave=bool(stuck)))
-        found += _correlations(fit)
-    return found
+                if sentence := stuck or _negative(role, estimate, dof) or _wide(role, estimate, dof):
+                    yield Caution(number, (role,), f"Model {number}: {sentence}", grave=bool(stuck))
+        yield from _correlations(fit)
 
 
 def _stuck(fit: OutputErrorFit, role: str) -> str:
@@ -115,7 +98,6 @@ def _stuck(fit: OutputErrorFit, role: str) -> str:
 
 
 def _negative(role: str, estimate: Estimate, dof: Dof) -> str:
-    """A drag that drives the vehicle, or an inertia below zero."""
     if estimate.value >= 0:
         return ""
     why = f"a negative {dof.words.inertia}" if role == INERTIA else "a drag that drives the vehicle"
@@ -149,22 +131,14 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
             product = deviation[i] * deviation[j]
             share = float(covariance[i, j] / product) if product > 0 else 0.0
             pair = (roles[names[i]], roles[names[j]])
-            asked = set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound)
-            if abs(share) > CORRELATED and asked:
-                found.append(
-                    Caution(
-                        fit.number,
-                        pair,
-                        f"Model {fit.number}: {names[i]} and {names[j]} are correlated by {share:.3f}; "
-                        f"{_combination(pair, share, dof)}",
-                    )
-                )
+            if abs(share) > CORRELATED and set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound):
+                says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
+                found.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
     joint = [caution for caution in found if caution.parameters == DRAG]
     return joint or found
 
 
 def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
-    """What of a correlated pair is known, and what would part them."""
     force, speed = dof.words.force, dof.words.speed
     if set(pair) == set(DRAG):
         return f"these runs determine only their total drag: add runs at much smaller and much larger {force}s."
@@ -179,27 +153,23 @@ def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
     )
 
 
-def seed_cautions(seed: VelocityErrorFit, gain_scatter: float, dof: Dof) -> list[Caution]:
+def seed_cautions(seed: VelocityErrorFit, gain_scatter: float, dof: Dof) -> Iterator[Caution]:
     """What to know of Tables 1 and 2 by the paper's method; `gain_scatter` is the maximum likelihood's."""
-    found = []
     words = dof.words
     if gain_scatter > DILUTED:
-        found.append(
-            Caution(
-                "",
-                EVERY,
-                f"Thrust scatters by {100 * gain_scatter:.1f} % from run to run: least squares of the commanded "
-                f"{words.force} on the {words.speed} underestimate the drag. This bias was removed, "
-                "assuming normal scatter of the thrust alone; the maximum likelihood needs no such correction.",
-            )
+        says = (
+            f"Thrust scatters by {100 * gain_scatter:.1f} % from run to run: least squares of the commanded "
+            f"{words.force} on the {words.speed} underestimate the drag. This bias was removed, assuming normal "
+            "scatter of the thrust alone; the maximum likelihood needs no such correction."
         )
+        yield Caution("", EVERY, says)
     for number, drag in sorted(seed.drag.items()):
         for role in DRAG:
             estimate = drag.estimates.get(dof.parameters[role])
-            if number in ("1", "2", "3") and estimate is not None:
-                sentence = _negative(role, estimate, dof) or _wide(role, estimate, dof)
-                if sentence:
-                    found.append(Caution(number, (role,), f"Least squares of model {number}: {sentence}"))
+            if number not in ("1", "2", "3") or estimate is None:
+                continue
+            if sentence := _negative(role, estimate, dof) or _wide(role, estimate, dof):
+                yield Caution(number, (role,), f"Least squares of model {number}: {sentence}")
     for number, table in sorted(seed.inertia.items()):
         value, (low, high) = table.overall.value, table.overall.ci95
         sentence = _negative(INERTIA, table.overall, dof)
@@ -210,47 +180,35 @@ def seed_cautions(seed: VelocityErrorFit, gain_scatter: float, dof: Dof) -> list
                 f"each {words.force}."
             )
         if sentence:
-            found.append(Caution(number, (INERTIA,), f"Velocity errors of model {number}: {sentence}"))
-    return found
+            yield Caution(number, (INERTIA,), f"Velocity errors of model {number}: {sentence}")
 
 
-def design_cautions(levels: Sequence[float], unit: str, dof: Dof, of_steps: bool) -> list[Caution]:
+def design_cautions(levels: Sequence[float], unit: str, dof: Dof, of_steps: bool) -> Iterator[Caution]:
     """What the moments of a campaign cannot show; `levels` are the moments commanded, `of_steps` one for each run."""
     sides = {float(np.sign(level)) for level in levels if level}
     sizes = sorted({round(abs(level), 9) for level in levels if level})
-    found, words = [], dof.words
-    force, speed = words.force, words.speed
+    words, force, speed = dof.words, dof.words.force, dof.words.speed
     if len(sides) == 1:
         here, there = words.to_ways if sides == {1.0} else words.to_ways[::-1]
-        found.append(
-            Caution(
-                "",
-                EVERY,
-                f"Every run {words.moves} {here}: a {force} that always acts, or thrusters that push less one way, "
-                f"would bias {words.inertia} and drag unnoticed; add runs {there} at the same {force}s.",
-            )
+        says = (
+            f"Every run {words.moves} {here}: a {force} that always acts, or thrusters that push less one way, would "
+            f"bias {words.inertia} and drag unnoticed; add runs {there} at the same {force}s."
         )
+        yield Caution("", EVERY, says)
     if len(sizes) == 1:
-        found.append(
-            Caution(
-                "",
-                DRAG,
-                f"Every run commands the same size of {force}, {sizes[0]:g} {unit}: how drag grows with the {speed} "
-                f"shows only in how each {words.move} begins; add runs at {0.5 * sizes[0]:.3g} and "
-                f"{2.0 * sizes[0]:.3g} {unit}, or as much as the thrusters give.",
-            )
+        says = (
+            f"Every run commands the same size of {force}, {sizes[0]:g} {unit}: how drag grows with the {speed} shows "
+            f"only in how each {words.move} begins; add runs at {0.5 * sizes[0]:.3g} and {2.0 * sizes[0]:.3g} {unit}, "
+            "or as much as the thrusters give."
         )
+        yield Caution("", DRAG, says)
     if of_steps and len(sizes) == 2:
-        found.append(
-            Caution(
-                "",
-                DRAG,
-                f"The runs command two sizes of {force}, {sizes[0]:g} and {sizes[1]:g} {unit}: model 2 goes through "
-                f"any two, so Table 1 cannot tell how drag grows with the {speed}; add runs at "
-                f"{_third(sizes[0], sizes[1]):.3g} {unit}.",
-            )
+        says = (
+            f"The runs command two sizes of {force}, {sizes[0]:g} and {sizes[1]:g} {unit}: model 2 goes through any "
+            f"two, so Table 1 cannot tell how drag grows with the {speed}; add runs at "
+            f"{_third(sizes[0], sizes[1]):.3g} {unit}."
         )
-    return found
+        yield Caution("", DRAG, says)
 
 
 def _third(low: float, high: float) -> float:
@@ -258,18 +216,10 @@ def _third(low: float, high: float) -> float:
     return 0.5 * (low + high) if high > 2.0 * low else 0.5 * low
 
 
-UNEXPLAINED = 1.3
-"""Ratio of what a model leaves to the noise of the headings from which on something is missing."""
-
-DECIDES = 0.8
-"""Share of the spread over fits without one run from which on that run decides alone."""
-
-WILD_GAIN = 0.25
-"""Scatter of the thrust from run to run beyond what batteries and water do."""
-
-SURE = 3.0
-"""Standard errors."""
-
+UNEXPLAINED = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
+DECIDES = 0.8  # share of the spread over fits without one run from which on that run decides alone
+WILD_GAIN = 0.25  # scatter of the thrust from run to run beyond what batteries and water do
+SURE = 3.0  # standard errors
 LATE = (
     "The {force} seems to act half a sample interval or more after the log shows it: a delay or a lag of the "
     "thrusters, which inflates the {inertia}."
@@ -293,16 +243,6 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
     unsteady = [turn.name for turn in turns if not turn.steady]
     if unsteady:
         found.append(f"{len(unsteady)} {words.step}s end before the {words.speed} is steady, {unsteady[0]} first.")
-    pooled = len(seed.drag["3"].estimates) == 1 if "3" in seed.drag else False  # no constant force, no two ways
-    if pooled and "2" in seed.drag and len(seed.drag["2"].estimates) == 2:
-        rate, two = seed.tails.rate, seed.drag["2"].drag
-        gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0], seed.drag["2"].variance)
-        if abs(gap) > 1e-6 * abs(two[1]):
-            v = dof.symbols.velocity
-            found.append(
-                f"Table 1 breaks the identity k3 = k2 + {dof.symbols.linear} sum|{v}|^3/sum {v}^4 by {gap:.2g}: the "
-                "fit is ill-conditioned."
-            )
     return found
 
 
@@ -366,7 +306,6 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
 
 
 def _wild_gains(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
-    """A sentence where the runs' gains differ by more than thrusters do."""
     if fit.gain_scatter.value <= WILD_GAIN:
         return []
     gains = np.exp(fit.mixed.own(GAIN)[:, 0])

@@ -14,7 +14,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import HORIZONS, Predicted, free_run, predict
+from automarine_cli.filters.kalman import Followed, Predicted, free_run, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.known import Prior
@@ -23,33 +23,26 @@ from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     Preference,
     by_way,
-    estimate_of,
+    motion_fit,
     rough_model,
     run_covariance,
     run_dof,
     ways_of,
 )
-from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
+from automarine_cli.models.yaw_model import YawModel, base_roles
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
 from automarine_cli.simulation.batch import make_batch
 
-INERTIAS, DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)
-"""Shares of rough values from which fits of a base model start."""
+INERTIAS, DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)  # shares of rough values from which fits of a base model start
 SIZES, UNSTEADY = (0.02, 0.2), (0.005, 0.1)
 """Disturbances, as shares of the acceleration of the largest command, and noises of thrust, to start from."""
 
 
-SURE = 10.0
-"""Deviance beyond its penalty that a disturbance has to gain."""
-
-
-ENOUGH = 16
-"""Runs that show whether there is one."""
-HELD, NEARLY = 1.0, 0.8
-"""Seconds for which a run holds its command, and share of the run that such stretches make."""
+SURE = 10.0  # deviance beyond its penalty that a disturbance has to gain
+ENOUGH = 16  # runs that show whether there is one
+HELD, NEARLY = 1.0, 0.8  # seconds for which a run holds its command, and share of the run that such stretches make
 
 
 def driven_problem(
@@ -155,20 +148,17 @@ def disturbed(
 SLOWEST, QUICKEST = 600.0, 1e-3
 """Seconds in which no vehicle answers its thrusters, or has answered them: inertia over the drag at the largest
 command."""
-HEAD_START = 10.0
-"""Deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed."""
-BRIEF = 10
-"""Iterations of a fit of gains and noise alone."""
+HEAD_START = 10.0  # deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed
+BRIEF = 10  # iterations of a fit of gains and noise alone
 COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
 """Seconds ahead over which estimators are compared, and the shares by which the second one has to be better, or may be
 worse."""
-PROPOSED = ("input-delay", "dead-band")
-"""Effects with which models of driven logs may begin, if the evidence asks."""
+PROPOSED = ("input-delay", "dead-band")  # effects with which models of driven logs may begin, if the evidence asks
 WIDENED = ("estimates", "inertial_turn_angle", "covariance")  # what of a fit shows its intervals
 
 
 @dataclass(frozen=True)
-class Worth:
+class ForecastScore:
     """What a model is worth over one horizon [s]: root mean square errors of positions of runs that were left out of
     its fit [rad or m], beside those of a constant rate and of a constant position, and over how many predictions."""
 
@@ -180,19 +170,19 @@ class Worth:
 
     @property
     def of_use(self) -> bool:
-        """Whether the model predicts better than both constants do."""
         return self.error < min(self.constant_rate, self.constant)
 
-    def beside(self, dof: Dof) -> str:
-        """How far ahead, to what, and by how much the constants miss: the end of a sentence."""
-        error, rate, still = (f"{dof.shown(x):.3g}" for x in (self.error, self.constant_rate, self.constant))
+    def beside(self, dof: Dof, rate: str = "", still: str = "", unit: str = "") -> str:
+        """How far ahead, to what, and by how much the constants miss: the end of a sentence. Of positions of a motion,
+        or of what has this `unit` and is called so."""
+        sizes = (self.error, self.constant_rate, self.constant)
+        error, moving, standing = (f"{x if unit else dof.shown(x):.3g}" for x in sizes)
         return (
-            f"{self.horizon:g} s ahead to {error} {dof.units.shown} where a constant {dof.words.speed} misses by "
-            f"{rate} and a constant {dof.words.position} by {still}"
+            f"{self.horizon:g} s ahead to {error} {unit or dof.units.shown} where a constant {rate or dof.words.speed} "
+            f"misses by {moving} and a constant {still or dof.words.position} by {standing}"
         )
 
     def to_json(self, dof: Dof) -> dict[str, object]:
-        """For a result file, in the unit in which people see positions."""
         key = dof.units.key
         return {
             "horizon_s": self.horizon,
@@ -245,7 +235,9 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     except FitError:
         return likely
     errors = {
-        name: [one.rmse() for one in left_out_predictions(problem, fit) if one.horizon in COMPARED and len(one.error)]
+        name: [
+            one.rmse() for one in left_out_predictions(problem, fit)[0] if one.horizon in COMPARED and len(one.error)
+        ]
         for name, fit in (("least squares of forecasts", plain), ("innovations", found))
     }
     squares, likelihood = errors.values()
@@ -276,12 +268,10 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
 
 
 def _is_sided(fit: OutputErrorFit) -> bool:
-    """Whether the model has a drag of each way."""
     return fit.model.dof.symbols.difference in fit.estimates
 
 
 def _start(name: str, largest: float) -> list[float]:
-    """Where a fit of an effect starts, for logs whose largest command is `largest`."""
     own = effects.get(name).parameters
     return [p.off if p.held else p.scaled(p.start, largest) for p in own]
 
@@ -315,57 +305,51 @@ def _outcome(
 ) -> OutputErrorFit:
     base = problem.model
     assert isinstance(base, YawModel)
-    dof, unit = base.dof, base.moment_unit
     covariance = run_covariance(found) if covariance is None else covariance
-    runs = len(found.left_out)
-    alone = float(sum(found.read.values()) - len(found.theta)) if runs == 1 else None
-    roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
-    at = {role: found.names.index(dof.parameter(role)) for role in roles}
-    like = {"difference": main_drag(number)}
-    estimates = {
-        name: estimate_of(found, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
-        for role, name in zip(roles, names)
-    }
-    turn = None
-    quadratic = dof.parameter("quadratic")
-    stuck = at.get("quadratic") in found.at_bound and quadratic not in found.known
-    if "quadratic" in roles and found.theta[at["quadratic"]] > 0 and not stuck:
-        turn = _ratio(found, covariance, at["inertia"], at["quadratic"], alone, dof)
-    low, high = found.factor_interval("gain")
-    bound = found.names.index("gain-scatter") in found.at_bound
-    none = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")
-    scatter = Estimate(found.factor("gain"), (high - low) / 3.92, (low, high), "1", at_bound=bound)
-    return OutputErrorFit(
-        number,
-        base.with_theta(found.of_model),
-        estimates,
-        turn,
-        none,
-        scatter,
-        found.noise_of.get(dof.position),
-        found,
-        covariance,
-        np.array([*base.theta, *[0.0] * len(problem.random)]),
-    )
+    start = np.array([*base.theta, *[0.0] * len(problem.random)])
+    return motion_fit(number, base, found, covariance, start, sided)
 
 
-def _ratio(found: InnovationsFit, covariance: Floats, i: int, k: int, alone: float | None, dof: Dof) -> Estimate:
-    """Inertia over quadratic drag; the inertia is searched on its logarithm, the drag is not."""
-    direction = np.eye(len(found.theta))[i] - np.eye(len(found.theta))[k] / found.theta[k]
-    stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
-    freedom = alone or run_dof(found, direction)
-    return Estimate.from_log(found.theta[i] / found.theta[k], stderr, freedom, dof.unit_of("ratio"))
+def left_out_predictions(
+    problem: DrivenProblem,
+    found: InnovationsFit,
+    channels: Sequence[int] = (0,),
+    *,
+    thinned: bool = False,
+    alone: bool = False,
+) -> list[tuple[Predicted, ...]]:
+    """Predictions of each run by the parameters that the other runs give, of each channel over each horizon.
 
-
-def left_out_predictions(problem: DrivenProblem, found: InnovationsFit) -> tuple[Predicted, ...]:
-    """Predictions of each run by the parameters that the other runs give, of the first channel, over each horizon."""
-    each: list[tuple[Predicted, ...]] = []
+    States follow all readings, or those that are `thinned`; of the model `alone` neither the disturbance nor the run's
+    gain that the filter takes for true is carried on.
+    """
+    each = []
     for r in range(len(problem.course.names)):
-        theta = problem.natural(found.left_out[r])
-        own = problem.course.only(r)
-        pieces = predict(problem.model, own, theta[: found.parameters], problem.noises(theta[None]))
-        each.append(tuple(replace(piece, run=piece.run + r) for piece in pieces))
-    return tuple(_joined([pieces[i] for pieces in each]) for i in range(len(HORIZONS)))
+        phi, own = found.left_out[r], problem.course.only(r)
+        theta = problem.natural(phi)
+        followed = problem.follow(phi[None], True, own if thinned else own.unthinned)
+        followed = of_model_alone(followed) if alone else followed
+        model, noises = theta[: found.parameters], problem.noises(theta[None])
+        each.append([predict(problem.model, own, model, noises, channel=c, followed=followed) for c in channels])
+    return [tuple(map(_joined, zip(*(of_run[c] for of_run in each)))) for c in range(len(channels))]
+
+
+def of_model_alone(followed: Followed) -> Followed:
+    """States without disturbances and with gains of one, as fits to forecasts take them."""
+    assert followed.states is not None
+    states = followed.states.copy()
+    states[[*followed.places.pushed, followed.places.gain]] = 0.0
+    return replace(followed, states=states)
+
+
+def _joined(pieces: Sequence[Predicted]) -> Predicted:
+    """Predictions of one run each as those of all."""
+    names = ("origin", "target", "error", "constant_rate", "constant")
+    return Predicted(
+        pieces[0].horizon,
+        np.concatenate([one.run + r for r, one in enumerate(pieces)]),
+        *(np.concatenate([getattr(one, name) for one in pieces]) for name in names),
+    )
 
 
 def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
@@ -382,13 +366,13 @@ def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, .
     left_out = np.tile(found.phi, (len(course.names), 1))
     without = natural_of(mixed.left_out[:, :own], mixed.positive[:own])
     left_out[:, :own] = search_of(np.clip(without, *problem.bounds[:own].T), problem.positive[:own])
-    return left_out_predictions(problem, replace(found, left_out=left_out))
+    return left_out_predictions(problem, replace(found, left_out=left_out))[0]
 
 
-def worth_of(predictions: Sequence[Predicted]) -> tuple[Worth, ...]:
+def worth_of(predictions: Sequence[Predicted]) -> tuple[ForecastScore, ...]:
     """What predictions are worth, by horizon; those of which there are none are left out."""
     return tuple(
-        Worth(one.horizon, one.rmse(), one.rmse(one.constant_rate), one.rmse(one.constant), len(one.error))
+        ForecastScore(one.horizon, one.rmse(), one.rmse(one.constant_rate), one.rmse(one.constant), len(one.error))
         for one in predictions
         if len(one.error)
     )
@@ -429,24 +413,10 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     return replace(fit, **{name: getattr(wider_fit, name) for name in WIDENED}), gains
 
 
-def _joined(pieces: Sequence[Predicted]) -> Predicted:
-    return Predicted(
-        pieces[0].horizon,
-        np.concatenate([piece.run for piece in pieces]),
-        np.concatenate([piece.origin for piece in pieces]),
-        np.concatenate([piece.target for piece in pieces]),
-        np.concatenate([piece.error for piece in pieces]),
-        np.concatenate([piece.constant_rate for piece in pieces]),
-        np.concatenate([piece.constant for piece in pieces]),
-    )
-
-
 Map = Callable[[Callable[[str], Any], Sequence[str]], Sequence[Any]]
 
-LEAST_WAY = 0.1
-"""Share of all that the runs went that has to go each way before drag may differ between the ways."""
-STEPS = (0.1, 0.025)
-"""Largest simulation steps [s] for whole runs, tried in turn."""
+LEAST_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
+STEPS = (0.1, 0.025)  # largest simulation steps [s] for whole runs, tried in turn
 
 
 def is_driven(
@@ -496,8 +466,7 @@ def both_ways(runs: Sequence[Run]) -> bool:
     return min(gone) > LEAST_WAY * sum(gone)
 
 
-JUDGED = 5.0
-"""Seconds ahead over which a model has to be of use."""
+JUDGED = 5.0  # seconds ahead over which a model has to be of use
 LARGE = 1.0
 """Times the commands, both as root mean squares, from which on a disturbance is said to be as large as they are."""
 
@@ -506,12 +475,11 @@ LARGE = 1.0
 class Judgement:
     """What the preferred model is worth, by horizon, on each of so many `runs` by a fit to the others."""
 
-    worth: tuple[Worth, ...]
+    worth: tuple[ForecastScore, ...]
     runs: int
 
     @property
-    def judged(self) -> Worth | None:
-        """Over the horizon that decides, or the longest below it."""
+    def judged(self) -> ForecastScore | None:
         return judged_of(self.worth)
 
     @property
@@ -520,7 +488,6 @@ class Judgement:
         return self.judged is None or self.judged.of_use
 
     def sentence(self, dof: Dof) -> str:
-        """One line: of what use the model is."""
         one = self.judged
         if one is None:
             return "The runs are too short to judge predictions."
@@ -534,7 +501,6 @@ class Judgement:
         )
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
-        """What a person must know first."""
         return () if self.of_use else (self.sentence(dof),)
 
 
@@ -553,7 +519,6 @@ class Use(Judgement):
     large: str = ""
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
-        """What a person must know first."""
         found = super().warnings(dof) + ((self.large,) if self.large else ())
         if not self.proposed:
             return found
@@ -566,17 +531,16 @@ class Use(Judgement):
         return (*found, need)
 
 
-def judged_of(worth: Sequence[Worth]) -> Worth | None:
+def judged_of(worth: Sequence[ForecastScore]) -> ForecastScore | None:
     """What decides of several horizons: JUDGED, or the longest below it."""
     return max((one for one in worth if one.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
 
 
 def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tuple[Predicted, ...]]:
-    """Predictions of each driven run by each model fitted to the other runs."""
     found = {}
     for number, fit in fits.items():
         assert isinstance(fit.mixed, InnovationsFit)
-        found[number] = left_out_predictions(driven_problem(fit.model, course), fit.mixed)
+        found[number] = left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0]
     return found
 
 
@@ -642,7 +606,6 @@ def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
 
 
 def judged_whole(course: Course, fit: OutputErrorFit) -> Judgement:
-    """Judge a fit of runs that were simulated whole, by the same predictions."""
     return Judgement(worth_of(whole_predictions(course, fit)), len(course.names))
 
 

@@ -19,20 +19,14 @@ from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_i
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
-HORIZON = 5
-"""Seconds of a forecast; misses are taken after each of them."""
-EVERY = 1.0
-"""Seconds between the starts of forecasts."""
-ITERATIONS, OF_LEFT_OUT = 40, 6
-"""Steps of a search, and of one without a run, which begins near its end."""
-SETTLED = 1e-3
-"""Decrease of half the sum of squares still to be expected below which a search has converged."""
+HORIZON = 5  # seconds of a forecast; misses are taken after each of them
+EVERY = 1.0  # seconds between the starts of forecasts
+ITERATIONS, OF_LEFT_OUT = 40, 6  # steps of a search, and of one without a run, which begins near its end
+SETTLED = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
 DAMPINGS, MOST_DAMPING = (0.0, 1e-2, 1.0), 1e6
 """Shares of the curvature that are added to it, tried together, and where a search gives up."""
-BLOCKS = 8
-"""Pieces of a single run that are left out in turn."""
-FAR = 1e3
-"""Times the largest reading beyond which a forecast has run away."""
+BLOCKS = 8  # pieces of a single run that are left out in turn
+FAR = 1e3  # times the largest reading beyond which a forecast has run away
 
 
 @dataclass(frozen=True)
@@ -54,12 +48,10 @@ class ForecastProblem:
 
     @property
     def count(self) -> int:
-        """Number of the model's parameters."""
         return len(self.driven.names) - len(self.driven.random)
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
-        """Those of them that are not held."""
         return self.driven.free[self.driven.free < self.count]
 
     @cached_property
@@ -92,7 +84,6 @@ class ForecastProblem:
         return np.asarray(np.sqrt((self.misses(phi[None])[0] ** 2).sum(axis=(1, 2)) / np.maximum(have, 1)))
 
     def some(self, windows: NDArray[np.bool_]) -> "ForecastProblem":
-        """The same with some of the windows (A,)."""
         return replace(
             self, run=self.run[windows], origin=self.origin[windows], unit=self.unit[windows],
             target=self.target[..., windows],
@@ -150,7 +141,6 @@ def _predicted(driven: DrivenProblem) -> tuple[Channel, ...]:
 
 
 def _origins(time: Floats, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Nodes with a reading about every second."""
     read = np.flatnonzero(seen)
     if len(read) < 2:
         return read[:0]
@@ -262,7 +252,7 @@ def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
     held[:own] = theta[:own, None]
     found = fit_innovations(replace(driven, bounds=held), theta[None], brief=True)
     runs, phi = len(driven.course.names), np.append(fit.phi[:own], found.phi[own:])
-    left_out, covariance, by_run = found.left_out.copy(), found.covariance.copy(), found.by_run.copy()
+    left_out, covariance, by_run = found.left_out.copy(), found.covariance.copy(), found.information.copy()
     covariance[:own, :own] = fit.covariance[:own, :own]
     if runs > 1:
         left_out[:, :own] = fit.left_out[:, :own]
@@ -279,6 +269,6 @@ def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
     return replace(
         found, theta=np.append(theta[:own], found.theta[own:]), phi=phi, covariance=covariance, left_out=left_out,
         predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
-        at_bound=tuple(sorted({*fit.at_bound, *(i for i in found.at_bound if i >= own)})), by_run=by_run,
+        at_bound=tuple(sorted({*fit.at_bound, *(i for i in found.at_bound if i >= own)})), information=by_run,
         converged=fit.converged and found.converged, iterations=fit.iterations + found.iterations,
     )  # fmt: skip

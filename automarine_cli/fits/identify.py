@@ -1,7 +1,7 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators and the preferred model."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -11,56 +11,19 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import averaged_over, make_course
-from automarine_cli.fits.cautions import (
-    DRAG,
-    Caution,
-    covariance_json,
-    design_cautions,
-    fit_cautions,
-    fit_warnings,
-    seed_cautions,
-    step_warnings,
-    told,
-    valid_range,
-)
-from automarine_cli.fits.driven import (
-    STEPS,
-    Judgement,
-    Use,
-    both_ways,
-    fitted_driven,
-    is_driven,
-    judged_whole,
-    left_out,
-    prefer_driven,
-    use_of,
-    widened,
-)
+from automarine_cli.fits import cautions, driven, whole_runs
 from automarine_cli.fits.half_turns import StepData, half_turn_data
-from automarine_cli.fits.innovations import InnovationsFit, channels_json, random_estimates
+from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.paper import FEWEST_A_WAY, VelocityErrorFit, fit_velocity_error, nested_test
-from automarine_cli.fits.whole_runs import (
-    MANY_RUNS,
-    OutputErrorFit,
-    Preference,
-    by_way,
-    estimate_of,
-    fit_half_turns,
-    fit_whole_runs,
-    prefer,
-    run_dof,
-)
 from automarine_cli.models.store import model_json
-from automarine_cli.pipeline.records import Document, json_document
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.shown import Shown
+from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -83,21 +46,20 @@ class YawFit(Shown):
     turns: tuple[HalfTurn, ...]
     data: StepData | None
     runs: tuple[Run, ...]
-    output_error: Mapping[str, OutputErrorFit]
+    output_error: Mapping[str, whole_runs.OutputErrorFit]
     seed_method: VelocityErrorFit | None
     why_no_seed_method: str
-    preference: Preference
+    preference: whole_runs.Preference
     set_aside: tuple[SetAside, ...]
     warnings: tuple[str, ...]
-    cautions: tuple[Caution, ...]
+    cautions: tuple[cautions.Caution, ...]
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
-    use: Judgement | None = None
+    use: driven.Judgement | None = None
     known: Known = NOTHING_KNOWN
 
     @property
-    def preferred(self) -> OutputErrorFit:
-        """The preferred model's maximum-likelihood fit."""
+    def preferred(self) -> whole_runs.OutputErrorFit:
         return self.output_error[self.preference.number]
 
     @property
@@ -108,37 +70,29 @@ class YawFit(Shown):
     @property
     def time_constant(self) -> Estimate | None:
         """Inertia over linear drag [s] of model 1, where that is preferred."""
-        fit, own = self.preferred, self.dof.symbols
-        if fit.number != "1" or own.linear not in fit.estimates:
+        fit = self.preferred
+        if fit.number != "1" or self.dof.symbols.linear not in fit.estimates:
             return None
-        found, direction = fit.mixed, np.zeros(len(fit.mixed.theta))
-        at = [found.names.index(self.dof.parameter(role)) for role in ("inertia", "linear")]
-        if not (found.theta[at] > 0).all() or set(at) & set(found.at_bound):
+        i, k = (fit.mixed.names.index(self.dof.parameter(role)) for role in ("inertia", "linear"))
+        if not (fit.mixed.theta[[i, k]] > 0).all() or {i, k} & set(fit.mixed.at_bound):
             return None
-        direction[at] = np.where(found.positive[at], 1.0, 1.0 / found.theta[at]) * np.array([1.0, -1.0])
-        stderr = float(np.sqrt(max(float(direction @ fit.covariance @ direction), 0.0)))
-        value = fit.estimates[own.inertia].value / fit.estimates[own.linear].value
-        return Estimate.from_log(value, stderr, run_dof(found, direction), "s")
+        return whole_runs.ratio_of(fit.mixed, fit.covariance, i, k, "s")
 
     @property
     def used(self) -> int:
-        """Number of runs fitted."""
         return len(self.turns) or len(self.runs)
 
     @property
     def read(self) -> Sequence[Run]:
-        """The runs as they were read, for what is to be known of that."""
         return self.runs or [turn.step.run for turn in self.turns]
 
     @property
     def moments(self) -> tuple[float, ...]:
-        """Every moment that was fitted, with its sign."""
         if self.turns:
             return tuple(turn.moment for turn in self.turns)
         return tuple(float(end) for run in self.runs for end in (run.command.min(), run.command.max()))
 
     def document(self, option: str) -> Document:
-        """Its result file, for a command that takes a model."""
         return json_document(f"{self.dof.name}_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
@@ -149,8 +103,8 @@ class YawFit(Shown):
                 dof, unit=self.moment_unit, fitted_to=f"{dof.words.step}s" if self.turns else "whole runs",
                 models={number: self._model_json(number) for number in sorted(self.output_error)},
                 preferred=self.preference.number, because=self.preference.because,
-                ratio=None if turn is None else turn.to_json(), valid_range=valid_range(self.moments, fit.model),
-                effects=_effects_json(fit),
+                ratio=None if turn is None else turn.to_json(), effects=_effects_json(fit),
+                valid_range=cautions.valid_range(self.moments, fit.model),
             ),
             **self._driven_json(),
             **({} if self.time_constant is None else {"time_constant_s": self.time_constant.to_json()}),
@@ -159,7 +113,7 @@ class YawFit(Shown):
             f"{dof.words.position}_noise_{dof.units.key}": None
             if fit.noise is None
             else float(dof.shown(fit.noise)),
-            **channels_json(self.channels, fit.mixed, dof),
+            **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
             "runs": runs_json(self.used, self.set_aside, self.read),
@@ -167,9 +121,10 @@ class YawFit(Shown):
 
     @property
     def told_of_known(self) -> tuple[str, ...]:
-        """What was known beforehand, in sentences."""
         dof = self.dof
-        units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
+        units = {
+            dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *cautions.DRAG, "constant")
+        }
         found = self.known.sentences(units, self.preferred.mixed.names)
         paper = ("The velocity errors of the paper do not use it.",) if found and self.seed_method else ()
         return (*found, *paper)
@@ -187,7 +142,7 @@ class YawFit(Shown):
         random: dict[str, object] = {}
         if isinstance(found, InnovationsFit):
             random = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
-        if isinstance(use, Use):
+        if isinstance(use, driven.Use):
             random["proposed"] = dict(use.proposed)
         return {
             **random,
@@ -210,7 +165,9 @@ class YawFit(Shown):
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
             f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
-            "covariance": covariance_json(list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance),
+            "covariance": cautions.covariance_json(
+                list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance
+            ),
             "converged": fit.mixed.converged,
             **({"estimator": fit.estimator} if fit.estimator else {}),
         }
@@ -234,9 +191,7 @@ class YawFit(Shown):
             dof.symbols.inertia: None if table is None else table.overall.to_json(),
             "sse": drag.sse,
             "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
-            "f_test_against_2": asdict(nested_test(drag, seed.drag["2"]))
-            if number != "2" and "2" in seed.drag
-            else None,
+            "f_test_against_2": nested_test(drag, seed.drag["2"]) if number != "2" and "2" in seed.drag else None,
             f"{dof.symbols.inertia}_mean_at_{dof.words.force}": {
                 f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
@@ -248,15 +203,14 @@ class YawFit(Shown):
         return content
 
 
-def _effects_json(fit: OutputErrorFit) -> list[dict[str, object]]:
-    """The effects beside drag that a fit was asked to have, as an extended model holds them."""
+def _effects_json(fit: whole_runs.OutputErrorFit) -> list[dict[str, object]]:
     return [
         {"name": effect, "parameters": {name: one.to_json() for name, one in own.items()}}
         for effect, own in effect_estimates(fit).items()
     ]
 
 
-def effect_estimates(fit: OutputErrorFit) -> dict[str, dict[str, Estimate]]:
+def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Estimate]]:
     """Estimates of the effects beside drag that a fit was asked to have, by effect and parameter; standard errors of
     zero are of what is not fitted."""
     found, model = {}, fit.model
@@ -266,7 +220,7 @@ def effect_estimates(fit: OutputErrorFit) -> dict[str, dict[str, Estimate]]:
         names = effects.get(term.name).names_in(model.dof)
         card = effects.get(term.name).card(model.dof, model.moment_unit)
         found[term.name] = {
-            name: estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit)
+            name: whole_runs.estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit)
             for name, parameter in zip(names, card.parameters)
         }
     return found
@@ -296,7 +250,6 @@ class Buoyancy:
 
     @property
     def says(self) -> str:
-        """One sentence."""
         low, high = self.force.ci95
         force = f"{abs(self.force.value):.3g} {self.force.unit}"
         if low < 0 < high:
@@ -312,7 +265,6 @@ class Buoyancy:
         return f"{text}: to balance it {what} {kilograms} of ballast, weighed in water."
 
     def to_json(self) -> dict[str, object]:
-        """For the result file."""
         ballast = self.ballast
         return {
             "constant_force": self.force.to_json(),
@@ -387,12 +339,11 @@ def _fit_steps(
     tail: float | None,
 ) -> YawFit:
     unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
-    chosen = choose_channels([turn.step.run for turn in turns], dof, channels)
+    chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
     turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
     data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))
-    few = data.some(MANY_RUNS // 2)
-    rough = fit_velocity_error(few, zero[: len(few.names)], moment_unit=unit, models=("1", "3"))
+    rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
     start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
     name = dof.symbols.constant
     constant = {model: fit.estimates[name].value for model, fit in rough.drag.items() if dof.has_constant}
@@ -401,21 +352,21 @@ def _fit_steps(
         _fit_model, data=data, start=start, constant=constant, unit=unit, known=known, both=both
     )  # fmt: skip
     fits = dict(zip("123", each(ask, ("1", "2", "3"))))
-    preference = prefer(fits)
+    preference = whole_runs.prefer(fits)
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
     noise = float(np.median([turn.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
-    cautions = (
-        *design_cautions([turn.moment for turn in turns], unit, dof, of_steps=True),
-        *seed_cautions(seed, fits[preference.number].gain_scatter.value, dof),
-        *fit_cautions(fits),
+    listed = (
+        *cautions.design_cautions([turn.moment for turn in turns], unit, dof, of_steps=True),
+        *cautions.seed_cautions(seed, fits[preference.number].gain_scatter.value, dof),
+        *cautions.fit_cautions(fits),
     )
     warnings = (
-        *step_warnings(turns, seed, dof),
-        *fit_warnings(fits, preference, data.names, noise),
-        *told(cautions, preference),
+        *cautions.step_warnings(turns, seed, dof),
+        *cautions.fit_warnings(fits, preference, data.names, noise),
+        *cautions.told(listed, preference),
     )
     return YawFit(
-        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof, chosen, known=known
+        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, known=known
     )
 
 
@@ -433,17 +384,17 @@ def _fit_model(
     unit: str,
     known: Known,
     both: bool,
-) -> OutputErrorFit:
+) -> whole_runs.OutputErrorFit:
     inertia, linear, quadratic = start
     if number == "1":  # its inertia from the same tails: equation 7 against equation 9
         inertia *= 0.7
     begin = (inertia, linear if number == "1" else 0.02 * linear, quadratic)
     always = constant.get(number, constant.get("3", 0.0))
 
-    def fit(sided: bool) -> OutputErrorFit:
-        return fit_half_turns(data, number, begin, unit, known, always, sided)
+    def fit(sided: bool) -> whole_runs.OutputErrorFit:
+        return whole_runs.fit_half_turns(data, number, begin, unit, known, always, sided)
 
-    return by_way(fit, data.dof, both)
+    return whole_runs.by_way(fit, data.dof, both)
 
 
 def _fit_whole(
@@ -468,17 +419,17 @@ def _fit_whole(
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
-    driven = is_driven(moving, at_rest, chosen.names, with_effects)
-    if driven:
+    filtered = driven.is_driven(moving, at_rest, chosen.names, with_effects)
+    if filtered:
         course = make_course(moving, at_rest, channels=chosen.names)
-        fits, refused = fitted_driven(moving, course, each, with_effects, known.parameters)
+        fits, refused = driven.fitted_driven(moving, course, each, with_effects, known.parameters)
     else:
         refused = {}
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, known=known)
         fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     words = dof.words
     how = "by output error, for the evidence asks for no disturbance"
-    if driven:
+    if filtered:
         how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
         period = float(np.median([run.sample_period for run in moving]))
         if averaged_over(period) > 1:
@@ -493,27 +444,28 @@ def _fit_whole(
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
-    ahead = left_out(course, fits) if driven else {}
-    preference = (prefer_driven(fits, ahead, dof) if driven else None) or prefer(fits)
+    ahead = driven.left_out(course, fits) if filtered else {}
+    preference = (driven.prefer_driven(fits, ahead, dof) if filtered else None) or whole_runs.prefer(fits)
     proposed: dict[str, float] = {}
-    if driven:
-        fits[preference.number], proposed = widened(course, fits[preference.number])
+    if filtered:
+        fits[preference.number], proposed = driven.widened(course, fits[preference.number])
     if estimator := fits[preference.number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
-    cautions = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
-    warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    number, use = preference.number, Judgement((), 0)
-    if not driven:
-        use = judged_whole(make_course(moving, at_rest, channels=chosen.names), fits[number])
+    listed = (*cautions.design_cautions(levels.tolist(), unit, dof, of_steps=False), *cautions.fit_cautions(fits))
+    warnings = (
+        *cautions.fit_warnings(fits, preference, [run.name for run in moving]),
+        *cautions.told(listed, preference),
+    )
+    number, use = preference.number, driven.Judgement((), 0)
+    if not filtered:
+        use = driven.judged_whole(make_course(moving, at_rest, channels=chosen.names), fits[number])
         warnings = (*use.warnings(dof), *warnings)
     else:
-        use = use_of(course, fits[number], ahead[number], proposed)
+        use = driven.use_of(course, fits[number], ahead[number], proposed)
         missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
         warnings = (*use.warnings(dof), *missing, *warnings)
-    return YawFit(
-        unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use, known
-    )
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, listed, dof, chosen, use, known)
 
 
 def _too_little(run: Run) -> str:
@@ -525,13 +477,14 @@ def _too_little(run: Run) -> str:
 
 def _fit_whole_model(
     number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, known: Known
-) -> OutputErrorFit:
-    """Fit, and fit again with finer steps where the model turns out to be faster than the first ones."""
+) -> whole_runs.OutputErrorFit:
     largest = max(float(np.abs(run.command).max()) for run in runs)
-    both = both_ways(runs)
-    for step in STEPS:
+    both = driven.both_ways(runs)
+    for step in driven.STEPS:
         batch = make_batch(runs, step, channels=channels)
-        fit = by_way(partial(fit_whole_runs, batch, number, at_rest, known=known), batch.dof, both)
+        fit = whole_runs.by_way(
+            partial(whole_runs.fit_whole_runs, batch, number, at_rest, known=known), batch.dof, both
+        )
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit
     raise FitError(

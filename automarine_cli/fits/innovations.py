@@ -18,6 +18,7 @@ from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, least_noise
 from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
 from automarine_cli.fits import linear_mixed
@@ -26,17 +27,14 @@ from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import SWITCH, Outcome, natural_of, search_of
 from automarine_cli.models.allocation import Vehicle
 from automarine_cli.pipeline.records import to_mapping
+from automarine_cli.pipeline.result_files import Sensor
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import Sensor
 from automarine_cli.runs.channels import ChannelChoice, ChannelVerdict
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 
-DIFFERENCE = 1e-5
-"""Share of a parameter by which it is moved for its derivative."""
-LEAST_SIZE = 1e-4
-"""Smallest disturbance, as a share of the acceleration that the largest command gives."""
+DIFFERENCE = 1e-5  # share of a parameter by which it is moved for its derivative
+LEAST_SIZE = 1e-4  # smallest disturbance, as a share of the acceleration that the largest command gives
 
 
 @dataclass(frozen=True)
@@ -71,12 +69,10 @@ class DrivenProblem:
     known: Mapping[str, Prior] = field(default_factory=dict)
 
     def informed(self, known: Mapping[str, Prior]) -> "DrivenProblem":
-        """The same problem with parameters that are `known` beforehand, by name."""
         return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
-        """Parameters that are not held."""
         return np.flatnonzero(self.bounds[:, 0] < self.bounds[:, 1])
 
     @cached_property
@@ -107,15 +103,12 @@ class DrivenProblem:
         return np.asarray(-(precision @ (phi - mean))[self.free])
 
     def natural(self, phi: Floats) -> Floats:
-        """theta (..., p) of the search's coordinates phi."""
         return natural_of(phi, self.positive)
 
     def search(self, theta: Floats) -> Floats:
-        """phi (..., p) of theta."""
         return search_of(theta, self.positive)
 
     def noises(self, theta: Floats) -> Noises:
-        """The sizes of what is random in theta (P, p)."""
         dofs, channels = len(self.course.motion.dofs), len(self.course.channels)
         rest = list(theta[:, len(self.names) - len(self.random) :].T)
         size, time, thrust = (np.array([rest[3 * d + i] for d in range(dofs)]) for i in range(3))
@@ -248,15 +241,13 @@ def randomness(
     return tuple(found)
 
 
-SETTLED = 0.02
-"""Gain in log likelihood still to be expected below which a fit has converged."""
+SETTLED = 0.02  # gain in log likelihood still to be expected below which a fit has converged
 ITERATIONS = 60
 FEW_RUNS = 6
 """Up to so many runs a fit without one of them is made anew, as one step from the fit to all may miss it by far."""
 LOOK, WAYS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
-SIZES = {GAIN: "gain-scatter"}
-"""What run effects are called whose sizes are parameters."""
+SIZES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
 LEAST_DAMPING, MOST_DAMPING, SHARES = 1e-4, 1e3, (1.0, 30.0)
 """Share of the curvature that is added to it, and multiples of that which are tried together."""
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
@@ -265,47 +256,25 @@ NO_START = "no starting point of the fit has a finite likelihood; check the unit
 @dataclass(frozen=True)
 class InnovationsFit(Outcome):
     """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
-    own log densities, `gains` (R,) their log gains as filtered, `read_of` the channels with
-    the numbers of their readings,
-    `parameters` how many of theta are the model's, `by_run` (R, p, p) what each run says of phi."""
+    own log densities, `gains` (R,) their log gains as filtered, `parameters` how many of theta are the model's."""
 
     density: Floats
     gains: Floats
-    read_of: tuple[tuple[str, int], ...]
     parameters: int
-    by_run: Floats = field(repr=False)
 
     @property
     def of_model(self) -> Floats:
-        """The model's own entries of theta."""
         return self.theta[: self.parameters]
 
     @property
-    def read(self) -> dict[str, int]:
-        """How many readings each channel has."""
-        return dict(self.read_of)
-
-    @property
-    def information(self) -> Floats:
-        """What each run says of phi, (R, p, p)."""
-        return self.by_run
-
-    @property
     def of_chance(self) -> dict[str, float]:
-        """The parameters of what is random, by name."""
         return dict(zip(self.names[self.parameters :], self.theta[self.parameters :].tolist()))
-
-    @property
-    def noise_of(self) -> dict[str, float]:
-        """Noise of each channel by its quantity [its unit]."""
-        return {quantity: self.value(f"noise.{quantity}") for quantity in self.read}
 
     def factor(self, block: str) -> float:
         """Size of what differs from run to run: of the gain, or of what an effect lets vary."""
         return self.value(SIZES.get(block, f"{block}.spread"))
 
     def factor_interval(self, block: str) -> tuple[float, float]:
-        """95 % interval of one of these sizes."""
         place = self.names.index(SIZES.get(block, f"{block}.spread"))
         half = float(special.ndtri(0.975) * np.sqrt(max(self.covariance[place, place], 0.0)))
         middle = float(self.theta[place])
@@ -340,8 +309,6 @@ def fit_innovations(
 
 @dataclass(frozen=True)
 class _Climb:
-    """Where a search got to."""
-
     phi: Floats
     value: float
     slopes: Slopes
@@ -462,7 +429,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
     every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
     assert every.states is not None
-    theta = problem.natural(phi)
+    theta, read = problem.natural(phi), {one.quantity: int(one.seen.sum()) for one in problem.course.channels}
     return InnovationsFit(
         names=problem.names,
         theta=theta,
@@ -477,15 +444,15 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         converged=reached.converged,
         density=density[0],
         gains=every.states[every.places.gain, 0, :, -1],
-        read_of=tuple((one.quantity, int(one.seen.sum())) for one in problem.course.channels),
         parameters=count - len(problem.random),
-        by_run=information,
+        information=information,
+        noise_of={name: float(theta[problem.names.index(f"noise.{name}")]) for name in read},
+        read=read,
         known=problem.known,
     )
 
 
 def _finite(density: Floats) -> Floats:
-    """Log densities, next to nothing where a filter ran away."""
     return np.where(np.isfinite(density), density, -1e9)
 
 
@@ -495,22 +462,19 @@ def random_estimates(found: InnovationsFit, covariance: Floats, dof: Dof) -> dic
     units = {"disturbance": f"{base}/s²", "disturbance-time": "s", "thrust-noise": "s^1/2", "gain-scatter": "1"}
     stored: dict[str, dict[str, object]] = {}
     for i, name in enumerate(found.names[found.parameters :], found.parameters):
-        kind, bound = name.rpartition(".")[2], i in found.at_bound
+        value, stderr = float(found.theta[i]), float(np.sqrt(max(covariance[i, i], 0.0)))
+        kind = name.rpartition(".")[2]
         if name == SWITCH:
-            half = 1.96 * float(np.sqrt(max(covariance[i, i], 0.0)))
-            value = float(found.theta[i])
-            ends = (value - half, value + half)
-            stored[name] = Estimate(value, half / 1.96, ends, "sample interval", at_bound=bound).to_json()
-            continue
-        unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
-        stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
-        one = Estimate.from_log(float(found.theta[i]), stderr, max(len(found.left_out) - 1.0, 1.0), unit)
-        stored[name] = replace(one, at_bound=bound).to_json()
+            ends = (value - 1.96 * stderr, value + 1.96 * stderr)
+            one = Estimate(value, stderr, ends, "sample interval")
+        else:
+            unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
+            one = Estimate.from_log(value, stderr, max(len(found.left_out) - 1.0, 1.0), unit)
+        stored[name] = replace(one, at_bound=i in found.at_bound).to_json()
     return stored
 
 
-ROBUST = 1.65
-"""Error of a standard deviation told by a median, over that of the usual one."""
+ROBUST = 1.65  # error of a standard deviation told by a median, over that of the usual one
 
 
 def channel_noises(fit: Outcome, dof: Dof) -> dict[str, Estimate]:
@@ -526,11 +490,6 @@ def channel_noises(fit: Outcome, dof: Dof) -> dict[str, Estimate]:
         bound = f"noise.{name}" in fit.names and fit.names.index(f"noise.{name}") in fit.at_bound
         found[name] = replace(one, at_bound=bound)
     return found
-
-
-def channels_json(choice: ChannelChoice, fit: Outcome, dof: Dof) -> dict[str, object]:
-    """`{"channels": [{"quantity", "used", "noise" or "why"}]}` for a result; {} where only positions are logged."""
-    return channels_of(choice, channel_noises(fit, dof) if choice.verdicts else {})
 
 
 def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
@@ -552,8 +511,8 @@ def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
     return found
 
 
-def channels_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[str, object]:
-    """The same with noises that were measured in another way."""
+def channels_json(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[str, object]:
+    """`{"channels": [{"quantity", "used", "noise" or "why"}]}` for a result; {} where only positions are logged."""
     sensors = [to_mapping(_sensor(one, noises)) for one in choice.verdicts]
     return {"channels": sensors} if sensors else {}
 
@@ -562,19 +521,11 @@ def _sensor(one: ChannelVerdict, noises: Mapping[str, Estimate]) -> Sensor:
     return Sensor(one.quantity, one.used, noises.get(one.quantity) if one.used else None, one.why or None)
 
 
-def noise_words(fit: Outcome, dof: Dof) -> str:
-    """The noises of a fit in a line, such as "heading noise 1.00 deg"."""
-    names = {dof.position: dof.words.position, dof.velocity: dof.words.rate}
-    noises = channel_noises(fit, dof).items()
-    return ", ".join(f"{names[name]} noise {one.value:.2f} {one.unit}{_bound(one)}" for name, one in noises)
-
-
 def _bound(one: Estimate) -> str:
     return ", at its bound" * one.at_bound
 
 
 def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
-    """`channel_sentences` with the noises of a fit."""
     return channel_sentences(choice, channel_noises(fit, dof), dof)
 
 

@@ -82,7 +82,6 @@ class Known:
         return replace(self, parameters=found)
 
     def unused(self, names: Iterable[str]) -> list[str]:
-        """The parameters that are not among the qualified `names` of a model."""
         return sorted(set(self.parameters) - set(names))
 
     def sentences(self, units: Mapping[str, str], names: Iterable[str]) -> tuple[str, ...]:

@@ -11,15 +11,13 @@ channel c count (s_1/s_c)² times.
 Shapes: runs R, parameters p, run effects q, channels C. Variances are the logarithms of C noises and of the factors.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
 
@@ -28,7 +26,6 @@ SWITCHES, DISTURBANCE = "switch-instants", "disturbance"
 
 
 def bias_of(channel: str) -> str:
-    """Name of the constant that a channel adds to its readings in each run."""
     return f"{channel}-bias"
 
 
@@ -50,17 +47,14 @@ class RunEffects:
 
     @cached_property
     def scale(self) -> Floats:
-        """Standard deviations, (R, q), before any factor."""
         return np.concatenate([block.scale for block in self.blocks], axis=1)
 
     @cached_property
     def factor_names(self) -> tuple[str, ...]:
-        """The blocks that have a factor, in the order of the factors."""
         return tuple(block.name for block in self.blocks if block.limits is not None)
 
     @cached_property
     def limits(self) -> tuple[tuple[float, float], ...]:
-        """(lower, upper) of each factor."""
         return tuple(block.limits for block in self.blocks if block.limits is not None)
 
     @cached_property
@@ -76,11 +70,9 @@ class RunEffects:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the blocks in their order."""
         return tuple(block.name for block in self.blocks)
 
     def has(self, name: str) -> bool:
-        """Whether there is a block of that name."""
         return name in self._columns
 
     def of(self, b: Floats, name: str) -> Floats:
@@ -114,7 +106,6 @@ class RunEffects:
         )
 
     def deviation(self, variances: Floats) -> Floats:
-        """Standard deviations (R, q) for the variances."""
         factors = variances[len(variances) - len(self.limits) :]
         return self.scale * np.append(np.exp(factors), 1.0)[self._factor]
 
@@ -145,7 +136,6 @@ class Gram:
 
     @property
     def is_finite(self) -> bool:
-        """Whether response and derivatives were finite."""
         return all(bool(np.all(np.isfinite(part))) for part in (self.jj, self.jv, self.vv, self.ww))
 
     @classmethod
@@ -182,16 +172,13 @@ class Grams:
 
     @property
     def is_finite(self) -> bool:
-        """Whether response and derivatives were finite."""
         return all(channel.is_finite for channel in self.channels)
 
     @cached_property
     def count(self) -> NDArray[np.int64]:
-        """Samples of each run, (R,)."""
         return np.sum([channel.count for channel in self.channels], axis=0)
 
     def keep(self, free: NDArray[np.int64]) -> "Grams":
-        """The same with only the parameters `free`."""
         prior = None if self.prior is None else (self.prior[0][free], self.prior[1][np.ix_(free, free)])
         return Grams(tuple(channel.keep(free) for channel in self.channels), prior)
 
@@ -209,31 +196,12 @@ class Grams:
         return Gram(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
 
 
+DIVERGED = (
+    "no motion of a vehicle fits these runs: simulated positions diverge; check the logs with `automarine check` for "
+    "gaps, a wrong clock, or wrong units or signs of position and command (--columns)"
+)
 NO_MOTION = "the runs show no motion to fit a model to; check the logs with `automarine check`"
 SMALLEST_FACTOR = 1e-5
-FEW = 4
-"""Run effects up to which equations are solved row by row, all runs at once."""
-
-
-class NotFinite(FitError):
-    """Simulations run out of all bounds. Who knows the motion says so in its words, see `in_words_of`."""
-
-
-def not_finite(position: str, force: str) -> str:
-    """The sentence, by what the position and what drives it are called."""
-    return (
-        f"no motion of a vehicle fits these runs: simulated {position}s diverge; check the logs with `automarine "
-        f"check` for gaps, a wrong clock, or wrong units or signs of {position} and {force} (--columns)"
-    )
-
-
-@contextmanager
-def in_words_of(dof: Dof) -> Iterator[None]:
-    """What is refused inside as not finite is refused in the words of a motion."""
-    try:
-        yield
-    except NotFinite:
-        raise FitError(not_finite(dof.words.position, dof.words.force)) from None
 
 
 @dataclass(frozen=True)
@@ -259,7 +227,7 @@ class Weighted:
 def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
     """Apply R_i^-1 to every inner product. Raises FitError where the response was not finite."""
     if not grams.is_finite:
-        raise NotFinite(not_finite("position", "command"))
+        raise FitError(DIVERGED)
     gram = grams.at(variances)
     s2 = np.exp(2.0 * variances[0])
     scale = effects.deviation(variances)
@@ -273,7 +241,7 @@ def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
     right = np.empty((len(scale), q, p + 2 + q))
     right[:, :, :p] = scale[:, :, None] * np.swapaxes(gram.jv, 1, 2)
     right[:, :, p], right[:, :, p + 1], right[:, :, p + 2 :] = scale * gram.vw, present, np.eye(q)
-    solved = _forward(root, right)
+    solved = np.linalg.solve(root, right)
     product = np.swapaxes(solved, 1, 2) @ solved
     phi, w, b, unit = slice(0, p), p, p + 1, slice(p + 2, None)
     spread = s2 * product[:, unit, unit]
@@ -290,19 +258,6 @@ def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
         by_phi=product[:, unit, phi],
         spread=spread,
     )
-
-
-def _forward(root: Floats, right: Floats) -> Floats:
-    """X of L X = B for lower triangles L (R, q, q) and B (R, q, m): with few rows one after the other for all runs."""
-    q = root.shape[1]
-    if q > FEW:
-        return np.asarray(np.linalg.solve(root, right))
-    out = right
-    for i in range(q):
-        for j in range(i):
-            out[:, i] -= root[:, i, j, None] * out[:, j]
-        out[:, i] /= root[:, i, i, None]
-    return out
 
 
 def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
@@ -372,13 +327,11 @@ def predictive(grams: Grams, weighted: Weighted, left_out: Floats) -> Floats:
     return np.asarray(-0.5 * (square + weighted.log_det + grams.count * np.log(2 * np.pi)))
 
 
-SETTLED = 1e-3
-"""Step of a variance, in its smallest possible standard error, after which the search for it ends."""
+SETTLED = 1e-3  # step of a variance, in its smallest possible standard error, after which the search for it ends
 FLAT = 1e-4
 """Slope of the deviance, by a variance in that unit, that counts as none: where an effect is next to nothing, or a run
 has none, slope and second derivatives are rounding."""
-BOLDEST = 1.0
-"""Longest step of the logarithm of a standard deviation."""
+BOLDEST = 1.0  # longest step of the logarithm of a standard deviation
 MOST_STEPS = 60
 
 

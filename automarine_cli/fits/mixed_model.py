@@ -33,8 +33,7 @@ from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram, Grams, RunEf
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
-SMALLEST = 1e-9
-"""What a positive parameter may fall to: nothing, for all that a log can show."""
+SMALLEST = 1e-9  # what a positive parameter may fall to: nothing, for all that a log can show
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,8 @@ class Outcome(ABC):
     `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
     the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
     `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
-    of the parameters that a bound stopped, `known` what was known beforehand, by name.
+    of the parameters that a bound stopped, `information` (R, p, p) what each run says of phi, `noise_of` each channel
+    that counts by its quantity [its unit] with the number of its readings in `read`; `known` what was known beforehand.
     """
 
     names: tuple[str, ...]
@@ -58,10 +58,12 @@ class Outcome(ABC):
     at_bound: tuple[int, ...]
     iterations: int
     converged: bool
+    information: Floats = field(repr=False)
+    noise_of: Mapping[str, float]
+    read: Mapping[str, int]
     known: Mapping[str, Prior] = field(default_factory=dict, kw_only=True)
 
     def value(self, name: str) -> float:
-        """The fitted value of a parameter."""
         return float(self.theta[self.names.index(name)])
 
     @property
@@ -70,23 +72,7 @@ class Outcome(ABC):
         """The model's own entries of theta."""
 
     @property
-    @abstractmethod
-    def information(self) -> Floats:
-        """What each run says of phi, (R, p, p)."""
-
-    @property
-    @abstractmethod
-    def noise_of(self) -> dict[str, float]:
-        """Noise of each channel that counts, by its quantity [its unit]."""
-
-    @property
-    @abstractmethod
-    def read(self) -> dict[str, int]:
-        """How many readings each of these channels has."""
-
-    @property
     def noise(self) -> float:
-        """Noise of the first of these channels [its unit]."""
         return next(iter(self.noise_of.values()))
 
     @abstractmethod
@@ -117,7 +103,6 @@ class Outcome(ABC):
 
 
 def natural_of(phi: Floats, positive: NDArray[np.bool_]) -> Floats:
-    """theta (..., p) of the search's coordinates phi."""
     return np.where(positive, np.exp(np.where(positive, phi, 0.0)), phi)
 
 
@@ -129,18 +114,11 @@ def search_of(theta: Floats, positive: NDArray[np.bool_]) -> Floats:
 Response = Callable[[Floats, Floats], Floats]
 """Readings (P, R, N) of all channels one after the other, for theta (P, p) and run effects (P, R, q)."""
 
-LEAST_NOISE = 1e-4
-"""Where the fit of a channel's noise starts at least [its unit]."""
+LEAST_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit]
 
-CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))
-"""Rise of a deviance at the ends of a 95 % interval."""
+CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))  # rise of a deviance at the ends of a 95 % interval
 
-FEWEST_READINGS = 8
-"""Readings from which on their noise can be told roughly."""
-
-Slopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
-"""Readings (R, N) for one theta (p,) and run effects (R, q), and their derivatives, (R, N, p) and (R, N, q); zero in
-the padding."""
+FEWEST_READINGS = 8  # readings from which on their noise can be told roughly
 
 SWITCH = "switch-instant"
 """Name of the last entry of theta: where in their sample intervals the commands of all runs change."""
@@ -181,10 +159,8 @@ class Problem:
     """Measured readings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
 
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
-    are formed, on the logarithm. `slots` are the channels, the first that counts first. Where runs were reduced (see
-    nodes.py) `samples` (R, C) is how many each counted channel had and `left` (R, C) the part of their sums of squares
-    that no parameters change. Without `slopes` derivatives are differences. `known` are parameters that are known
-    beforehand.
+    are formed, on the logarithm. `slots` are the channels, the first that counts first. `known` are parameters that
+    are known beforehand.
     """
 
     response: Response
@@ -195,13 +171,9 @@ class Problem:
     positive: NDArray[np.bool_]
     names: tuple[str, ...]
     slots: tuple[Slot, ...]
-    samples: NDArray[np.int64] | None = None
-    left: Floats | None = None
-    slopes: Slopes | None = None
     known: Mapping[str, Prior] = field(default_factory=dict)
 
     def informed(self, known: Mapping[str, Prior]) -> "Problem":
-        """The same problem with parameters that are `known` beforehand, by name."""
         return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
 
     @cached_property
@@ -211,14 +183,11 @@ class Problem:
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
-        """The channels whose readings are evidence."""
         return tuple(slot for slot in self.slots if slot.counts)
 
     @cached_property
     def count(self) -> NDArray[np.int64]:
         """Samples of each run and counted channel, (R, C)."""
-        if self.samples is not None:
-            return self.samples
         return np.stack([self.seen[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
 
     def of(self, readings: NDArray[Any], channel: str) -> NDArray[Any]:
@@ -251,23 +220,16 @@ class Problem:
 
     def inner(self, by_phi: Floats, by_run: Floats, residual: Floats, b: Floats | None = None) -> Grams:
         """The same of any residuals (R, N), zero in the padding; b zero where not given."""
-        parts = []
-        for c, slot in enumerate(self.counted):
-            here = slot.part
-            gram = Gram.of(by_phi[:, here], by_run[:, here], residual[:, here], self.count[:, c], b)
-            parts.append(gram if self.left is None else replace(gram, ww=gram.ww + self.left[:, c]))
-        return Grams(tuple(parts))
+        parts = [(slot.part, count) for slot, count in zip(self.counted, self.count.T)]
+        return Grams(tuple(Gram.of(by_phi[:, x], by_run[:, x], residual[:, x], count, b) for x, count in parts))
 
     def natural(self, phi: Floats) -> Floats:
-        """theta (..., p) of the search's coordinates phi."""
         return natural_of(phi, self.positive)
 
     def search(self, theta: Floats) -> Floats:
-        """phi (..., p) of theta; a positive parameter at zero counts as `SMALLEST`."""
         return search_of(theta, self.positive)
 
     def readings(self, phi: Floats, b: Floats) -> Floats:
-        """Readings (R, N) at one phi (p,) and b (R, q)."""
         return self.response(self.natural(phi)[None], b[None])[0]
 
 
@@ -285,14 +247,7 @@ class MixedFit(Outcome):
     effects: RunEffects = field(repr=False)
 
     def reading(self, channel: str) -> Floats:
-        """The fitted readings (R, n) of one channel."""
         return self.fitted[:, next(slot.part for slot in self.slots if slot.name == channel)]
-
-    @property
-    def noise_of(self) -> dict[str, float]:
-        """Noise of each counted channel by its quantity [its unit]."""
-        counted = [slot.name for slot in self.slots if slot.counts]
-        return {name: float(noise) for name, noise in zip(counted, self.noises)}
 
     @property
     def of_model(self) -> Floats:
@@ -300,29 +255,14 @@ class MixedFit(Outcome):
         return self.theta[[name != SWITCH for name in self.names]]
 
     @property
-    def read(self) -> dict[str, int]:
-        """How many readings each counted channel has."""
-        return {name: int(gram.count.sum()) for name, gram in zip(self.noise_of, self.gram.channels)}
-
-    @property
-    def information(self) -> Floats:
-        """What each run says of phi, (R, p, p)."""
-        free = np.setdiff1d(np.arange(len(self.phi)), self.at_bound)
-        found = np.zeros((len(self.left_out), len(self.phi), len(self.phi)))
-        found[:, free[:, None], free] = linear_mixed.weigh(self.gram, self.effects, self.variances).hessian
-        return found
-
-    @property
     def variances(self) -> Floats:
         """Logarithms of noises and factors, as `linear_mixed` takes them."""
         return np.log([*self.noises, *np.maximum(self.factors, SMALLEST_FACTOR)])
 
     def factor(self, block: str) -> float:
-        """The estimated factor of a block of run effects."""
         return float(self.factors[self.effects.factor_names.index(block)])
 
     def own(self, block: str) -> Floats:
-        """Each run's own effects (R, k) of one block."""
         return self.effects.of(self.run_effects, block)
 
     def factor_interval(self, block: str) -> tuple[float, float]:
@@ -360,18 +300,11 @@ def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
         whole[:, ~held] = theta
         return problem.response(whole, b)
 
-    def slopes(theta: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-        assert problem.slopes is not None
-        whole = values.copy()
-        whole[~held] = theta
-        readings, by_theta, by_run = problem.slopes(whole, b)
-        return readings, by_theta[:, :, ~held], by_run
-
     names = tuple(name for name, h in zip(problem.names, held) if not h)
     known = {name: one for name, one in problem.known.items() if name in names}
     return replace(
         problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names,
-        slopes=None if problem.slopes is None else slopes, known=known,
+        known=known,
     )  # fmt: skip
 
 
@@ -384,12 +317,14 @@ def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> Mixed
     left_out[:, free] = fit.left_out
     covariance = np.zeros((len(held), len(held)))
     covariance[np.ix_(free, free)] = fit.covariance
+    information = np.zeros((len(left_out), len(held), len(held)))
+    information[:, free[:, None], free] = fit.information
     theta = problem.bounds[:, 0].copy()
     theta[free] = fit.theta
     at_bound = tuple(sorted([*np.flatnonzero(held).tolist(), *(int(free[i]) for i in fit.at_bound)]))
     return replace(
         fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
-        left_out=left_out, at_bound=at_bound, known=problem.known,
+        left_out=left_out, at_bound=at_bound, known=problem.known, information=information,
     )  # fmt: skip
 
 
@@ -399,21 +334,14 @@ PHI_STEP = 1e-6
 """Step of the one-sided differences by phi, as a share of it or of a tenth: truncation and rounding are then both some
 1e-6 of the derivative."""
 
-RUN_STEP = 1e-6
-"""Step of the one-sided differences by run effects, whose scales are all of the order of one."""
-
-SETTLED = 1e-2
-"""A fit has converged when no parameter would move by more than this share of its standard error."""
-
-MOST_FOLLOWING = 5
-"""How often the run effects may be fitted again before a trial step is given up."""
-
+RUN_STEP = 1e-6  # step of the one-sided differences by run effects, whose scales are all of the order of one
+SETTLED = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
+MOST_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
 TRIFLE = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
 
-BOLDEST = 1.0
-"""Largest change of the logarithm of a positive parameter in one step."""
+BOLDEST = 1.0  # largest change of the logarithm of a positive parameter in one step
 
 
 def fit_mixed(
@@ -481,17 +409,11 @@ class _Point:
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q); one-sided differences where
-    the problem has no formula for them.
+    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q), as one-sided differences.
 
     A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
     the mirrored derivatives.
     """
-    if problem.slopes is not None:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            theta = problem.natural(phi)
-            fitted, by_theta, by_run = problem.slopes(theta, b)
-            return fitted, by_theta * np.where(problem.positive, theta, 1.0), by_run
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(phi), len(free)
     step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)
@@ -508,7 +430,6 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
 
 
 def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
-    """The problem about (phi, b) as inner products, and the readings there."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     return _Point(phi, b, fitted, problem.gram(by_phi, by_run, fitted, b, phi))
 
@@ -578,7 +499,6 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
 
 
 def _at_bound(phi: Floats, bounds: Floats) -> NDArray[np.bool_]:
-    """Which parameters stand at one of their bounds, (p,)."""
     return (phi - bounds[:, 0] < 1e-9) | (bounds[:, 1] - phi < 1e-9)
 
 
@@ -591,8 +511,9 @@ def _report(
     at_bound = _at_bound(phi, bounds)
     free = np.flatnonzero(~at_bound)
     grid = np.ix_(free, free)
-    covariance = np.zeros_like(hessian)
+    covariance, information = np.zeros_like(hessian), np.zeros_like(weighted.hessian)
     covariance[grid] = linear_mixed.covariance_of(hessian[grid])
+    information[:, free[:, None], free] = weighted.hessian[:, free[:, None], free]
     push = weighted.gradient
     left_out = np.tile(phi, (len(problem.measured), 1))
     if len(left_out) > 1:
@@ -605,6 +526,7 @@ def _report(
     ml = choose_variances(inside, problem.effects, variances, restricted=False)
     ml_deviance = deviance(inside, problem.effects, ml, restricted=False)
     channels = len(problem.counted)
+    quantities = [slot.name for slot in problem.counted]
     return MixedFit(
         names=problem.names,
         theta=problem.natural(phi),
@@ -621,6 +543,9 @@ def _report(
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
         iterations=iterations,
         converged=converged,
+        information=information,
+        noise_of=dict(zip(quantities, np.exp(variances[:channels]).tolist())),
+        read=dict(zip(quantities, problem.count.sum(axis=0).tolist())),
         slots=problem.slots,
         gram=gram.keep(free),
         effects=problem.effects,

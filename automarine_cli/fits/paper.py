@@ -11,6 +11,7 @@ dilutes (drag.py).
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +19,16 @@ from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.half_turns import STEP_RESPONSE_AT_ONCE, StepData
+from automarine_cli.estimate import Estimate
+from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response, velocity_error
 from automarine_cli.models.yaw_model import base_roles, main_drag, steady_rate
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 
-WITH_CONSTANT, C = "3+c", "c"
-"""The reading of Table 1 with a constant moment, and what it is called there."""
-
-FEWEST_A_WAY = 3
-"""Runs each way from which on it is asked whether drag differs."""
-
-MOST_DILUTED = 0.5
-"""Share of a sum that is taken off as noise at most: where more is noise, what is left says little."""
+WITH_CONSTANT, C = "3+c", "c"  # the reading of Table 1 with a constant moment, and what it is called there
+FEWEST_A_WAY = 3  # runs each way from which on it is asked whether drag differs
+MOST_DILUTED = 0.5  # share of a sum that is taken off as noise at most: where more is noise, what is left says little
 
 
 @dataclass(frozen=True)
@@ -73,12 +69,10 @@ class DragFit:
 
     @property
     def drag(self) -> tuple[float, float]:
-        """Linear and quadratic drag, zero where the model has no such term."""
         return self._value("linear"), self._value("quadratic")
 
     @property
     def sided(self) -> bool:
-        """Whether drag differs between the two ways."""
         return self.dof.symbols.difference in self.estimates
 
     def _value(self, role: str) -> float:
@@ -95,15 +89,6 @@ class DragFit:
             for (name, e), error in zip(self.estimates.items(), stderr)
         }
         return replace(self, estimates=own, influence=total)
-
-
-@dataclass(frozen=True)
-class NestedTest:
-    """F test of model 3 within model 2: statistic, degrees of freedom, p-value."""
-
-    f: float
-    dof: tuple[int, int]
-    p_value: float
 
 
 def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
@@ -142,7 +127,6 @@ def sums(moment: Floats, rate: Floats, variance: Floats | float, model: str, col
 
 
 def _power(role: str, model: str) -> int:
-    """Power of the rate with which a parameter of a drag model goes."""
     return {"quadratic": 2, "linear": 1, "difference": 1 if model == "1" else 2}.get(role, 0)
 
 
@@ -236,86 +220,52 @@ def _aicc(sse: float, points: int, parameters: int) -> float:
     return float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)
 
 
-def nested_test(small: DragFit, large: DragFit) -> NestedTest:
-    """Does the larger of two nested models explain more than chance would? Both with the same noise taken off."""
+def nested_test(small: DragFit, large: DragFit) -> dict[str, Any]:
+    """F test, `f` with `dof` and `p_value`: does the larger of two nested models explain more than chance would? Both
+    with the same noise taken off."""
     more = len(large.estimates) - len(small.estimates)
     rest = len(large.residuals) - len(large.estimates)
     f = max(large.explained - small.explained, 0.0) / more / max(large.sse / rest, 1e-300)
-    return NestedTest(float(f), (more, rest), float(special.fdtrc(more, rest, f)))
-
-
-def identity_gap(rate: Floats, k3: float, k2: float, k_r: float, variance: Floats | float = 0.0) -> float:
-    """k3 - (k2 + k_r sum|r|³/sum r⁴): zero for any least-squares pair of models 3 and 2, whatever the data; the sums
-    are those without noise of the rates.
-
-    The first normal equation of model 2 divided by that of model 3. The paper's printed pair breaks it:
-    1.257 - 1.259 = -0.002 with k_r = +0.02753, where at least +0.028 is needed.
-    """
-    cubes, fourths = without_noise(rate, variance)[:, 3:].sum(axis=0)
-    return float(k3 - k2 - k_r * cubes / fourths)
+    return {"f": float(f), "dof": (more, rest), "p_value": float(special.fdtrc(more, rest, f))}
 
 
 Mask = NDArray[np.bool_]
 
 FEWEST_TAIL_SAMPLES = 3
-
-EARLIEST, LATEST = 15.0, 165.0
-"""Of half a turn, [degrees]: before it nothing is steady, after it nothing is left."""
+EARLIEST, LATEST = 15.0, 165.0  # of half a turn, [degrees]: before it nothing is steady, after it nothing is left
 
 
 @dataclass(frozen=True)
 class TailLines:
-    """Straight ends of R half-turns: steady rate (R,) [rad/s], velocity error (R,) [rad], samples used (R,
-    N)."""
+    """Straight ends of R half-turns: steady rate (R,) [rad/s], velocity error (R,) [rad], samples used (R, N), their
+    number, mean time [s] and sum of squared times about it [s²], all (R,)."""
 
     rate: Floats
     error: Floats
     used: Mask
-
-
-@dataclass(frozen=True)
-class Lines:
-    """Lines through the ends of R runs from A places each, all (R, A): rate [rad/s], intercept at time 0 [rad],
-    samples, their mean time [s] and their sum of squared times about it [s²]."""
-
-    rate: Floats
-    error: Floats
     count: Floats
     mean: Floats
     spread: Floats
 
+    def rate_variance(self, noise: float) -> Floats:
+        """Variance (R,) of the steady rates by the heading's noise alone."""
+        return np.asarray(noise**2 / self.spread)
+
 
 def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask, dof: Dof) -> TailLines:
-    """Least-squares line through the used samples of each run: shapes (..., R, N); slope and intercept at
-    time 0."""
+    """Least-squares line through the used samples of each run (R, N): slope and intercept at time 0."""
     count = used.sum(axis=-1)
     if np.any(count < FEWEST_TAIL_SAMPLES):
-        raise _too_few(int(count.min()), dof)
+        raise FitError(
+            f"only {count.min()} samples in the steady tail of a {dof.words.step} where {FEWEST_TAIL_SAMPLES} are "
+            f"needed; log the {dof.words.position} faster, or drop the highest {dof.words.force}s"
+        )
     mean_t = np.sum(time * used, axis=-1) / count
     mean_h = np.sum(heading * used, axis=-1) / count
-    spread = (time - mean_t[..., None]) * used
-    rate = np.sum(spread * (heading - mean_h[..., None]), axis=-1) / np.sum(spread**2, axis=-1)
-    return TailLines(rate, mean_h - rate * mean_t - start_heading, used)
-
-
-def lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[np.int64], dof: Dof) -> Lines:
-    """Least-squares lines from the samples `first` (R, A) of each run to its last, by sums from behind."""
-    runs = np.arange(len(time))[:, None]
-    last = last_sample(seen)[:, None]
-
-    def summed(x: Floats) -> Floats:
-        return np.asarray(np.cumsum(x[:, ::-1], axis=1)[:, ::-1][runs, first])
-
-    t, h = (np.where(seen, x - np.take_along_axis(x, last, axis=1), 0.0) for x in (time, heading))
-    count, sum_t, sum_h = summed(seen.astype(float)), summed(t), summed(h)
-    sum_tt, sum_th = summed(t * t), summed(t * h)
-    if np.any(count < FEWEST_TAIL_SAMPLES):
-        raise _too_few(int(count.min()), dof)
-    spread = sum_tt - sum_t**2 / count
-    rate = (sum_th - sum_t * sum_h / count) / spread
-    mean = sum_t / count + np.take_along_axis(time, last, axis=1)
-    mean_h = sum_h / count + np.take_along_axis(heading, last, axis=1)
-    return Lines(rate, mean_h - rate * mean, count, mean, spread)
+    times = (time - mean_t[..., None]) * used
+    spread = np.sum(times**2, axis=-1)
+    rate = np.sum(times * (heading - mean_h[..., None]), axis=-1) / spread
+    return TailLines(rate, mean_h - rate * mean_t - start_heading, used, count, mean_t, spread)
 
 
 def first_past(turned: Floats, time: Floats, seen: Mask, starts: Floats) -> NDArray[np.int64]:
@@ -335,7 +285,6 @@ def last_share(time: Floats, seen: Mask, share: float) -> Mask:
 
 
 def last_sample(seen: Mask) -> NDArray[np.int64]:
-    """Index of the last sample of each run, (R,)."""
     return np.asarray(seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1))
 
 
@@ -371,13 +320,6 @@ def checked_tail(tail: float, names: Sequence[str], heading: Floats, seen: Mask,
             f"the tails are to start at {dof.shown(tail):.0f} {dof.units.shown}, but {names[short]} ends at "
             f"{dof.shown(float(far[short])):.0f} {dof.units.shown}; let them start earlier, or leave that run out"
         )
-
-
-def _too_few(samples: int, dof: Dof) -> FitError:
-    return FitError(
-        f"only {samples} samples in the steady tail of a {dof.words.step} where {FEWEST_TAIL_SAMPLES} are needed; "
-        f"log the {dof.words.position} faster, or drop the highest {dof.words.force}s"
-    )
 
 
 @dataclass(frozen=True)
@@ -445,12 +387,8 @@ def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats
 SHARES = np.arange(30.0, 166.0, 5.0) / 180.0
 """Of half a turn, or of the way of the run that went least: where a tail may start."""
 
-BIAS_LIMIT = 0.005
-"""Bias of the last of these tails up to which a campaign counts as steady."""
-
-LEFT = 0.25
-"""Share of a bias that is taken to be left when it has been taken off by the rough model."""
-
+BIAS_LIMIT = 0.005  # bias of the last of these tails up to which a campaign counts as steady
+LEFT = 0.25  # share of a bias that is taken to be left when it has been taken off by the rough model
 STEP = 1e-4
 TINY = 1e-300
 
@@ -464,10 +402,8 @@ class Reference:
     acting: tuple[Floats, Floats | float, Floats | float]
 
     def answer(self, time: Floats) -> Floats:
-        """Noise-free headings (R, N)."""
         moment, k_r, k_rr = (np.broadcast_to(x, len(time))[:, None] for x in self.acting)
-        parts = [slice(i, i + STEP_RESPONSE_AT_ONCE) for i in range(0, len(time), STEP_RESPONSE_AT_ONCE)]
-        return np.concatenate([response(time[p], moment[p], self.inertia, k_r[p], k_rr[p])[0] for p in parts])
+        return response(time, moment, self.inertia, k_r, k_rr)[0]
 
     def balance(self, rate: Floats) -> tuple[Floats, Floats]:
         """Moment of the drag of each run at rates (R, A), and its slope on the rate."""
@@ -475,7 +411,6 @@ class Reference:
         return k_r * rate + k_rr * np.abs(rate) * rate, k_r + 2.0 * k_rr * np.abs(rate)
 
     def moved(self, inertia: float, drag: float) -> "Reference":
-        """The same with more inertia and drag by these factors."""
         moment, k_r, k_rr = self.acting
         return replace(self, inertia=inertia * self.inertia, acting=(moment, drag * k_r, drag * k_rr))
 
@@ -509,7 +444,6 @@ class Reference:
         return np.asarray((thrust * self.acting[0] / slope) ** 2)
 
     def like(self, other: "Reference", share: float) -> bool:
-        """Whether the two differ by less than that share of inertia and drag."""
         mine, others = (np.array([one.inertia, *one.fit.drag]) for one in (self, other))
         return bool(np.abs(mine - others).max() <= share * np.abs(others).max())
 
@@ -519,7 +453,8 @@ class Reference:
         lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used, self.fit.dof)
         rate = tails.rate * steady_rate(*self.acting) / lines.rate
         moment, *drag = self.acting
-        return TailLines(rate, tails.error + velocity_error(moment, self.inertia, *drag) - lines.error, tails.used)
+        error = tails.error + velocity_error(moment, self.inertia, *drag) - lines.error
+        return replace(tails, rate=rate, error=error)
 
 
 def reference(
@@ -579,7 +514,6 @@ class Expected:
         return int(np.argmin(np.sum(self.error**2, axis=0)))
 
     def told(self, dof: Dof, given: bool) -> str:
-        """Where the tails start and why, of one place."""
         bias = 100.0 * self.bias + np.array([0.0, 100.0 * float(self.dilution)])
         parts = [
             f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {own:+.2g} %)"
@@ -593,19 +527,16 @@ class Expected:
         )
 
     def to_json(self, dof: Dof) -> dict[str, object]:
-        """For the result file, of one place; shares of the value."""
         return {
             name: {"error": float(error), "noise": float(noise), "bias": float(own)}
             for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.bias)
         } | {"dilution": float(self.dilution)}
 
     def at(self, i: int) -> "Expected":
-        """One of the places alone."""
         return Expected(self.start[i], self.bias[:, i], self.dilution[i], self.noise[:, i])
 
 
 def starts(data: StepData) -> Floats:
-    """Where a tail may start [rad or m]."""
     ways = np.abs(np.where(data.seen, data.heading, 0.0)).max(axis=1)
     return np.asarray(SHARES * (data.dof.limits.trim if np.isfinite(data.dof.limits.trim) else ways.min()))
 
@@ -616,24 +547,30 @@ def expected(time: Floats, data: StepData, model: Reference, noise: float, thrus
     Drag is the factor of the reference's drag, by least squares of the moment on it; inertia the mean over the runs.
     """
     exact = model.answer(time)
-    lines = lines_to_the_end(time, exact, data.seen, first_past(exact, time, data.seen, start), data.dof)
+    index, nothing = np.arange(time.shape[1]), np.zeros(len(time))
+    ends = [data.seen & (index >= first[:, None]) for first in first_past(exact, time, data.seen, start).T]
+    lines = [tail_lines(time, exact, nothing, used, data.dof) for used in ends]
+    names = ("rate", "error", "count", "mean", "spread")
+    rate, error, count, middle, spread = (np.stack([getattr(one, name) for one in lines], axis=1) for name in names)
     moment, k_r, k_rr = (np.asarray(x)[..., None] for x in model.acting)
-    drag, slope = model.balance(lines.rate)
+    drag, slope = model.balance(rate)
     squares = (drag**2).sum(axis=0)
     factor = (moment * drag).sum(axis=0) / squares
 
     def inertia(more: float) -> Floats:
         known = factor * (1.0 + more)
-        return np.asarray(inertia_from_velocity_error(lines.error, moment, known * k_r, known * k_rr))
+        return np.asarray(inertia_from_velocity_error(error, moment, known * k_r, known * k_rr))
 
     each = inertia(0.0)
     mean = each.mean(axis=0)
     by_drag = (inertia(STEP).mean(axis=0) / mean - 1.0) / STEP
-    of_rate, of_error, shared = _of_lines(lines.count, lines.mean, lines.spread, noise)
-    of_error = of_error + (lines.rate**2 * data.interval[:, None] ** 2 / 12.0) + _of_start(data, time, noise)
-    of_rate = of_rate + (thrust * moment / slope) ** 2
+    rest = np.sum(data.seen & (time < 0), axis=1, keepdims=True)  # tells the start; without, that is known
+    of_start = np.where(rest > 0, noise**2 / np.maximum(rest, 1), 0.0)
+    of_error = noise**2 * (1.0 / count + middle**2 / spread) + rate**2 * data.interval[:, None] ** 2 / 12.0 + of_start
+    of_rate = noise**2 / spread + (thrust * moment / slope) ** 2
+    shared = -(noise**2) * middle / spread
     rate_moves = -drag * slope / squares  # the logarithm of drag
-    error_moves = each / lines.error / (mean * len(time))  # that of inertia
+    error_moves = each / error / (mean * len(time))  # that of inertia
     of_drag = np.sum(rate_moves**2 * of_rate, axis=0)
     cross = np.sum(error_moves * rate_moves * shared, axis=0)
     of_inertia = np.sum(error_moves**2 * of_error, axis=0) + 2.0 * by_drag * cross + by_drag**2 * of_drag
@@ -645,29 +582,8 @@ def expected(time: Floats, data: StepData, model: Reference, noise: float, thrus
     )
 
 
-def rate_variance(time: Floats, tails: TailLines, noise: float) -> Floats:
-    """Variance (R,) of the steady rates by the heading's noise alone."""
-    count = tails.used.sum(axis=1)
-    mean = np.sum(time * tails.used, axis=1) / count
-    return np.asarray(noise**2 / np.sum((time - mean[:, None]) ** 2 * tails.used, axis=1))
-
-
-def _of_lines(count: Floats, mean: Floats, spread: Floats, noise: float) -> tuple[Floats, Floats, Floats]:
-    """Variances of slope and intercept of lines, and their covariance, by the heading's noise."""
-    return noise**2 / spread, noise**2 * (1.0 / count + mean**2 / spread), -(noise**2) * mean / spread
-
-
-def _of_start(data: StepData, time: Floats, noise: float) -> Floats:
-    """Variance (R, 1) of the start headings by the rest before the steps; none where they are known without it."""
-    rest = np.sum(data.seen & (time < 0), axis=1, keepdims=True)
-    return np.where(rest > 0, noise**2 / np.maximum(rest, 1), 0.0)
-
-
-TAIL_FEEDBACK_STEP = 1e-3
-"""Relative change of the model's inertia and drag by which the loop is felt."""
-
-MOST_GAIN = 0.9
-"""Of the loop: beyond it the correction hardly settles, and its uncertainty has no end."""
+TAIL_FEEDBACK_STEP = 1e-3  # relative change of the model's inertia and drag by which the loop is felt
+MOST_GAIN = 0.9  # of the loop: beyond it the correction hardly settles, and its uncertainty has no end
 
 
 @dataclass(frozen=True)
@@ -699,7 +615,6 @@ class Feedback:
 
 
 def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
-    """Of the model that corrects the `raw` tails (lines as they are)."""
     here, influence = model.read(model.steady(raw, time))
     factors = ((1.0 + TAIL_FEEDBACK_STEP, 1.0), (1.0, 1.0 + TAIL_FEEDBACK_STEP))
     moved = tuple(model.moved(*factor).steady(raw, time) for factor in factors)
@@ -712,11 +627,8 @@ def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
 MODELS: tuple[str, ...] = ("1", "2", "3")
 
 ROUNDS = 8
-PLACED = 2
-"""Rounds in which the tails may still move; then only their correction does."""
-
-SETTLED = 1e-6
-"""Relative change of the correcting model below which it has settled."""
+PLACED = 2  # rounds in which the tails may still move; then only their correction does
+SETTLED = 1e-6  # relative change of the correcting model below which it has settled
 
 
 @dataclass(frozen=True)
@@ -746,7 +658,6 @@ class VelocityErrorFit:
         return float(self.expected.bias[0]), float(self.expected.bias[1])
 
     def tail_because(self, dof: Dof) -> str:
-        """Where the tails start and why, in a sentence or two."""
         return self.expected.told(dof, self.given)
 
 
@@ -772,7 +683,7 @@ def fit_velocity_error(
             f"run at least 3 steps at 2 {words.force}s"
         )
     found = _settled(time, data, start_heading, tail)
-    variance = rate_variance(time, found.tails, found.noise)
+    variance = found.tails.rate_variance(found.noise)
     variance = variance + found.model.thrust_variance(found.thrust)
     more = feedback(found.model, found.raw, time)
     drag, inertia = {}, {}
@@ -821,7 +732,7 @@ def _settled(time: Floats, data: StepData, start_heading: Floats, tail: float | 
     for turn in range(ROUNDS):
         exact = model.answer(time)
         noise = noise_about_lines(time, data.heading - exact, tails.used, dof)
-        thrust = model.thrust_scatter(tails.rate, rate_variance(time, tails, noise))
+        thrust = model.thrust_scatter(tails.rate, tails.rate_variance(noise))
         if turn < PLACED:
             grid = expected(time, data, model, noise, thrust, places)
             place = grid.best() if tail is None else len(places) - 1
@@ -831,7 +742,7 @@ def _settled(time: Floats, data: StepData, start_heading: Floats, tail: float | 
         used = seen & (np.arange(time.shape[1]) >= first) & (time > 0)
         raw = tail_lines(time, data.heading, start_heading, used, dof)
         tails = model.steady(raw, time)
-        variance = rate_variance(time, tails, noise) + model.thrust_variance(thrust)
+        variance = tails.rate_variance(noise) + model.thrust_variance(thrust)
         before, model = model, reference(data.moment, tails, variance, dof, kinds)
         if turn >= PLACED and model.like(before, SETTLED):
             break

@@ -5,7 +5,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 
@@ -13,9 +12,17 @@ from automarine_cli import effects
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import HORIZONS, Followed, Predicted, free_run, predict
-from automarine_cli.fits.driven import Worth, driven_problem, fit_driven, judged_of, left_out_predictions, worth_of
+from automarine_cli.filters.kalman import Predicted, free_run
+from automarine_cli.fits.driven import (
+    ForecastScore,
+    driven_problem,
+    fit_driven,
+    judged_of,
+    left_out_predictions,
+    worth_of,
+)
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import (
     ITERATIONS,
@@ -32,16 +39,12 @@ from automarine_cli.fits.whole_runs import OutputErrorFit, prefer, rough_model, 
 from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel
 from automarine_cli.models.planar_store import planar_json, units
 from automarine_cli.models.tied import Tied
-from automarine_cli.pipeline.records import Document, json_document
+from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.shown import Shown
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 
-STEP = 0.25
-"""Step [s] of the balance from which the yaw model starts."""
+STEP = 0.25  # step [s] of the balance from which the yaw model starts
 HEADING, PLACE = "heading", "place"
 UNITS = {HEADING: YAW.units.shown, PLACE: "m", SURGE.velocity: "m/s", SWAY.velocity: "m/s"}
 """What is predicted, in the units of people."""
@@ -54,7 +57,7 @@ class Forecasts:
     (`worth`: heading [rad], the place on the water [m], or the speeds [m/s] where no positions are logged)."""
 
     heading: tuple[Predicted, ...] = field(repr=False)
-    worth: Mapping[str, tuple[Worth, ...]]
+    worth: Mapping[str, tuple[ForecastScore, ...]]
 
     @property
     def score(self) -> float:
@@ -65,7 +68,7 @@ class Forecasts:
         return score if np.isfinite(score) else np.inf
 
     @property
-    def beaten(self) -> Iterator[tuple[str, Worth]]:
+    def beaten(self) -> Iterator[tuple[str, ForecastScore]]:
         """Quantities that a constant predicts better over the horizon that decides."""
         judged = ((name, judged_of(each)) for name, each in self.worth.items())
         return ((name, one) for name, one in judged if one is not None and not one.of_use)
@@ -78,14 +81,13 @@ class PlanarUse:
     and each channel of the `free` runs from the first filtered state on, (R, K + 1), not a number before that."""
 
     forecasts: Forecasts
-    yaw_only: tuple[Worth, ...]
+    yaw_only: tuple[ForecastScore, ...]
     runs: int
     course: Course = field(repr=False)
     free: dict[str, Floats] = field(repr=False)
 
     @property
     def predictions(self) -> tuple[Predicted, ...]:
-        """Of the heading."""
         return self.forecasts.heading
 
     @property
@@ -95,7 +97,6 @@ class PlanarUse:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Of what use the model is, and what the coupling is worth."""
         heading = judged_of(self.forecasts.worth[HEADING])
         if heading is None:
             return ("The runs are too short to judge predictions.",)
@@ -114,71 +115,42 @@ class PlanarUse:
 
     def to_json(self) -> dict[str, object]:
         """For the result file: one entry a horizon, errors as root mean squares."""
-        alone = {one.horizon: one.error for one in self.yaw_only}
-        others = [
-            (*KEYS[name], one) for name, each in self.forecasts.worth.items() if name != HEADING for one in each
-        ]  # fmt: skip
-        return {
-            "left_out_runs": [
-                {
-                    **one.to_json(YAW),
-                    "yaw_only_rmse_deg": float(YAW.shown(alone[one.horizon])) if one.horizon in alone else None,
-                    **{
-                        key: value
-                        for name, unit, other in others
-                        if other.horizon == one.horizon
-                        for key, value in _json(name, unit, other)
-                    },
-                }
-                for one in self.forecasts.worth[HEADING]
-            ],
-            "of_use": self.of_use,
-            "says": list(self.sentences),
+        alone = {one.horizon: float(YAW.shown(one.error)) for one in self.yaw_only}
+        entries = {
+            one.horizon: {**one.to_json(YAW), "yaw_only_rmse_deg": alone.get(one.horizon)}
+            for one in self.forecasts.worth[HEADING]
         }
+        for name, (key, unit) in KEYS.items():
+            for one in self.forecasts.worth.get(name, ()):
+                entries.get(one.horizon, {}).update(
+                    {
+                        f"{key}_rmse_{unit}": one.error,
+                        f"constant_rate_{key}_{unit}": one.constant_rate,
+                        f"constant_{key}_{unit}": one.constant,
+                    }
+                )
+        return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": list(self.sentences)}
 
 
 def shown(name: str, value: float) -> float:
-    """A quantity in its unit of UNITS."""
     return float(YAW.shown(value)) if name == HEADING else value
 
 
-def _beside(name: str, one: Worth) -> str:
-    """How far ahead, to what, and by how much the constants miss."""
-    error, rate, still = (f"{shown(name, x):.3g}" for x in (one.error, one.constant_rate, one.constant))
-    what = "place" if name == PLACE else name if name == HEADING else f"{name} speed"
-    changing = "acceleration" if name in (SURGE.velocity, SWAY.velocity) else "rate"
-    return (
-        f"the {what} {one.horizon:g} s ahead to {error} {UNITS[name]} where a constant {changing} misses by {rate} and "
-        f"a constant {what.removeprefix('surge ').removeprefix('sway ')} by {still}"
-    )
-
-
-def _json(name: str, unit: str, one: Worth) -> Iterator[tuple[str, float]]:
-    yield f"{name}_rmse_{unit}", one.error
-    yield f"constant_rate_{name}_{unit}", one.constant_rate
-    yield f"constant_{name}_{unit}", one.constant
+def _beside(name: str, one: ForecastScore) -> str:
+    if name == HEADING:
+        return f"the heading {one.beside(YAW)}"
+    if name == PLACE:
+        return f"the place {one.beside(YAW, 'rate', 'place', 'm')}"
+    return f"the {name} speed {one.beside(YAW, 'acceleration', 'speed', 'm/s')}"
 
 
 def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = False) -> Forecasts:
-    """Predictions of each run by the parameters that the other runs give, of all that is judged; by the model `alone`,
-    where neither the disturbance nor the run's gain that the filter takes for true is carried on."""
-    course = problem.course
-    at = {one.quantity: c for c, one in enumerate(course.channels)}
+    """Predictions of each run by the parameters that the other runs give, of all that is judged; see
+    `left_out_predictions`."""
+    at = {one.quantity: c for c, one in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
     names = [YAW.position, *(PLACES if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
-    each: list[list[tuple[Predicted, ...]]] = []
-    for r in range(len(course.names)):
-        theta = problem.natural(found.left_out[r])
-        own, noises = course.only(r), problem.noises(theta[None])
-        followed = problem.follow(found.left_out[r][None], True, own)
-        if alone:
-            followed = of_model_alone(followed)
-        of_run = (
-            predict(problem.model, own, theta[: found.parameters], noises, channel=at[name], followed=followed)
-            for name in names
-        )
-        each.append([tuple(replace(piece, run=piece.run + r) for piece in pieces) for pieces in of_run])
-    heading, *others = (_joined([of_run[i] for of_run in each]) for i in range(len(names)))
+    heading, *others = left_out_predictions(problem, found, [at[name] for name in names], thinned=True, alone=alone)
     with np.errstate(over="ignore", invalid="ignore"):  # where predictions run away
         worth = {name: worth_of(one) for name, one in zip(names[1:], others)}
         if placed:
@@ -186,16 +158,7 @@ def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = Fa
         return Forecasts(heading, {HEADING: worth_of(heading), **worth})
 
 
-def of_model_alone(followed: Followed) -> Followed:
-    """States without disturbances and with gains of one, as fits to forecasts take them."""
-    assert followed.states is not None
-    states = followed.states.copy()
-    states[[*followed.places.pushed, followed.places.gain]] = 0.0
-    return replace(followed, states=states)
-
-
 def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit, forecasts: Forecasts) -> PlanarUse:
-    """Judge a fit, of which the `forecasts` are."""
     course = problem.course
     at = {one.quantity: c for c, one in enumerate(course.channels)}
     model, noises = problem.model, problem.noises(found.theta[None])
@@ -209,30 +172,20 @@ def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFi
     )
 
 
-def _joined(each: Sequence[tuple[Predicted, ...]]) -> tuple[Predicted, ...]:
-    names = ("run", "origin", "target", "error", "constant_rate", "constant")
-    return tuple(
-        Predicted(HORIZONS[i], *(np.concatenate([getattr(one[i], name) for one in each]) for name in names))
-        for i in range(len(HORIZONS))
-    )
-
-
-def _distances(each: Sequence[tuple[Worth, ...]]) -> tuple[Worth, ...]:
+def _distances(each: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
     """Root mean squares of distances on the water, from those along its axes."""
+    sizes = ("error", "constant_rate", "constant")
     return tuple(
-        Worth(
-            north.horizon,
-            float(np.hypot(north.error, east.error)),
-            float(np.hypot(north.constant_rate, east.constant_rate)),
-            float(np.hypot(north.constant, east.constant)),
-            min(north.count, east.count),
+        replace(
+            north,
+            count=min(north.count, east.count),
+            **{name: float(np.hypot(getattr(north, name), getattr(east, name))) for name in sizes},
         )
         for north, east in zip(*each)
     )
 
 
-def _yaw_only(runs: Sequence[Run], channels: tuple[str, ...]) -> tuple[Worth, ...]:
-    """What the best model of yaw alone is worth on the same runs."""
+def _yaw_only(runs: Sequence[Run], channels: tuple[str, ...]) -> tuple[ForecastScore, ...]:
     course = make_course(runs, np.zeros(len(runs), dtype=bool), channels=channels)
     batch = make_batch(runs, STEP)
     fits: dict[str, OutputErrorFit] = {}
@@ -245,16 +198,13 @@ def _yaw_only(runs: Sequence[Run], channels: tuple[str, ...]) -> tuple[Worth, ..
         return ()
     best = fits[prefer(fits).number]
     assert isinstance(best.mixed, InnovationsFit)
-    return worth_of(left_out_predictions(driven_problem(best.model, course), best.mixed))
+    return worth_of(left_out_predictions(driven_problem(best.model, course), best.mixed)[0])
 
 
-FULLY = 3
-"""Neighbours of a structure that are fitted, at most."""
+FULLY = 3  # neighbours of a structure that are fitted, at most
 LIKELIHOOD, FORECASTS = "innovations", "forecasts"
-WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}
-"""How a structure is fitted."""
-AS_LARGE = 0.5
-"""Share of the commands from which on a disturbance may answer for what they do."""
+WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}  # how a structure is fitted
+AS_LARGE = 0.5  # share of the commands from which on a disturbance may answer for what they do
 
 
 @dataclass(frozen=True)
@@ -287,30 +237,13 @@ class Estimated:
         return float(-2.0 * self.log_likelihood + len(self.model.free) * np.log(max(self.readings, 2)))
 
 
-class Estimator(Protocol):
-    """What tells how likely models make the runs."""
-
-    def estimate(self, model: Tied, near: Estimated | None = None) -> Estimated:
-        """The model fitted, from its own values, or from what was found `near` it."""
-
-    def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
-        """The gain in log likelihood to be expected of each group of free parameters of `wide` beside those of an
-        estimate `near` it, of which it has the values."""
-
-    def choose(self, tried: Sequence["Tried"]) -> "Choice":
-        """What is preferred of the structures that were tried, the best one first."""
-
-
 @dataclass(frozen=True)
 class Tried:
-    """One structure of the search, with what it came to."""
-
     structure: Structure
     found: Estimated
 
     @property
     def criterion(self) -> float:
-        """That of the estimate."""
         return self.found.criterion
 
 
@@ -325,7 +258,7 @@ class Choice:
     because: str = ""
 
 
-def search(runs: Sequence[Run], seen: Observed, estimator: Estimator) -> tuple[Tried, ...]:
+def search(runs: Sequence[Run], seen: Observed, estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
     """Structures that were tried, the best one first, then in the order of their criterion.
 
     From the simplest one on, those neighbours are fitted that promise most by the slope and curvature of the
@@ -348,7 +281,7 @@ def search(runs: Sequence[Run], seen: Observed, estimator: Estimator) -> tuple[T
 
 
 def _promising(
-    best: Tried, new: Sequence[Structure], rough: Mapping[str, float], estimator: Estimator
+    best: Tried, new: Sequence[Structure], rough: Mapping[str, float], estimator: "PlanarLikelihood"
 ) -> list[tuple[Structure, Tied]]:
     """The neighbours of the best structure that promise to be better, with where their fits begin.
 
@@ -382,27 +315,22 @@ class PlanarFit(Shown):
 
     @property
     def found(self) -> Estimated:
-        """What the estimator found for the preferred structure."""
         return self.choice.best.found
 
     @property
     def structure(self) -> Structure:
-        """The preferred structure."""
         return self.choice.best.structure
 
     @property
     def use(self) -> PlanarUse | None:
-        """Of what use that is."""
         return self.choice.use
 
     @property
     def model(self) -> PlanarModel:
-        """The identified model."""
         return self.found.model.model
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """What stands in for what the logs do not tell."""
         return self.structure.assumptions
 
     @cached_property
@@ -424,7 +352,6 @@ class PlanarFit(Shown):
         return found
 
     def _at_bound(self, name: str, row: Floats) -> bool:
-        """Whether a bound stopped a parameter, or what it follows."""
         stopped = () if self.found.fit is None else self.found.fit.at_bound
         return int(np.argmax(np.abs(row))) in stopped and name not in self.known.parameters
 
@@ -437,7 +364,6 @@ class PlanarFit(Shown):
 
     @property
     def because(self) -> str:
-        """Why this structure, in a sentence."""
         count = len(self.tried)
         if count == 1:
             return "No other structure was tried."
@@ -464,11 +390,9 @@ class PlanarFit(Shown):
         return found
 
     def document(self, option: str) -> Document:
-        """Its result file, for a command that takes a model."""
         return json_document("planar_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
-        """The result file: schema automarine/planar-model/1."""
         estimates = {name: one.to_json() for name, one in self.estimates.items()}
         found = self.found
         return {
@@ -493,7 +417,6 @@ class PlanarFit(Shown):
 
     @property
     def disturbed(self) -> tuple[str, ...]:
-        """A sentence where what the filter takes for a disturbance is as large as the commands."""
         large = []
         for dof, inertia in zip(PLANAR.dofs, np.diagonal(self.model.inertia.matrix)):
             commands = np.concatenate([run.command_of(dof) for run in self.runs])
@@ -513,7 +436,6 @@ class PlanarFit(Shown):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user must not miss."""
         found = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
         found += self.disturbed
         if not self.found.converged:
@@ -531,16 +453,11 @@ class PlanarFit(Shown):
         return (*found, *self.limits)
 
 
-INERTIAS = (0.5, 1.0, 2.0)
-"""Shares of rough inertias from which a first fit starts."""
-SIZES = (0.02, 0.2)
-"""Disturbances, as shares of the acceleration of the largest command, to start from."""
-BRIEF = 6
-"""Iterations of a brief fit."""
-WORTH_IT = 0.02
-"""Share of the errors of predictions that is worth another estimator or structure."""
-FASTEST_WATER = 5.0
-"""m/s; no tidal current of a place where vehicles are tested is faster."""
+INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit starts
+SIZES = (0.02, 0.2)  # disturbances, as shares of the acceleration of the largest command, to start from
+BRIEF = 6  # iterations of a brief fit
+WORTH_IT = 0.02  # share of the errors of predictions that is worth another estimator or structure
+FASTEST_WATER = 5.0  # m/s; no tidal current of a place where vehicles are tested is faster
 
 
 @dataclass(frozen=True)
@@ -566,7 +483,6 @@ class PlanarLikelihood:
 
     @cached_property
     def course(self) -> Course:
-        """The runs as the filter takes them."""
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
         return make_course(self.runs, moving, motion=PLANAR, channels=self.seen.channels)
 
@@ -723,7 +639,6 @@ class PlanarLikelihood:
 def _because(
     chosen: tuple[Tried, str, Forecasts], fitted: Sequence[tuple[Tried, str, Forecasts]], simplest: Structure
 ) -> str:
-    """Which fit is preferred, and by how much."""
     more = []
     for one, way, judged in fitted:
         share = float(np.expm1(judged.score - chosen[2].score))
@@ -748,7 +663,6 @@ def _drags(rough: Mapping[str, float], dof: str) -> tuple[float, float]:
 
 
 def _speed(rough: Mapping[str, float], letter: str) -> float:
-    """Usual velocity u, v or r."""
     linear, quadratic = _drags(rough, PLANAR.dofs[VELOCITIES.index(letter)].name)
     return linear / quadratic
 

@@ -26,10 +26,8 @@ COUPLINGS = ("Y_r", "N_v", "N_ur", "Y_uv")
 turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
-SETTLES = 1.0
-"""s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)."""
-WINDOW = 1.0
-"""s over which velocities are told from positions."""
+SETTLES = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
+WINDOW = 1.0  # s over which velocities are told from positions
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,6 @@ class Observed:
 
     @property
     def dofs(self) -> tuple[Dof, ...]:
-        """The degrees of freedom of which something is measured."""
         placed = set(PLACES) <= set(self.channels)
         return tuple(dof for dof in PLANAR.dofs if dof is YAW or placed or dof.velocity in self.channels)
 
@@ -196,7 +193,6 @@ class Structure:
 
 
 def _of_force(derivative: str) -> str:
-    """Qualified name of a derivative: sway.Y_r."""
     return f"{PLANAR.dofs[FORCES.index(derivative[0])].name}.{derivative}"
 
 

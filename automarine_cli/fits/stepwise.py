@@ -39,9 +39,7 @@ class Look(Protocol[Seen]):
     """One look for a missing effect: the model that was looked at, perhaps fitted better than it came."""
 
     @property
-    def before(self) -> Seen:
-        """The model without what was looked for."""
-        ...
+    def before(self) -> Seen: ...
 
 
 Round = TypeVar("Round", bound=Look[Any])
@@ -66,7 +64,6 @@ class Judge(ABC, Generic[Model, Round]):
         of the search."""
 
     def full(self, model: Model) -> bool:
-        """Whether nothing more may be added to a model."""
         return False
 
     def added(self, model: Model) -> tuple[str, ...]:
@@ -112,7 +109,6 @@ def discover(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:
 
 
 def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Round]]:
-    """Add the best while there is one."""
     looks: list[Round] = []
     others: list[Model] = []
     while len(looks) < judge.most and not judge.full(current):

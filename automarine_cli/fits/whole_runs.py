@@ -4,7 +4,6 @@ cannot show.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,9 @@ from scipy import special
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.half_turns import COUNTS, MOST_OFFSET, StepData, density, instant, step_problem
+from automarine_cli.fits.half_turns import MOST_OFFSET, StepData, density, instant, step_problem
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
@@ -30,16 +30,11 @@ from automarine_cli.fits.linear_mixed import (
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Outcome, Problem, derivatives, fit_mixed, slots_of
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-STEP = 0.1
-"""Of the differences, in standard errors of a parameter or posterior standard deviations of a run effect."""
-
-FARTHEST = 1.0
-"""Longest of these steps on a logarithm: nothing is known of a parameter that may be further off."""
-
+STEP = 0.1  # of the differences, in standard errors of a parameter or posterior standard deviations of a run effect
+FARTHEST = 1.0  # longest of these steps on a logarithm: nothing is known of a parameter that may be further off
 LEAST_STIFFNESS = 1e-8
 """Smallest eigenvalue, with every parameter in units of its own curvature, of equations that fix a solution."""
 
@@ -134,13 +129,11 @@ def _pull_and_stiffness(
 
 
 def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
-    """The problem linearised about (phi, b)."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     return problem.gram(by_phi, by_run, fitted, b, phi)
 
 
-AGAINST = 0.2
-"""Share of the impulses that a balance with everything negative must explain to show that a sign is wrong."""
+AGAINST = 0.2  # share of the impulses that a balance with everything negative must explain to show that a sign is wrong
 
 
 def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], within: bool = False) -> Problem:
@@ -201,7 +194,6 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
 
 
 def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]) -> tuple[Block, ...]:
-    """What differs from run to run, before the data."""
     runs, limits = len(at_rest), batch.dof.limits
     ones = np.ones((runs, 1))
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
@@ -225,7 +217,6 @@ def varying_terms(model: YawModel) -> list[str]:
 
 
 def without_gain(problem: Problem) -> Problem:
-    """The same problem for runs whose thrust does not scatter."""
     return replace(problem, effects=problem.effects.with_scale(gain=0.0))
 
 
@@ -286,8 +277,7 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.dof)
 
 
-LEVEL = 0.05
-"""p-value below which the two ways are told apart."""
+LEVEL = 0.05  # p-value below which the two ways are told apart
 
 
 @dataclass(frozen=True)
@@ -303,16 +293,13 @@ class Ways:
 
     @property
     def parameter(self) -> str:
-        """The symbol of the drag that differs."""
         return self.dof.parameters[self.role]
 
     @property
     def differ(self) -> bool:
-        """Whether chance alone would hardly make them differ as much."""
         return self.p_value < LEVEL
 
     def to_json(self) -> dict[str, object]:
-        """For the result file."""
         found = {way: {self.parameter: one.to_json()} for way, one in self.drag.items()}
         for way, one in self.distance.items():
             found[way][self.dof.ratio_key] = one.to_json()
@@ -366,11 +353,7 @@ ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
 likelihood's."""
 
-MANY_RUNS, ITERATIONS_OF_MANY = 400, 20
-"""More runs than these are fitted in two steps, some and then all, of which the second needs few iterations."""
-
-MOST_GROWTH = 1e6
-"""Of a standard error by leaving runs out; beyond it the runs say nothing at all."""
+MOST_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
 
 @dataclass(frozen=True)
@@ -401,8 +384,6 @@ class OutputErrorFit:
 
 @dataclass(frozen=True)
 class Preference:
-    """Which model the runs prefer, and the sentence that says why."""
-
     number: str
     because: str
 
@@ -422,36 +403,10 @@ def fit_half_turns(
     """
     begins = {**dict(zip(("inertia", "linear", "quadratic"), start)), "constant": constant, "difference": 0.0}
     begin = np.array([*(begins[role] for role in base_roles(number, data.dof, sided)), 0.0])
-    problem, mixed = _fit_at_nodes(data, number, known, begin, sided)
-    return _outcome(number, problem, mixed, begin, moment_unit, data.dof, sided, of_half_turns=True)
-
-
-def _fit_at_nodes(data: StepData, number: str, known: Known, begin: Floats, sided: bool) -> tuple[Problem, MixedFit]:
-    """The fit to all samples, by as few nodes a run as show its answer exactly, or by the samples where none do.
-
-    That of very many runs begins where that of some of them ended.
-    """
-    whole, theta = step_problem(data, number, known, sided=sided), begin
-    start: dict[str, Any] = {"noise": 0.02, "factors": np.array([0.03, 0.5])}
-    if len(data.names) > MANY_RUNS:
-        first = _fit_at_nodes(data.some(MANY_RUNS // 2), number, known, begin, sided)[1]
-        theta = np.append(first.of_model, begin[-1])  # of instants few runs say little
-        start |= {"noise": first.noises, "iterations": ITERATIONS_OF_MANY}
-    for count in COUNTS:
-        nodes = data.nodes(count)
-        if nodes is None:
-            break
-        problem = step_problem(data, number, known, nodes, sided)
-        mixed = fit_mixed(problem, theta, **start)
-        shown = (
-            one.show(mixed.reading(channel.quantity), channel.seen.sum(axis=1))
-            for one, channel in zip(nodes, data.channels)
-        )
-        if all(shown):
-            readings = whole.readings(mixed.phi, mixed.run_effects)
-            return problem, replace(mixed, fitted=readings, slots=whole.slots)
-        theta = mixed.theta
-    return whole, fit_mixed(whole, theta, **start)
+    problem = step_problem(data, number, known, sided=sided)
+    mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
+    model = YawModel.base(number, begin[0], begin[1:-1], moment_unit, data.dof)
+    return _simulated_fit(number, model, problem, mixed, begin, sided, of_half_turns=True)
 
 
 def fit_whole_runs(
@@ -463,7 +418,7 @@ def fit_whole_runs(
     leads anywhere.
     """
     alone = len(batch.names) == 1
-    rough, dof = rough_model(number, batch, sided), batch.dof
+    rough = rough_model(number, batch, sided)
     problem = whole_run_problem(rough, batch, at_rest).informed(known.parameters)
     pooled = without_gain(problem)
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
@@ -471,7 +426,7 @@ def fit_whole_runs(
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _outcome(number, pooled, only, begin, batch.moment_unit, dof, sided, of_half_turns=False)
+        return _simulated_fit(number, rough, pooled, only, begin, sided, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     little = 0.2 if known.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
@@ -481,7 +436,7 @@ def fit_whole_runs(
         factors=np.array([little if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)
+    return _simulated_fit(number, rough, problem, best, begin, sided, of_half_turns=False)
 
 
 def run_covariance(mixed: Outcome, problem: Problem | None = None) -> Floats:
@@ -520,52 +475,65 @@ def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: floa
     return replace(found, known=known, at_bound=i in mixed.at_bound and not known)
 
 
-def _outcome(
-    number: str,
-    problem: Problem,
-    mixed: MixedFit,
-    start: Floats,
-    moment_unit: str,
-    dof: Dof,
-    sided: bool,
-    *,
-    of_half_turns: bool,
+def spare(mixed: Outcome) -> float | None:
+    """Degrees of freedom of a fit to one run, its readings less its parameters; None where runs tell of each other."""
+    return float(sum(mixed.read.values()) - len(mixed.theta)) if len(mixed.left_out) == 1 else None
+
+
+def ratio_of(mixed: Outcome, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
+    """Parameter i over parameter k, each searched on its logarithm or not; `dof` is that of `run_dof` if None."""
+    axes = np.where(mixed.positive, 1.0, 1.0 / np.where(mixed.positive, 1.0, mixed.theta))[:, None] * np.eye(
+        len(mixed.theta)
+    )
+    direction = axes[i] - axes[k]
+    stderr = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
+    return Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, dof or run_dof(mixed, direction), unit)
+
+
+def motion_fit(
+    number: str, model: YawModel, mixed: Outcome, covariance: Floats, start: Floats, sided: bool, scatters: bool = True
 ) -> OutputErrorFit:
-    covariance = run_covariance(mixed, problem if of_half_turns else None)
-    alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
-    axes = np.eye(len(mixed.theta))
+    """What a fit of model `number`, or with effects beside it, tells of the motion; `scatters`: whether its thrust may
+    from run to run."""
+    dof, unit, alone = model.dof, model.moment_unit, spare(mixed)
     roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
     at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
     like = {"difference": main_drag(number)}
     estimates = {
-        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), moment_unit), alone)
+        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
         for role, name in zip(roles, names)
     }
-    turn = None
-    stuck = at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.known
-    if "quadratic" in roles and not stuck:
-        i, k = at["inertia"], at["quadratic"]
-        stderr = float(np.sqrt(covariance[i, i] + covariance[k, k] - 2 * covariance[i, k]))
-        freedom = alone or run_dof(mixed, axes[i] - axes[k])
-        turn = Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, freedom, dof.unit_of("ratio"))
-    if problem.effects.of(problem.effects.scale, GAIN).any():
-        low, high = mixed.factor_interval(GAIN)
-        scatter = Estimate(mixed.factor(GAIN), (high - low) / 3.92, (low, high), "1")
-    else:  # known to be none, or not to be told from one run
-        scatter = Estimate(0.0, 0.0, (0.0, 0.0), "1")
-    offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", alone)
-    if of_half_turns:
-        offset = _in_interval(offset)
-    model = YawModel.base(number, mixed.theta[0], mixed.of_model[1:], moment_unit, dof)
+    turn, stuck = None, at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.known
+    if "quadratic" in roles and mixed.theta[at["quadratic"]] > 0 and not stuck:
+        turn = ratio_of(mixed, covariance, at["inertia"], at["quadratic"], dof.unit_of("ratio"), alone)
+    size, (low, high) = (mixed.factor(GAIN), mixed.factor_interval(GAIN)) if scatters else (0.0, (0.0, 0.0))
+    bound = "gain-scatter" in mixed.names and mixed.names.index("gain-scatter") in mixed.at_bound
     return OutputErrorFit(
-        number, model, estimates, turn, offset, scatter, mixed.noise_of.get(dof.position), mixed, covariance, start
+        number,
+        model.with_theta(mixed.of_model),
+        estimates,
+        turn,
+        Estimate(0.0, 0.0, (0.0, 0.0), "sample interval"),
+        Estimate(size, (high - low) / 3.92, (low, high), "1", at_bound=bound),
+        mixed.noise_of.get(dof.position),
+        mixed,
+        covariance,
+        start,
     )
 
 
-def _in_interval(z: Estimate) -> Estimate:
-    """The instant in sample intervals of a z of half-turns, see `step_response.instant`."""
-    value, low, high = instant(np.array([z.value, *z.ci95]))
-    return Estimate(float(value), float(density(np.array(z.value))) * z.stderr, (float(low), float(high)), z.unit)
+def _simulated_fit(
+    number: str, model: YawModel, problem: Problem, mixed: MixedFit, start: Floats, sided: bool, of_half_turns: bool
+) -> OutputErrorFit:
+    """The same of runs that were simulated, where the common instant of the switches is a parameter."""
+    covariance = run_covariance(mixed, problem if of_half_turns else None)
+    scatters = bool(problem.effects.of(problem.effects.scale, GAIN).any())  # else known to be none, or one run alone
+    offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", spare(mixed))
+    if of_half_turns:  # from their z to sample intervals
+        value, low, high = instant(np.array([offset.value, *offset.ci95]))
+        slope = float(density(np.array(offset.value)))
+        offset = Estimate(float(value), slope * offset.stderr, (float(low), float(high)), offset.unit)
+    return replace(motion_fit(number, model, mixed, covariance, start, sided, scatters), offset=offset)
 
 
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:

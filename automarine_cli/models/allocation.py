@@ -91,7 +91,6 @@ class Bound:
     values: tuple[Floats, ...]
 
     def wide(self) -> tuple[Floats, ...]:
-        """The values for arrays of (P, R, M)."""
         return tuple(value[..., None] for value in self.values)
 
 

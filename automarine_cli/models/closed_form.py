@@ -13,8 +13,6 @@ k_rr = 0. While the vehicle still turns against the moment drag helps the moment
 of the rate with a replaced by -a (delta may become imaginary), until the rate is zero.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -48,69 +46,6 @@ def response(
     return heading0 + forward * turned + early * rate0, np.where(time < 0, rate0, forward * rate)
 
 
-@dataclass(frozen=True)
-class Slopes:
-    """Values of a step response (...) and their derivatives by time, moment, inertia, linear and quadratic drag."""
-
-    value: Floats
-    time: Floats
-    moment: Floats
-    inertia: Floats
-    linear: Floats
-    quadratic: Floats
-
-
-def slopes(
-    time: Floats, moment: Floats, inertia: Floats, k_r: Floats | None, k_rr: Floats | None, *, of_rate: bool = False
-) -> Slopes:
-    """Heading [rad] after a moment that is not zero, from rest, or the rate [rad/s], and its derivatives.
-
-    All inputs broadcast; None is drag that the model does not have, whose derivative is zero. Time in other units
-    changes a, b, c and the heading psi by known powers, and so do headings in other units:
-
-        t psi_t = 2 a psi_a + b psi_b,   psi = a psi_a - c psi_c
-
-    (of the rate r: t r_t + r on the left of the first). With time's derivative, which is the rate, models 1 and 3 need
-    no other; of model 2 the derivative by b is the formula's own.
-    """
-    forward, t = np.sign(moment), np.maximum(time, 0.0)
-    a, b, c = _scaled(moment, inertia, 0.0 if k_r is None else k_r, 0.0 if k_rr is None else k_rr)
-    delta, final = _roots(a, b, c)
-    decayed = np.expm1(-2 * delta * t)
-    mean_decay, left = decayed * (-0.5 / delta), 1 + decayed
-    z = final * mean_decay
-    over = 1.0 / (1 - c * z)
-    rate = final - final * left * over
-    if of_rate:
-        value, by_time = rate, np.where(time < 0, 0.0, a - (b + c * rate) * rate)
-        doubled = t * by_time + value
-    else:
-        value, by_time = final * t + _log_ratio(c, z), rate
-        doubled = t * by_time
-    by_linear = by_quadratic = np.zeros(1)
-    if k_rr is None:
-        by_moment = value
-        by_linear = doubled - 2 * value
-    else:
-        if k_r is not None:
-            final_b = final * (-0.5 / delta)
-            z_b = final_b * mean_decay + (final * b / (4 * delta * delta)) * (t * left - mean_decay)
-            if of_rate:
-                by_b = final_b * (1 - left * over) + final * left * over * (t * (b / (2 * delta)) - c * z_b * over)
-            else:
-                by_b = final_b * t - z_b * over
-            by_linear = b * by_b
-        by_moment = 0.5 * (doubled - by_linear)
-        by_quadratic = by_moment - value
-    of_inertia = by_moment + by_linear + by_quadratic
-    if k_r is not None:
-        by_linear = by_linear / k_r if k_rr is None else by_b / inertia
-    return Slopes(
-        forward * value, forward * by_time, by_moment / np.abs(moment), -forward * of_inertia / inertia,
-        forward * by_linear, by_quadratic if k_rr is None else forward * by_quadratic / k_rr,
-    )  # fmt: skip
-
-
 def velocity_error(moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, k_rr: ArrayLike = 0.0) -> Floats:
     """Intercept at the step's instant of the line on which the heading ends, start heading removed [rad].
 
@@ -135,7 +70,6 @@ def inertia_from_velocity_error(eps: ArrayLike, moment: ArrayLike, k_r: ArrayLik
 
 
 def _scaled(moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """a, b, c of the Riccati equation."""
     size, linear, quadratic = (np.asarray(x, dtype=float) for x in (np.abs(moment), k_r, k_rr))
     mass = np.asarray(inertia, dtype=float)
     return size / mass, linear / mass, quadratic / mass
@@ -153,7 +87,6 @@ def _with(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple[Fl
 
 
 def _roots(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
-    """delta and the steady rate r_inf."""
     delta = np.sqrt(b * b / 4 + a * c)
     with np.errstate(divide="ignore", invalid="ignore"):
         final = np.where(a > 0, a / (delta + b / 2), 0.0)

@@ -12,7 +12,7 @@ adds, so that m_v = m - Y_v', m_vr = m x_g - Y_r' and Y_r stands for what Fossen
 
 import re
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields
 from typing import ClassVar
 
 import numpy as np
@@ -24,7 +24,7 @@ from automarine_cli.dofs.motion import PLANAR, Motion
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.models.allocation import Bound
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.models.yaw_model import Term, values_for, with_values
 from automarine_cli.quantities import Floats
 
 PLACES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -148,25 +148,11 @@ class PlanarModel:
 
     def with_theta(self, theta: ArrayLike) -> "PlanarModel":
         """The same terms with other values. Raises ModelError unless there is one for each parameter."""
-        values = [float(value) for value in np.asarray(theta)]
-        if len(values) != len(self.theta):
-            raise ModelError(
-                f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}; "
-                "give one for each"
-            )
-        rest = iter(values)
-
-        def anew(terms: tuple[Term, ...]) -> tuple[Term, ...]:
-            return tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in terms)
-
-        return PlanarModel(
-            Inertia(*(next(rest) for _ in PLACES)),
-            anew(self.surge),
-            anew(self.sway),
-            anew(self.yaw),
-            anew(self.cross),
-            None if self.water is None else (next(rest), next(rest)),
-        )
+        rest = values_for(self.parameter_names, theta)
+        inertia = Inertia(*(next(rest) for _ in PLACES))
+        surge, sway, yaw, cross = (with_values(one, rest) for one in (self.surge, self.sway, self.yaw, self.cross))
+        water = None if self.water is None else (next(rest), next(rest))
+        return PlanarModel(inertia, surge, sway, yaw, cross, water)
 
     def inertia_matrix(self, theta: Floats) -> Floats:
         return _matrices(theta)
@@ -199,7 +185,6 @@ class PlanarModel:
 
 
 def inertia_names() -> tuple[str, ...]:
-    """Names of the entries of an inertia, those of the three degrees of freedom first."""
     return tuple(field.name for field in fields(Inertia))
 
 

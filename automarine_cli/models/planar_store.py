@@ -18,21 +18,12 @@ from automarine_cli import effects
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError
-from automarine_cli.models.planar import (
-    FORCES,
-    OF_ROLE,
-    VELOCITIES,
-    Inertia,
-    PlanarModel,
-    derivative,
-    inertia_names,
-    parameters_of,
-)
-from automarine_cli.models.store import number_at
+from automarine_cli.models import planar
+from automarine_cli.models.store import number_at, values_of
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Codec, Source, read_plain, told
+from automarine_cli.pipeline.result_files import PLANAR_MODEL
 from automarine_cli.pipeline.words import LONGEST, printable
-from automarine_cli.results.kinds import PLANAR_MODEL
 
 PARAMETERS = ("parameters",)
 UNITS = {"force_unit": "N", "moment_unit": "N m"}
@@ -44,7 +35,7 @@ class StoredPlanar:
     """The model of one file; `source` is its name, `free` are the parameters that its fit had free (none where the file
     does not say), `random` the sizes of what is random by name."""
 
-    model: PlanarModel
+    model: planar.PlanarModel
     source: str
     free: tuple[str, ...] = field(default=(), repr=False)
     random: Mapping[str, float] = field(default_factory=dict, repr=False)
@@ -55,7 +46,7 @@ def load_planar_model(path: Source) -> StoredPlanar:
     return planar_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
-def planar_json(model: PlanarModel, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
+def planar_json(model: planar.PlanarModel, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
     known = estimates or {}
     values = zip(model.parameter_names, model.theta.tolist())
@@ -77,8 +68,7 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
     return StoredPlanar(_model(values, codec), where, free, file.random)
 
 
-def units(model: PlanarModel) -> dict[str, str]:
-    """Unit of each parameter, by its qualified name."""
+def units(model: planar.PlanarModel) -> dict[str, str]:
     found = [dof.unit_of("inertia", _force(dof)) for dof in PLANAR.dofs] + ["kg m", "kg m", "kg"]
     for dof, terms in zip(PLANAR.dofs, (model.surge, model.sway, model.yaw)):
         for term in terms:
@@ -92,7 +82,6 @@ def _force(dof: Dof) -> str:
 
 
 def _derivative_unit(name: str) -> str:
-    """Unit of a derivative such as N_v or Y_rr: force by the product of velocities, m/s or rad/s each."""
     letter, _, along = name.partition("_")
     metres = (letter == "N") - sum(one != "r" for one in along)
     of_seconds = "s" if len(along) == 1 else "s²"
@@ -100,7 +89,7 @@ def _derivative_unit(name: str) -> str:
     return f"N m {of_seconds}" if metres == 1 else f"N {of_seconds}{of_metres}"
 
 
-def _model(values: Mapping[str, float], codec: Codec) -> PlanarModel:
+def _model(values: Mapping[str, float], codec: Codec) -> planar.PlanarModel:
     left = dict(values)
     inertia = _inertia(left, codec)
     water = [left.pop(name) for name in CURRENT if name in left]
@@ -124,18 +113,18 @@ def _model(values: Mapping[str, float], codec: Codec) -> PlanarModel:
     _refuse_drag(terms, codec)
     both = (water[0], water[1]) if water else None
     surge, sway, yaw = (tuple(terms[dof.name]) for dof in PLANAR.dofs)
-    return PlanarModel(inertia, surge, sway, yaw, tuple(cross), both)
+    return planar.PlanarModel(inertia, surge, sway, yaw, tuple(cross), both)
 
 
-def _inertia(left: dict[str, float], codec: Codec) -> Inertia:
+def _inertia(left: dict[str, float], codec: Codec) -> planar.Inertia:
     sizes = [dof.parameter("inertia") for dof in PLANAR.dofs]
     for name in sizes:
         if name not in left:
             raise codec.missing(PARAMETERS, name)
         if (value := left[name]) <= 0:
             raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected an inertia above zero")
-    couplings = [f"{PLANAR.name}.{name}" for name in inertia_names()[len(sizes) :]]
-    inertia = Inertia(*(left.pop(name) for name in sizes), *(left.pop(name, 0.0) for name in couplings))
+    couplings = [f"{PLANAR.name}.{name}" for name in planar.inertia_names()[len(sizes) :]]
+    inertia = planar.Inertia(*(left.pop(name) for name in sizes), *(left.pop(name, 0.0) for name in couplings))
     inertia.refuse_unless_positive(f"{codec.name}: {PARAMETERS[0]}")
     return inertia
 
@@ -143,40 +132,30 @@ def _inertia(left: dict[str, float], codec: Codec) -> Inertia:
 def _own(dof: Dof, rest: str, left: dict[str, float], codec: Codec) -> Term | None:
     """The term of the library that a parameter belongs to, its parameters taken out of what is left; None for none."""
     role = {symbol: role for role, symbol in dof.parameters.items()}.get(rest)
-    name = OF_ROLE.get(role or "", rest.partition(".")[0])
+    name = planar.OF_ROLE.get(role or "", rest.partition(".")[0])
     if name not in effects.names():
         return None
     effect = effects.get(name)
     if not effect.acts_in(dof):
         raise codec.refusal((*PARAMETERS, f"{dof.name}.{rest}"), f"{name} does not act in {dof.name}; leave it out")
-    keys = tuple(parameters_of(dof, Term(name, ())))
+    keys = tuple(planar.parameters_of(dof, Term(name, ())))
     given = left.keys() & set(keys)
     if f"{dof.name}.{rest}" not in keys:
         raise codec.refusal(PARAMETERS, f"unknown key {told(f'{dof.name}.{rest}')}; did you mean {told(keys[0])}?")
-    values = []
-    for key, parameter in zip(keys, effect.parameters):
-        if parameter.optional and key not in left:
-            values.append(parameter.start)
-            continue
-        if key not in left:
-            raise codec.missing(PARAMETERS, key)
-        value = left.pop(key)
-        free = parameter.name == "{linear}"  # beside quadratic drag it may come out below zero
-        if not (free or parameter.lower <= value <= parameter.upper):
-            raise codec.refusal(
-                (*PARAMETERS, key), f"found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
-            )
-        values.append(value)
+    free = "{linear}"  # beside quadratic drag it may come out below zero
+    values = values_of(effect, keys, left, codec, PARAMETERS, free)
+    for key in keys:
+        left.pop(key, None)
     found = {key.partition(".")[2].removeprefix(f"{name}.") for key in given}
     if not effect.role and (lacking := effect.lacking(found, values, dof)):
         raise codec.missing(PARAMETERS, f"{dof.name}.{name}.{lacking}")
-    return Term(name, tuple(values))
+    return Term(name, values)
 
 
 def _cross(dof: Dof, rest: str, name: str, codec: Codec) -> str:
-    letter = FORCES[PLANAR.index(dof)]
+    letter = planar.FORCES[PLANAR.index(dof)]
     try:
-        derivative(rest)
+        planar.derivative(rest)
     except ModelError:
         raise codec.refusal(PARAMETERS, _unknown(name)) from None
     if not rest.startswith(letter):
@@ -186,17 +165,16 @@ def _cross(dof: Dof, rest: str, name: str, codec: Codec) -> str:
 
 def _unknown(name: str) -> str:
     own = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
-    known = [*own, *(f"{PLANAR.name}.{one}" for one in inertia_names()[3:]), *CURRENT]
+    known = [*own, *(f"{PLANAR.name}.{one}" for one in planar.inertia_names()[3:]), *CURRENT]
     close = difflib.get_close_matches(name[:LONGEST], known, n=1, cutoff=0.8)
     hint = f"did you mean {told(close[0])}?" if close else (
         f"known are {', '.join(known)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
-        f"{', '.join(VELOCITIES)} of others, such as sway.Y_r"
+        f"{', '.join(planar.VELOCITIES)} of others, such as sway.Y_r"
     )  # fmt: skip
     return f"unknown key {told(name)}; {hint}"
 
 
 def _refuse_drag(terms: Mapping[str, list[Term]], codec: Codec) -> None:
-    """Refuse a linear drag that drives where no quadratic one brakes."""
     for dof in PLANAR.dofs:
         drags = {term.name: term.values[0] for term in terms[dof.name] if term.values}
         if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:

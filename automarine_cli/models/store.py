@@ -6,13 +6,13 @@ from functools import reduce
 
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError
+from automarine_cli.estimate import Given
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
 from automarine_cli.pipeline.records import Codec, Place, Source, key_of, read_plain, told
+from automarine_cli.pipeline.result_files import MODELS, AddedEffect, ModelEntry, ModelFile
 from automarine_cli.pipeline.words import printable
-from automarine_cli.results.estimate import Given
-from automarine_cli.results.files import AddedEffect, ModelEntry, ModelFile
-from automarine_cli.results.kinds import MODELS
 
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
@@ -53,19 +53,11 @@ def load_yaw_models(path: Source) -> StoredModels:
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
     """
-    return yaw_models_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
-
-
-def yaw_models_from_json(data: Mapping[str, object], where: str = "yaw model") -> StoredModels:
-    """The models in the content of a `yaw_model.json`, or of another motion's; `where` names it for messages.
-
-    Raises ModelError.
-    """
-    return file_and_models(data, where)[1]
+    return file_and_models(read_plain(path, "JSON", ModelError), printable(path.name))[1]
 
 
 def file_and_models(data: Mapping[str, object], where: str) -> tuple[ModelFile, StoredModels]:
-    """The same, and all that the file says. Raises ModelError."""
+    """All that the content of such a file says, and its models; `where` names it for messages. Raises ModelError."""
     kind = MODELS[motion_of(data).name]
     file = kind.of(data, where)
     return file, _models(file, kind.codec(data, where))
@@ -177,22 +169,29 @@ def _effects(
 
 
 def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tuple[float, ...]:
-    effect, given = effects.get(entry.name), entry.parameters
-    wanted = {parameter.name_in(dof): parameter for parameter in effect.parameters}
-    for key in given:
-        if key not in wanted:
-            raise codec.refusal(place, f"unknown key {told(key)}; {entry.name} takes {', '.join(wanted) or 'none'}")
-    values = []
-    for key, parameter in wanted.items():
-        if parameter.optional and key not in given:
-            values.append(parameter.start)
-            continue
-        if key not in given:
-            raise codec.missing(place, key)
-        value = number_at(given[key], codec, (*place, key))
-        if not parameter.lower <= value <= parameter.upper:
-            raise codec.refusal((*place, key), f"found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}")
-        values.append(value)
+    effect = effects.get(entry.name)
+    keys = [dof.fill(parameter.name) for parameter in effect.parameters]
+    for key in entry.parameters:
+        if key not in keys:
+            raise codec.refusal(place, f"unknown key {told(key)}; {entry.name} takes {', '.join(keys) or 'none'}")
+    given = {key: number_at(one, codec, (*place, key)) for key, one in entry.parameters.items()}
+    values = values_of(effect, keys, given, codec, place)
     if lacking := effect.lacking(given, values, dof):
         raise codec.missing(place, lacking)
+    return values
+
+
+def values_of(
+    effect: Effect, keys: Sequence[str], given: Mapping[str, float], codec: Codec, place: Place, free: str = ""
+) -> tuple[float, ...]:
+    """The values of an effect's parameters, which a file calls `keys`, those of laws it does not use at their start.
+    Raises ModelError for one that is missing, or outside its bounds, unless its name is `free`."""
+    values = []
+    for key, parameter in zip(keys, effect.parameters):
+        if key not in given and not parameter.optional:
+            raise codec.missing(place, key)
+        value = given.get(key, parameter.start)
+        if key in given and parameter.name != free and not parameter.lower <= value <= parameter.upper:
+            raise codec.refusal((*place, key), f"found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}")
+        values.append(value)
     return tuple(values)

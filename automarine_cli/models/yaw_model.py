@@ -1,6 +1,6 @@
 """`YawModel`: inertia and a tuple of effects with values; frozen, `with_...` returns a new one."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +16,7 @@ from automarine_cli.quantities import Floats
 BASE_TERMS = {"1": ("linear-drag",), "2": ("quadratic-drag", "linear-drag"), "3": ("quadratic-drag",)}
 """The drag terms of the paper's three models: D(r) = k_r; k_rr|r| + k_r; k_rr|r|."""
 
-CONSTANT = "bias-moment"
-"""The term of a moment or force that always acts."""
-
+CONSTANT = "bias-moment"  # the term of a moment or force that always acts
 ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
 """The term by which drag differs between the two ways."""
 
@@ -40,7 +38,6 @@ def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
 
 
 def base_names(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
-    """Their symbols."""
     return tuple(dof.parameters[role] for role in base_roles(number, dof, sided))
 
 
@@ -52,6 +49,19 @@ class Term:
     name: str
     values: tuple[float, ...]
     own: bool = False
+
+
+def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
+    """The entries of theta one after the other. Raises ModelError unless there is one for each of `names`."""
+    values = [float(value) for value in np.asarray(theta)]
+    if len(values) != len(names):
+        raise ModelError(f"{len(values)} values given for the {len(names)} parameters {names}; give one for each")
+    return iter(values)
+
+
+def with_values(terms: tuple[Term, ...], rest: Iterator[float]) -> tuple[Term, ...]:
+    """The same terms with the next values."""
+    return tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in terms)
 
 
 @dataclass(frozen=True)
@@ -108,16 +118,8 @@ class YawModel:
         return np.array([self.inertia, *(value for term in self.terms for value in term.values)])
 
     def with_theta(self, theta: ArrayLike) -> "YawModel":
-        """The same terms with other values."""
-        values = [float(v) for v in np.asarray(theta)]
-        if len(values) != len(self.theta):
-            raise ModelError(
-                f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}; "
-                "give one for each"
-            )
-        rest = iter(values[1:])
-        terms = tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in self.terms)
-        return replace(self, inertia=values[0], terms=terms)
+        rest = values_for(self.parameter_names, theta)
+        return replace(self, inertia=next(rest), terms=with_values(self.terms, rest))
 
     def with_effect(self, name: str, values: Sequence[float] | Floats) -> "YawModel":
         """The same model with one more effect; laws, and what only they use, may be left out at the end."""

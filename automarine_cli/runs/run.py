@@ -10,7 +10,9 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.logs.formats import stem_of
+from automarine_cli.logs.find import stem_of
+from automarine_cli.pipeline.records import to_mapping
+from automarine_cli.pipeline.result_files import LogReading, RunsUsed, SetAside
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.command_range import CommandRange, warnings_of
 from automarine_cli.runs.noise import median, position_noise
@@ -18,15 +20,6 @@ from automarine_cli.runs.noise import median, position_noise
 ASKED = "asked"  # Extra of a run that is driven by its thrusters: the moment or force that was logged beside them
 
 NOISE_FROM = 1000  # Samples, the first of a run, that show its noise to four percent
-
-
-@dataclass(frozen=True)
-class SetAside:
-    """A run that was left out, and why: goes to standard error and into every result."""
-
-    file: str
-    run: str
-    why: str
 
 
 @dataclass(frozen=True)
@@ -58,15 +51,12 @@ class Run:
     dof: Dof = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        shape = self.time.shape
-        for name, column in (("position", self.position), *self.extras.items()):
-            if column.shape != shape:
+        for name, column in {"position": self.position, "command": self.moment, **self.extras}.items():
+            if column is not None and column.shape != self.time.shape:
                 raise RunError(
                     f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
                     f"for {self.time.shape} samples; this is a bug, please report it"
                 )
-        if self.moment is not None and self.moment.shape != shape:
-            raise RunError(f"{self.source}, run {self.name!r}: one {self.dof.words.force} for each sample expected")
         if (self.time[1:] <= self.time[:-1]).any():
             raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
 
@@ -159,6 +149,13 @@ class Run:
 def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     """How the thruster commands of a campaign do not fit their map. Raises RunError where they cannot be its at all."""
     return warnings_of(run.commanded for run in runs if run.commanded is not None)
+
+
+def runs_json(used: int, set_aside: Iterable[SetAside], runs: Sequence[Run] = ()) -> dict[str, object]:
+    """Return the `runs` of a result file; of `runs` come notes of the reading and of the thrusters' map."""
+    notes = {run.source: run.reading for run in runs if run.reading}
+    readings = tuple(LogReading(file, tuple(reading)) for file, reading in notes.items())
+    return to_mapping(RunsUsed(used, tuple(set_aside), readings or None, command_warnings(runs) or None))
 
 
 def shared_readings(runs: Iterable[Run]) -> tuple[str, ...]:

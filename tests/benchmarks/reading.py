@@ -1,6 +1,5 @@
-"""Reading: files to trimmed half-turns against pandas that merely reads the same files; memory; broken files."""
+"""Reading: files to trimmed half-turns against pandas that merely reads the same files; memory."""
 
-import json
 import resource
 import subprocess
 import sys
@@ -17,7 +16,8 @@ import pandas as pd
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import load_half_turns
+from automarine_cli.runs.half_turn import half_turns
+from automarine_cli.runs.load import load_runs
 
 Result = tuple[list[Table], dict[str, Any]]
 
@@ -51,8 +51,8 @@ def reading(repeats: int, full: bool, progress: Progress) -> Result:
             merely_read(files[:2])
             ways: dict[str, Callable[[], object]] = {
                 "pandas": lambda files=files: merely_read(files),  # type: ignore[misc]
-                "automarine": lambda folder=folder: load_half_turns([folder], dof=YAW),  # type: ignore[misc]
-                "automarine, 2 jobs": lambda folder=folder: load_half_turns([folder], jobs=2, dof=YAW),  # type: ignore[misc]
+                "automarine": lambda folder=folder: half_turns(load_runs([folder], dof=YAW).runs),  # type: ignore[misc]
+                "automarine, 2 jobs": lambda folder=folder: half_turns(load_runs([folder], jobs=2, dof=YAW).runs),  # type: ignore[misc]
             }
             taken: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
             for i in range(repeats):
@@ -103,50 +103,11 @@ READERS = {
     + "print(sum(len(runs) for file in find_logs(sys.argv[1:2]) for runs in read_runs(file, dof=YAW)[:1]))",
     "half-turns of all runs": _START
     + "import automarine_cli.commands.fit_motion\n"
-    + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_half_turns\n"
-    + "print(load_half_turns(sys.argv[1:2], dof=YAW).count)",
+    + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_runs\n"
+    + "from automarine_cli.runs.half_turn import half_turns\n"
+    + "print(sum(map(len, half_turns(load_runs(sys.argv[1:2], dof=YAW).runs))))",
     "check": _START + "from automarine_cli.commands.check import check\nprint(check(sys.argv[1:2]).logs)",
 }
-
-
-def broken(full: bool, progress: Progress) -> Result:
-    """A long load with one torn file in a thousand: everything accounted for, in `check` and in reading."""
-    count = 20_000 if full else 1000
-    with tempfile.TemporaryDirectory() as folder:
-        files = many_logs.small_csv(Path(folder, "logs"), count)
-        torn = files[500::1000]
-        for file in torn:
-            file.write_bytes(file.read_bytes()[:8000] + b"\x00\x07garbage")
-        begun = time.perf_counter()
-        report = _child(BROKEN, str(Path(folder, "logs")))
-        seconds = time.perf_counter() - begun
-        progress("broken files", 1, 1)
-    found = json.loads(report.splitlines()[0])
-    accounted = found["count"] + len(found["aside"]) == count
-    expected = sorted(f"logs/{file.name}" for file in torn)
-    rows = (
-        ("files", str(count)),
-        ("torn", str(len(torn))),
-        ("runs read", str(found["count"])),
-        ("set aside", str(len(found["aside"]))),
-        ("all accounted for, by name", str(accounted and sorted(found["aside"]) == expected)),
-        ("seconds", f"{seconds:.1f}"),
-        ("largest memory [MB]", f"{found['peak_mb']:.0f}"),
-    )
-    results = {**found, "files": count, "torn": len(torn), "seconds": seconds, "accounted": accounted}
-    return [Table("A long load with broken files", ("what", "value"), rows)], results
-
-
-BROKEN = (
-    _START
-    + """import json, resource
-from automarine_cli.dofs import YAW
-from automarine_cli.runs.load import load_half_turns
-found = load_half_turns(sys.argv[1:2], dof=YAW)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(json.dumps({"count": found.count, "aside": [one.file for one in found.set_aside], "peak_mb": peak}))
-"""
-)
 
 
 def _peak_mb(code: str, folder: str) -> float:

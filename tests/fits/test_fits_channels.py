@@ -102,7 +102,7 @@ def test_a_gyro_alone_is_enough(fit_to: str) -> None:
     fit = identify(runs, fit_to)
     assert fit.channels.names == ("yaw_rate",) and fit.preferred.noise is None
     assert np.abs(pulls(fit)).max() < SURE
-    heading, rate = channels_json(fit.channels, fit.preferred.mixed, fit.dof)["channels"]  # type: ignore[misc]
+    heading, rate = channels_json(fit.channels, channel_noises(fit.preferred.mixed, fit.dof))["channels"]  # type: ignore[misc]
     assert heading == {"quantity": "heading", "used": False, "why": fit.channels.verdicts[0].why}
     assert "The logs hold no heading" in heading["why"] and rate["used"]
     assert fit.to_json()["heading_noise_deg"] is None

@@ -11,7 +11,7 @@ from scipy import special
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import planar_fit
-from automarine_cli.fits.driven import Worth
+from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import search_of
 from automarine_cli.fits.planar_fit import (
@@ -36,8 +36,8 @@ PERIOD = 0.05
 SPEEDS = ("heading", "surge", "sway")
 
 
-def worth(error: float, constant: float = 1.0) -> tuple[Worth, ...]:
-    return tuple(Worth(h, error, 2.0 * constant, constant, 100) for h in (2.0, 5.0, 15.0))
+def worth(error: float, constant: float = 1.0) -> tuple[ForecastScore, ...]:
+    return tuple(ForecastScore(h, error, 2.0 * constant, constant, 100) for h in (2.0, 5.0, 15.0))
 
 
 def smoothed_run(seed: int, length: float, share: float, craft: Craft = BARE) -> Run:
@@ -113,7 +113,7 @@ def fake(model: Tied, count: int = 3) -> Estimated:
     covariance = 1e-6 * np.eye(len(phi))
     fit = InnovationsFit(
         names, theta, phi, positive, covariance, left_out, 0.0, np.zeros(count), (len(phi) - 1,), 1, True,
-        np.zeros(count), np.zeros(count), (), len(phi), np.tile(np.eye(len(phi)), (count, 1, 1)),
+        np.tile(np.eye(len(phi)), (count, 1, 1)), {}, {}, np.zeros(count), np.zeros(count), len(phi),
     )  # fmt: skip
     return Estimated(model, covariance, 0.0, 1000, fit=fit, disturbance={"surge": {"size": 1.0}})
 

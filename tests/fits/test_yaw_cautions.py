@@ -11,11 +11,11 @@ from made_campaigns import PAPER, Vehicle, both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.dofs import YAW
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.cautions import Caution, design_cautions, fit_cautions, seed_cautions, told
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.report import yaw_report
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
 
 SIZES = (0.3, 0.5, 0.7, 0.9)
@@ -69,8 +69,8 @@ def test_two_sizes_of_moment_are_told_with_a_third_to_add() -> None:
 def test_the_third_size_is_sought_where_there_is_room() -> None:
     (between,) = design_cautions([0.2, -0.2, 1.0, -1.0], "nu", YAW, of_steps=True)
     assert between.sentence.endswith("add runs at 0.6 nu.")
-    assert design_cautions([0.2, -0.2, 1.0, -1.0], "nu", YAW, of_steps=False) == []
-    assert design_cautions([0.2, -0.2, 0.6, 1.0, -1.0], "nu", YAW, of_steps=True) == []
+    assert list(design_cautions([0.2, -0.2, 1.0, -1.0], "nu", YAW, of_steps=False)) == []
+    assert list(design_cautions([0.2, -0.2, 0.6, 1.0, -1.0], "nu", YAW, of_steps=True)) == []
 
 
 def test_moments_all_equal_are_told_with_sizes_to_add() -> None:
@@ -97,7 +97,7 @@ def test_a_negative_drag_whose_interval_holds_zero_is_left_out_or_measured() -> 
 
 def test_a_negative_inertia_is_told() -> None:
     seed = sound().seed_method
-    assert seed is not None and seed_cautions(replace(seed, drag={}), 0.0, YAW) == []
+    assert seed is not None and list(seed_cautions(replace(seed, drag={}), 0.0, YAW)) == []
     table = replace(seed.inertia["3"], overall=Estimate(-0.4, 0.1, (-0.6, -0.2), "nu s²"))
     (caution,) = seed_cautions(replace(seed, drag={}, inertia={"3": table}), 0.0, YAW)
     assert caution.sentence.startswith("Velocity errors of model 3: I_r is -0.4 [-0.6, -0.2], a negative inertia")
@@ -110,7 +110,7 @@ def test_an_interval_wider_than_the_value_is_told_with_what_would_show_it(name: 
     (caution,) = fit_cautions(fit_with(name, Estimate(0.2, 0.06, (0.08, 0.32), "nu s²")))
     assert f"Model 3: {name} is 0.2 [0.08, 0.32], an interval wider than the value" in caution.sentence
     assert remedy in caution.sentence and not caution.grave
-    assert fit_cautions(fit_with(name, Estimate(0.2, 0.04, (0.12, 0.28), "nu s²"))) == []
+    assert list(fit_cautions(fit_with(name, Estimate(0.2, 0.04, (0.12, 0.28), "nu s²")))) == []
 
 
 def test_inertia_that_the_logs_are_too_slow_for_is_told() -> None:

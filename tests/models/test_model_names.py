@@ -14,16 +14,15 @@ from automarine_cli.diagnosis.residual_regions import columns
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, ModelError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.cautions import EARLY, LATE, design_cautions, fit_warnings
 from automarine_cli.fits.half_turns import step_data
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.fits.linear_mixed import NotFinite, in_words_of, not_finite
 from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.fits.whole_runs import prefer
-from automarine_cli.models.store import yaw_models_from_json
+from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import general_advice
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
@@ -91,16 +90,16 @@ def test_a_key_of_another_motion_is_unknown_and_answered_with_the_own_one(dof: D
         "schema": f"automarine/{dof.name}-model/1", f"{dof.words.force}_unit": "nu", "models": {"3": entry},
         "preferred": "3",
     }  # fmt: skip
-    assert yaw_models_from_json(content, "m.json").dof is dof
+    assert file_and_models(content, "m.json")[1].dof is dof
     with pytest.raises(ModelError) as refusal:
         lacking = {key: value for key, value in entry.items() if key != own.inertia}
-        yaw_models_from_json(content | {"models": {"3": {**lacking, theirs.inertia: 2.0}}}, "m.json")
+        file_and_models(content | {"models": {"3": {**lacking, theirs.inertia: 2.0}}}, "m.json")
     assert str(refusal.value) == (f'm.json: models.3: unknown key "{theirs.inertia}"; did you mean "{own.inertia}"?')
     if other.words.force != dof.words.force:
         with pytest.raises(ModelError) as refusal:
             unit = {f"{dof.words.force}_unit": None, f"{other.words.force}_unit": "nu"}
             told = {key: value for key, value in (content | unit).items() if value is not None}
-            yaw_models_from_json(told, "m.json")
+            file_and_models(told, "m.json")
         assert str(refusal.value) == (
             f'm.json: unknown key "{other.words.force}_unit"; did you mean "{dof.words.force}_unit"?'
         )
@@ -116,7 +115,7 @@ def test_refusals_of_a_model_file_speak_of_its_motion(dof: Dof) -> None:
             "preferred": "3",
         }  # fmt: skip
         with pytest.raises(ModelError) as refusal:
-            yaw_models_from_json(content, THEIRS)
+            file_and_models(content, THEIRS)
         rest = str(refusal.value).removeprefix(THEIRS)
         assert rest != str(refusal.value) and not strange_to(dof, rest.replace("fit-", " ")), rest
 
@@ -158,18 +157,9 @@ def test_cautions_and_templates_speak_of_the_motion(dof: Dof) -> None:
     designs = [[0.5, 0.5], [0.5, -0.5], [0.2, -1.0], [-0.2, -0.5, -1.0]]
     said = [one.sentence for levels in designs for one in design_cautions(levels, "nu", dof, of_steps=True)]
     said += [dof.fill(text) for text in (EARLY, LATE)]
-    said.append(not_finite(dof.words.position, dof.words.force))
     assert len(said) > 7
     for sentence in said:
         assert "{" not in sentence and not strange_to(dof, sentence.replace("in one direction", "")), sentence
-
-
-@EVERY_MOTION
-def test_simulations_that_run_away_are_refused_in_the_words_of_the_motion(dof: Dof) -> None:
-    with pytest.raises(FitError) as refusal, in_words_of(dof):
-        raise NotFinite(not_finite("position", "command"))
-    assert str(refusal.value) == not_finite(dof.words.position, dof.words.force)
-    assert f"simulated {dof.words.position}s diverge;" in str(refusal.value)
 
 
 @EVERY_MOTION

@@ -14,7 +14,7 @@ from made_sequences import model_file
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, RunError
-from automarine_cli.models.store import load_yaw_models, yaw_models_from_json
+from automarine_cli.models.store import file_and_models, load_yaw_models
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.forms import Curve
@@ -39,7 +39,7 @@ def test_models_are_read(tmp_path: Path) -> None:
 
 def test_effects_come_with_every_model(data: dict[str, Any]) -> None:
     data["effects"] = [{"name": "bias-moment", "parameters": {"b": {"value": -0.05}}, "says": "It turns."}]
-    stored = yaw_models_from_json(data)
+    stored = file_and_models(data, "yaw model")[1]
     assert stored.effects == ("bias-moment",)
     assert all(model.terms[-1] == Term("bias-moment", (-0.05,)) for model in stored.models.values())
 
@@ -47,7 +47,7 @@ def test_effects_come_with_every_model(data: dict[str, Any]) -> None:
 def test_plain_numbers_and_a_unit_told_by_the_inertia(data: dict[str, Any]) -> None:
     del data["moment_unit"], data["effects"]
     data["models"] = {"3": {"I_r": {"value": 2, "unit": "N m s²"}, "k_rr": 3, "k_r": None}, "1": None}
-    stored = yaw_models_from_json(data)
+    stored = file_and_models(data, "yaw model")[1]
     assert stored.moment_unit == "N m" and list(stored.models) == ["3"]
     assert stored.models["3"].theta.tolist() == [2.0, 3.0]
 
@@ -110,7 +110,7 @@ def test_refusals_name_the_place(data: dict[str, Any], sentence: str) -> None:
     REFUSED[sentence](data)
     assert data != before
     with pytest.raises(ModelError) as refusal:
-        yaw_models_from_json(data, "m.json")
+        file_and_models(data, "m.json")
     then = "; give a file as `automarine fit-yaw` writes it" if sentence.endswith(" is missing") else ""
     assert str(refusal.value) == f"m.json: {sentence}{then}"
 
@@ -118,7 +118,7 @@ def test_refusals_name_the_place(data: dict[str, Any], sentence: str) -> None:
 def test_an_unknown_effect_is_answered_with_the_library(data: dict[str, Any]) -> None:
     data["effects"] = [{"name": "magic", "parameters": {}}]
     with pytest.raises(ModelError, match=r'effects\[0\].name: found "magic", expected one of .*bias-moment'):
-        yaw_models_from_json(data)
+        file_and_models(data, "yaw model")
 
 
 @pytest.mark.parametrize(
