@@ -67,17 +67,18 @@ def _of_a_motion(
     from automarine_cli.runs.checks import without_stuck, without_undriven
     from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
     from automarine_cli.runs.run import Run, SetAside, command_warnings
-    from automarine_cli.thrusters.propulsion import with_moments
+    from automarine_cli.thrusters.propulsion import moment_maker
 
     stored = load_yaw_models(model)
     dof = stored.dof
     wanted_channels(channels, dof)
+    drive = moment_maker(thrusters, arm, names, dof)
     aside: list[SetAside] = []
 
     def usable(files: Sequence[Any]) -> list[Run]:
         """Runs that a diagnosis can use, with their moments, in the model's unit."""
         campaign = load_runs(files, names, dof=dof, strict=strict, progress=progress, jobs=jobs)
-        runs = with_moments(campaign.runs, thrusters, arm, names, dof)
+        runs = campaign.runs if drive is None else [drive(run) for run in campaign.runs]
         units = {run.moment_unit for run in runs if run.moment is not None}
         if units - {stored.moment_unit}:
             raise SettingError(

@@ -7,10 +7,9 @@ from functools import partial
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.extended_model import extended_model
 from automarine_cli.diagnosis.learned_curve import learn, with_curves
 from automarine_cli.diagnosis.residual_regions import Where, find_where
-from automarine_cli.diagnosis.search import STANDS, TIE, Found, search, variants, varied
+from automarine_cli.diagnosis.search import STANDS, TIE, Found, Trial, gain_exponent, search, variants, varied
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.verdict import (
     NAMED,
@@ -23,15 +22,20 @@ from automarine_cli.diagnosis.verdict import (
     base_estimates,
     detectable,
     gap,
+    in_few_words,
     named_effects,
     outlook,
+    parameter_estimates,
     verdict_of,
 )
 from automarine_cli.errors import TooFewRunsError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import LEAST_STEP
+from automarine_cli.fits.cautions import covariance_json, valid_range
 from automarine_cli.fits.driven import stepped
-from automarine_cli.fits.innovations import channel_noises, channels_json
-from automarine_cli.models.store import StoredModels
+from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
+from automarine_cli.fits.linear_mixed import GAIN
+from automarine_cli.models.store import StoredModels, model_json
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
@@ -52,8 +56,7 @@ class Diagnosis:
     """What a diagnosis found; `held_out` and `held_out_gap` are None where too few runs were left to hold any out.
 
     `said` is the verdict, and `effects` what it names or suspects; `where` is the gap of the base model; the outlooks
-    are those of driven runs.
-    """
+    are those of driven runs."""
 
     study: Study
     said: Verdict
@@ -69,7 +72,6 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """ "named", "suspected", "nothing-missing" or "unexplained"."""
         return self.said.word
 
     @property
@@ -79,9 +81,7 @@ class Diagnosis:
 
     @property
     def words(self) -> str:
-        """The verdict in a few words."""
-        names = " and ".join(self.found.final.added)
-        return {NAMED: names, SUSPECTED: f"suspected {names}"}.get(self.verdict, self.verdict.replace("-", " "))
+        return in_few_words(self.verdict, self.found.final.added)
 
 
 def _of_equals(study: Study, found: Found, held_out: Study, each: Each) -> Found:
@@ -102,8 +102,7 @@ def _of_equals(study: Study, found: Found, held_out: Study, each: Each) -> Found
 def split_off(runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT) -> tuple[list[Run], list[Run]]:
     """Runs to fit and a quarter to hold out, spread over the moments: one drawn from every four neighbours in moment.
 
-    All are fitted where there are fewer than the `fewest` runs that can spare some.
-    """
+    All are fitted where there are fewer than the `fewest` runs that can spare some."""
     if len(runs) < fewest:
         return list(runs), []
     mean = [float(np.mean(run.command[run.command != 0])) if np.any(run.command != 0) else 0.0 for run in runs]
@@ -114,22 +113,15 @@ def split_off(runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT) 
 
 
 def diagnose_runs(
-    runs: Sequence[Run],
-    base: YawModel,
-    *,
-    hold_out: Sequence[Run] | None = None,
-    seed: int = 0,
-    each: Each = alone,
+    runs: Sequence[Run], base: YawModel, *, hold_out: Sequence[Run] | None = None, seed: int = 0, each: Each = alone,
     channels: str = AUTO,
-) -> Diagnosis:
+) -> Diagnosis:  # fmt: skip
     """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs, `channels` says which sensors count
     (`runs.channels.choose_channels`). Raises RunError for too few runs."""
     runs = [run for run in runs if len(run) >= 20]
-    every = [*runs, *(hold_out or ())]
-    chosen = choose_channels(every, base.dof, channels, late_position=True)
-    runs = [chosen.cleaned(run) for run in runs]
-    hold_out = None if hold_out is None else [chosen.cleaned(run) for run in hold_out]
-    fitted, kept = split_off(runs, seed) if hold_out is None else (list(runs), list(hold_out))
+    chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
+    runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
+    fitted, kept = split_off(runs, seed) if hold_out is None else (runs, out)
     if len(fitted) < FEWEST_RUNS:
         plural = " is" if len(fitted) == 1 else "s are"
         raise TooFewRunsError(
@@ -144,28 +136,19 @@ def diagnose_runs(
 
     found = learn(found.study, found, seed, each, explained)
     study = found.study
-    signals, sensors = study.signals, study.channels
-    held_out = Study(tuple(kept), base, study.driven, signals, channels=sensors) if kept else None
+    held_out = replace(study, runs=tuple(kept)) if kept else None
     if held_out is not None:
         found = _of_equals(study, found, held_out, each)
     last = found if found.final.added else found.doubtful or found
-    held_out_ahead = None if held_out is None else outlook(held_out, last.base, last.final)
-    said = verdict_of(study, found, where, held_out, held_out_ahead)
-    before, after = said.found.base, said.found.final
-    listed = said.word in (NAMED, SUSPECTED)
+    ahead = None if held_out is None else outlook(held_out, last.base, last.final)
+    said = verdict_of(study, found, where, held_out, ahead)
+    before, after, listed = said.found.base, said.found.final, said.word in (NAMED, SUSPECTED)
     return Diagnosis(
-        study=study,
-        said=said,
-        effects=with_curves(said.found, named_effects(study, said.found)) if listed else (),
-        where=where,
-        gap=gap(study, before, after, fitted=True),
-        held_out=held_out,
-        held_out_gap=None if held_out is None else gap(held_out, before, after),
-        detectable=detectable(study, found),
-        outlook=outlook(study, before, after),
-        held_out_outlook=None if held_out is None else outlook(held_out, before, after),
-        channels=chosen,
-    )
+        study, said, with_curves(said.found, named_effects(study, said.found)) if listed else (), where,
+        gap(study, before, after, fitted=True), held_out, None if held_out is None else gap(held_out, before, after),
+        detectable(study, found), outlook(study, before, after),
+        None if held_out is None else outlook(held_out, before, after), chosen,
+    )  # fmt: skip
 
 
 def expected_seconds(runs: Sequence[Run]) -> float:
@@ -173,6 +156,45 @@ def expected_seconds(runs: Sequence[Run]) -> float:
     readings = sum(min(len(run), (run.time[-1] - run.time[0]) / LEAST_STEP) for run in runs)
     driven = 2 * sum(stepped(run) for run in runs) < len(runs)
     return float(readings) * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
+
+
+def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, object]:
+    """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
+    base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
+    roles = ("quadratic", "linear", "inertia", "constant", "difference")
+    own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+    drag = {name: base[name].to_json() for name in own.values()}
+    ratio, covariance = None, study.covariance(model, fit)
+    likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
+    if "quadratic" in own and base[own["quadratic"]].value > 0:
+        i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
+        spread = float(np.sqrt(max(covariance[i, i] + covariance[k, k] - 2.0 * covariance[i, k], 0.0)))
+        inertia, quadratic = (base[own[role]].value for role in ("inertia", "quadratic"))
+        ratio = Estimate.from_log(inertia / quadratic, spread, len(study.runs) - 1, dof.unit_of("ratio")).to_json()
+    added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.own}
+    exponent = gain_exponent(study, fit)
+    driven = {}
+    if isinstance(fit, InnovationsFit):
+        driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
+    return {
+        **model_json(
+            dof, unit=stored.moment_unit, fitted_to="whole runs",
+            models={stored.preferred: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
+            preferred=stored.preferred, because=f"Model {stored.preferred} was the base of the diagnosis.", ratio=ratio,
+            valid_range=valid_range(
+                (end for run in study.runs for end in (run.command.min(), run.command.max())), model
+            ),
+            effects=[
+                {"name": name, "parameters": {parameter: e.to_json() for parameter, e in estimates.items()}}
+                for name, estimates in added.items()
+            ],
+        ),
+        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(fit.noise)) if study.position_counts else None,
+        **driven,
+        "gain_scatter": float(fit.factor(GAIN)),
+        "gain_exponent": exponent and exponent.to_json(),
+        "parent": {"file": stored.source, "sha256": parent_sha256},
+    }  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -185,7 +207,6 @@ class MotionDiagnosis(Shown):
     set_aside: tuple[SetAside, ...]
 
     def document(self, option: str) -> Document:
-        """Return the diagnosis where one is wanted, else the extended model."""
         if option == "diagnosis":
             return json_document("diagnosis.json", self.to_json())
         return json_document("extended_model.json", self.extended_model())
@@ -215,7 +236,7 @@ class MotionDiagnosis(Shown):
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [effect.to_json() for effect in diagnosis.effects],
             "where": [region.to_json(dof.units.key) for region in diagnosis.where.regions],
-            "gap": {name: gap and gap.to_json(dof) for name, (gap, _) in sets.items()},
+            "gap": {name: gap and gap.to_json(dof.units.key, dof.shown) for name, (gap, _) in sets.items()},
             **({} if diagnosis.outlook is None else {**cycle, "prediction": prediction}),
             "candidates": [
                 {"name": trial.added[-1], "gain": first.gain(trial)}

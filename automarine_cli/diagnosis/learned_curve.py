@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.scores import DRAWS, Probe, penalty, pull_of
+from automarine_cli.diagnosis.scores import DRAWS, Probe, penalty, project, pull_of
 from automarine_cli.diagnosis.search import (
     LEVEL,
     MOST_EFFECTS,
@@ -48,18 +48,12 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of
 
-TRIED = 0.02
-"""Value at which each knot is tried, a share of the largest moment or of the thrust."""
-FEWEST_RUNS = 10
-"""Runs from which their gains may be compared with a column."""
-STANDS_FOR = 0.9
-"""Correlation with the campaign's clock from which a column only stands for time."""
-FOLLOWS = 0.01
-"""Chance below which the gains of runs follow a column."""
-POWERS = (1, 3, 6, 9)
-"""Highest powers of a column by which gains are then explained: from a line to two waves."""
-DEALS = 2000
-"""Orders in which runs are dealt to tell what chance explains."""
+TRIED = 0.02  # value at which each knot is tried, a share of the largest moment or of the thrust
+FEWEST_RUNS = 10  # runs from which their gains may be compared with a column
+STANDS_FOR = 0.9  # correlation with the campaign's clock from which a column only stands for time
+FOLLOWS = 0.01  # chance below which the gains of runs follow a column
+POWERS = (1, 3, 6, 9)  # highest powers of a column by which gains are then explained: from a line to two waves
+DEALS = 2000  # orders in which runs are dealt to tell what chance explains
 
 
 @dataclass(frozen=True)
@@ -72,39 +66,33 @@ class Curve:
 
     @property
     def name(self) -> str:
-        """The effect's name."""
         return self.model.terms[-1].name
 
     @property
     def of_thrust(self) -> bool:
-        """Whether it is a gain on the thrust."""
         return kind_of(self.model.terms[-1].values) == GAIN
 
 
 def scored(study: Study, base: Trial, seed: int, each: Each = alone) -> tuple[list[Curve], Chance]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
     models = candidates(study, base.model)
+    names = list(dict.fromkeys(model.terms[-1].name for model in models))  # models come effect by effect
     if not models:
         return [], Chance(np.zeros(DRAWS))
-    probes = [_probe(model) for model in models]
-    names = list(dict.fromkeys(model.terms[-1].name for model in models))
-    ordered = [(m, p) for name in names for m, p in zip(models, probes) if p.effect == name]
-    weighted = pull_of(study, base.model, base.fit, names, [p for _, p in ordered], each)
-    own = len(base.fit.phi)
-    free = np.setdiff1d(np.arange(own), base.fit.at_bound)
-    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
-    across = hessian[own:][:, free]
-    inverse = linear_mixed.covariance_of(hessian[np.ix_(free, free)])
-    information = (hessian[own:, own:] - across @ inverse @ across.T) / TRIED**2
-    pull = (gradient[own:] - across @ inverse @ gradient[free]) / TRIED
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    try:
+        weighted = pull_of(study, base.model, base.fit, names, list(map(_probe, models)), each)
+        information, pull = project(weighted, base.fit)
+    except FitError:
+        return [], Chance(np.zeros(DRAWS))
+    information, pull = information / TRIED**2, pull / TRIED
+    values, vectors = np.linalg.eigh(information)
     random = np.random.default_rng(seed)
     draws = random.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     found, null = [], np.full(DRAWS, -np.inf)
-    for number, (model, _) in enumerate(ordered):
+    for number, model in enumerate(models):
         here = slice(number * KNOTS, (number + 1) * KNOTS)
-        pulls = np.concatenate([pull[None, here], draws[:, here]])
-        gain, curve, spread = _gains(information[here, here], pulls, model, len(study.runs))
+        tried = np.concatenate([pull[None, here], draws[:, here]])
+        gain, curve, spread = _gains(information[here, here], tried, model, len(study.runs))
         null = np.maximum(null, gain[1:])
         found.append(Curve(with_curve(model, spread, np.clip(curve, -1.0, 1.0)), float(gain[0])))
     return sorted(found, key=lambda one: -one.gain), Chance(null)
@@ -171,11 +159,10 @@ def ranges(study: Study) -> dict[str, tuple[float, float]]:
 def _alike(values: Floats, clock: Floats) -> bool:
     """Whether a column only stands for time: what changes from run to run of a few goes with the clock by chance."""
     spread = float(np.std(values) * np.std(clock))
-    return spread > 0 and abs(float(np.mean((values - values.mean()) * (clock - clock.mean())))) > STANDS_FOR * spread
+    return spread > 0 and abs(float(np.cov(values, clock, ddof=0)[0, 1])) > STANDS_FOR * spread
 
 
 def all_signals(study: Study) -> tuple[str, ...]:
-    """What curves over columns and clocks need."""
     return tuple(sorted({*study.signals, CLOCK, SINCE, *_columns(study.runs, study.base.dof)}))
 
 
@@ -196,8 +183,7 @@ def gains_follow(study: Study, trial: Trial, seed: int) -> str:
     """The column that the runs' own gains follow; empty where they follow none beyond a chance of FOLLOWS.
 
     Its mean in each run counts: least squares of the gains on its powers up to each of POWERS, the best of all columns
-    by Fisher's test, compared with that of runs dealt in another order (`seed`).
-    """
+    by Fisher's test, compared with that of runs dealt in another order (`seed`)."""
     gains, runs = trial.fit.own(linear_mixed.GAIN)[:, 0], study.runs
     if len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
         return ""
@@ -219,24 +205,19 @@ def gains_follow(study: Study, trial: Trial, seed: int) -> str:
     return follows if (best[1:] <= best[0]).mean() < FOLLOWS else ""
 
 
-LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5
-"""So many curves are fitted, or more whose score is this share of the best."""
-FAR = 0.2
-"""Share of the best gain by which brief fits may be behind that are taken further."""
+LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
+FAR = 0.2  # share of the best gain by which brief fits may be behind that are taken further
 AS_WELL = 0.02
 """Share of what one effect of the library gains within which it does as well as a curve: its law may be off."""
-SETTLES = 2
-"""How often the spread is chosen again after a fit."""
-SAME_SPREAD = 0.1
-"""Difference of the logarithm of two spreads that is none."""
+SETTLES = 2  # how often the spread is chosen again after a fit
+SAME_SPREAD = 0.1  # difference of the logarithm of two spreads that is none
 
 
 def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable[[Found], bool]) -> Found:
     """What a search found, with a learned curve where something is left that asks for one and a curve explains it.
 
-    `explained` judges an outcome. A model that has its curve is left as it is. Where effects of the library do as
-    well as a curve they keep their names, and it is their rival.
-    """
+    `explained` judges an outcome. A model that has its curve is left as it is. Where effects of the library do as well
+    as a curve they keep their names, and it is their rival."""
     if learned_term(study.base) is not None:
         return found
     wide = replace(study, signals=all_signals(study))
@@ -250,20 +231,18 @@ def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable
         bases = bases if study.driven or follows else bases[:1]
         gained = found.base.evidence - found.final.evidence
         most = found.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
-    chosen, tied = None, tuple[Rival, ...]()
+    tied = tuple[Rival, ...]()
     for base in bases:
-        if chosen is None and base.count < MOST_EFFECTS:
-            one = _best(wide, found, base, follows, seed + len(base.added), each)
-            if one is None:
-                continue
-            wins = not any(may_stand(study, trial, base) for trial in _as_good(found, base, one.final))
-            chosen = one if wins and one.final.evidence < most and explained(one) else None
-            if base is found.base:
-                tied = ties(found, one.final)
-    if chosen is None:
-        return replace(found, rivals=(*found.rivals, *tied))
-    needed = {name for term in chosen.final.model.terms for name in effects.get(term.name).needs}
-    return replace(chosen, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
+        one = _best(wide, found, base, follows, seed + len(base.added), each) if base.count < MOST_EFFECTS else None
+        if one is None:
+            continue
+        wins = not any(may_stand(study, trial, base) for trial in _as_good(found, base, one.final))
+        if wins and one.final.evidence < most and explained(one):
+            needed = {name for term in one.final.model.terms for name in effects.get(term.name).needs}
+            return replace(one, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
+        if base is found.base:
+            tied = ties(found, one.final)
+    return replace(found, rivals=(*found.rivals, *tied))
 
 
 def ties(found: Found, curve: Trial) -> tuple[Rival, ...]:
@@ -280,20 +259,14 @@ def _as_good(found: Found, base: Trial, curve: Trial) -> list[Trial]:
 
 def _shows(study: Study, base: Trial, seed: int) -> bool:
     """Whether a curve beside what was found would gain more than chance by its score."""
-    try:
-        curves, chance = scored(study, base, seed)
-    except FitError:
-        return False
+    curves, chance = scored(study, base, seed)
     return bool(curves) and curves[0].gain > max(chance.threshold(LEVEL), 0.0)
 
 
 def _best(study: Study, found: Found, base: Trial, follows: str, seed: int, each: Each) -> Found | None:
     """The search's outcome with the best curve beside what `base` has, if one beats chance. A gain over the column that
     the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without."""
-    try:
-        curves, chance = scored(study, base, seed, each)
-    except FitError:
-        return None
+    curves, chance = scored(study, base, seed, each)
     bar = max(chance.threshold(LEVEL), 0.0)
     least = max(BEHIND * curves[0].gain, 0.0) if curves else 0.0
     leading = [
@@ -301,9 +274,9 @@ def _best(study: Study, found: Found, base: Trial, follows: str, seed: int, each
         if i < LEADERS or (i < MOST_LEADERS and one.gain > least) or (one.name == PREFIX + follows and one.of_thrust)
     ]  # fmt: skip
     tried = each(partial(_fitted, study, base, SEARCH_BRIEF), leading, "trying curves")
-    first = [one for one in tried if one is not None]
-    gained = max((base.evidence - one.evidence for one in first), default=0.0)
-    running = [one for one in first if base.evidence - one.evidence > gained - max(REACH, FAR * gained)]
+    gains = [(base.evidence - one.evidence, one) for one in tried if one is not None]
+    gained = max((gain for gain, _ in gains), default=0.0)
+    running = [one for gain, one in gains if gain > gained - max(REACH, FAR * gained)]
     tried = each(partial(_further, study, base), running, "learning curves")
     trials = sorted((one for one in tried if one is not None), key=lambda trial: trial.evidence)
     able = [one for one in trials if base.evidence - one.evidence > bar and may_stand(study, one, base)]
@@ -329,7 +302,6 @@ def _best(study: Study, found: Found, base: Trial, follows: str, seed: int, each
 
 
 def _fitted(study: Study, base: Trial, iterations: int, curve: Curve) -> Trial | None:
-    """The base with a curve, everything refitted."""
     values = np.append(base.fit.of_model, curve.model.terms[-1].values)
     return _trial(study, base, curve.model, values, base.fit, iterations)
 
@@ -340,12 +312,9 @@ def _further(study: Study, base: Trial, trial: Trial) -> Trial | None:
         spread, _ = smoothed(trial.fit, trial.model, study.sensor_floor)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
         again = _trial(study, base, model, model.theta, trial.fit, ITERATIONS)
-        if again is None:
-            return None
-        settled = abs(np.log(spread / trial.model.terms[-1].values[FIRST - 1])) < SAME_SPREAD
+        if again is None or abs(np.log(spread / trial.model.terms[-1].values[FIRST - 1])) < SAME_SPREAD:
+            return again
         trial = again
-        if settled:
-            break
     return trial
 
 
@@ -356,18 +325,12 @@ def _trial(study: Study, base: Trial, model: YawModel, values: Floats, near: Fit
         count = smoothed(fit, model, study.sensor_floor)[1]
     except (FitError, np.linalg.LinAlgError):
         return None
-    cost = _cost(base) + count * penalty(1, len(study.runs))
+    cost = base.evidence + 2.0 * base.fit.log_likelihood + count * penalty(1, len(study.runs))
     added = (*base.added, model.terms[-1].name)
     return Trial(added, study.told(model, fit), fit, -2.0 * fit.log_likelihood + cost)
 
 
-def _cost(base: Trial) -> float:
-    """What the parameters of a trial cost."""
-    return base.evidence + 2.0 * base.fit.log_likelihood
-
-
-POINTS = 61
-"""Places at which a curve is told."""
+POINTS = 61  # places at which a curve is told
 
 
 @dataclass(frozen=True)
@@ -375,8 +338,7 @@ class LearnedCurve:
     """A curve over `variable` [`unit`]: `y` (POINTS,) at `x` [`y_unit`], with its 95 % band from `low` to `high`.
 
     It is in the gauge of the fit: of a gain the mean is in inertia and drag, of a moment over the speed what drag of
-    the model would do is in that.
-    """
+    the model would do is in that."""
 
     variable: str
     unit: str
@@ -391,21 +353,10 @@ class LearnedCurve:
 
     @property
     def range(self) -> float:
-        """Largest less smallest value of the curve."""
         return float(np.ptp(self.y))
 
     def to_json(self) -> dict[str, object]:
-        """The contract's form."""
-        return {
-            "variable": self.variable,
-            "unit": self.unit,
-            "kind": self.kind,
-            "y_unit": self.y_unit,
-            "x": self.x.tolist(),
-            "y": self.y.tolist(),
-            "low": self.low.tolist(),
-            "high": self.high.tolist(),
-        }
+        return {name: value for name, value in vars(self).items() if name not in ("sized", "needs")}
 
 
 def curve_of(trial: Trial) -> LearnedCurve | None:
@@ -425,33 +376,23 @@ def curve_of(trial: Trial) -> LearnedCurve | None:
     shape = basis(x, low, high, closed=bool(variable.turn))
     y = shape @ values * scale
     half = special.ndtri(0.975) * scale * np.sqrt(np.einsum("nk,kj,nj->n", shape, covariance, shape))
+    units = [model.dof.unit_in(unit, model.moment_unit) for unit in (variable.unit, y_unit)]
     return LearnedCurve(
-        variable=term.name.removeprefix(PREFIX),
-        unit=model.dof.unit_in(variable.unit, model.moment_unit),
-        kind=kind,
-        y_unit=model.dof.unit_in(y_unit, model.moment_unit),
-        x=x,
-        y=y,
-        low=y - half,
-        high=y + half,
-        sized=variable.sized,
-        needs=variable.needs,
-    )
+        term.name.removeprefix(PREFIX), units[0], kind, units[1], x, y, y - half, y + half, variable.sized,
+        variable.needs,
+    )  # fmt: skip
 
 
 def with_curves(found: Found, named: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
     """The effects named with what was learned, and a sentence that says whether it is thrust or a moment."""
     curve = curve_of(found.final)
-    return tuple(
-        replace(one, learned=curve, says=sentence(curve, found))
-        if curve is not None and one.name == PREFIX + curve.variable
-        else one
-        for one in named
-    )
+    if curve is None:
+        return tuple(named)
+    says, name = sentence(curve, found), PREFIX + curve.variable
+    return tuple(replace(effect, learned=curve, says=says) if effect.name == name else effect for effect in named)
 
 
 def sentence(curve: LearnedCurve, found: Found) -> str:
-    """What the verdict says of a curve."""
     words = found.final.model.dof.words
     size = f"{100 * curve.range:.2g} %" if curve.kind == GAIN else f"{curve.range:.2g} {curve.y_unit}"
     what, which = {

@@ -22,8 +22,20 @@ from automarine_cli.diagnosis.residual_regions import (
     of_run_or_sample,
     since_change,
 )
+from automarine_cli.diagnosis.scores import penalty
+from automarine_cli.diagnosis.search import clear
 from automarine_cli.diagnosis.study import JUDGED
-from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED, Outlook, outlook_of, stretch
+from automarine_cli.diagnosis.verdict import (
+    NAMED,
+    NOTHING,
+    SUSPECTED,
+    UNEXPLAINED,
+    GapSizes,
+    Outlook,
+    in_few_words,
+    outlook_of,
+    stretch,
+)
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -43,8 +55,7 @@ from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, runs_json
 
-SMALL = 0.02
-"""Share of its usual size at which an actuator effect is as good as none."""
+SMALL = 0.02  # share of its usual size at which an actuator effect is as good as none
 OF_YAW = ("input-delay", "thruster-lag", "dead-band")
 SAYS = {
     "cross-coupling": "One motion drives another",
@@ -79,7 +90,6 @@ class Candidate:
 
     @property
     def says(self) -> str:
-        """What it is, and by which parameters."""
         what = SAYS.get(self.name) or effects.get(self.name).card(YAW).says.rstrip(".")
         return f"{what} ({', '.join(self.added)})."
 
@@ -93,8 +103,7 @@ class Candidate:
 def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
     """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
 
-    Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it.
-    """
+    Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it."""
     model = stored.model
     known = set(model.parameter_names)
     ties = {name: tie for name, tie in Structure.simplest(seen).ties.items() if {name, tie[0]} <= known}
@@ -141,16 +150,11 @@ def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate
         yield Candidate(name, tuple(names), Tied(wider, (*base.free, *names), base.ties))
 
 
-FEWEST_RUNS = 4
-"""Runs of which one is held out: those of motion in the plane are few and long."""
-HEAD_START = 10.0
-"""Deviance beyond the penalty that an effect has to gain."""
-ERRORS = 2.0
-"""Standard errors by which the mean gain of a run has to exceed zero."""
-FULLY = 4
-"""Candidates of a round that are fitted at most, those that promise most."""
-MOST = 3
-"""Effects that are named at most."""
+FEWEST_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
+HEAD_START = 10.0  # deviance beyond the penalty that an effect has to gain
+ERRORS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
+FULLY = 4  # candidates of a round that are fitted at most, those that promise most
+MOST = 3  # effects that are named at most
 
 
 @dataclass(frozen=True)
@@ -169,15 +173,10 @@ class Contender:
         """Whether the fitted runs ask for it."""
         return self.surplus > HEAD_START and self.steady
 
-    @property
-    def borne_out(self) -> bool:
-        """Whether the held-out runs do not speak against it."""
-        return self.evident and self.held_out > 0
-
     def rivals(self, best: "Contender") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
         behind = fit_of(best.found).density - fit_of(self.found).density
-        return best.surplus - self.surplus < HEAD_START or not _steady(behind)
+        return best.surplus - self.surplus < HEAD_START or not clear(behind, ERRORS)
 
 
 @dataclass(frozen=True)
@@ -202,8 +201,7 @@ class PlanarSearch:
 
     `every` has all runs, those fitted before those held out, `fitted` says how many were fitted. By the first and the
     last model there are predictions (`foretold`) and the runs' log densities (`density`, (R,) each). `where` has the
-    gap of the first one, once somebody looked.
-    """
+    gap of the first one, once somebody looked."""
 
     before: Estimated
     rounds: tuple[Round, ...]
@@ -220,7 +218,6 @@ class PlanarSearch:
 
     @property
     def named(self) -> tuple[Contender, ...]:
-        """What was added."""
         return tuple(one.best for one in self.rounds if one.best is not None)
 
     @property
@@ -230,7 +227,6 @@ class PlanarSearch:
 
     @property
     def after(self) -> Estimated:
-        """The last model."""
         return self.named[-1].found if self.named else self.before
 
     @property
@@ -249,9 +245,7 @@ class PlanarSearch:
 
     @property
     def words(self) -> str:
-        """The verdict in a few words."""
-        names = " and ".join(contender.candidate.label for contender in self.named or self.suspected)
-        return {NAMED: names, SUSPECTED: f"suspected {names}"}.get(self.verdict, self.verdict.replace("-", " "))
+        return in_few_words(self.verdict, [one.candidate.label for one in self.named or self.suspected])
 
     @property
     def why(self) -> str:
@@ -261,13 +255,12 @@ class PlanarSearch:
             return f"The fitted runs ask for {names}, but the likelihood of held-out runs does not improve with it."
         if self.verdict != UNEXPLAINED or self.where is None:
             return ""
-        most = self.passed_over
-        passed = (
-            "No candidate gains more than chance."
-            if most is None
-            else f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
-            f"mean of runs by {ERRORS:g} standard errors."
-        )
+        passed = "No candidate gains more than chance."
+        if (most := self.passed_over) is not None:
+            passed = (
+                f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
+                f"mean of runs by {ERRORS:g} standard errors."
+            )
         return f"The error is beyond chance {stretch(self.where.regions[0])}. {passed}"
 
     def outlook(self, held_out: bool) -> Outlook | None:
@@ -276,8 +269,7 @@ class PlanarSearch:
 
         def part(one: Predicted) -> Predicted:
             own = (one.run >= self.fitted) == held_out
-            names = ("run", "origin", "target", "error", "constant_rate", "constant")
-            return Predicted(one.horizon, *(getattr(one, name)[own] for name in names))
+            return Predicted(**{name: x[own] if isinstance(x, np.ndarray) else x for name, x in vars(one).items()})
 
         before, after = ([part(one) for one in each[YAW.position]] for each in self.foretold)
         own = slice(self.fitted, None) if held_out else slice(self.fitted)
@@ -303,8 +295,8 @@ class _Planar(Judge[Estimated, Round]):
             if 2.0 * promise.gain > HEAD_START
         ]
         model, tried = _on_the_best_summit(likelihood, model, tried, other)
-        good = sorted((one for one in tried if one.borne_out), key=lambda one: -one.surplus)
-        surplus = tuple((one, 2.0 * promise.gain - _penalty(one, runs)) for one, promise in promised)
+        good = sorted((one for one in tried if one.evident and one.held_out > 0), key=lambda one: -one.surplus)
+        surplus = tuple((one, 2.0 * promise.gain - penalty(len(one.added), runs)) for one, promise in promised)
         if not good:
             return Round(model, surplus, tuple(tried), None, ())
         best, *rest = good
@@ -321,7 +313,9 @@ def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run],
     if len(runs) < 2 or not kept:
         raise TooFewRunsError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), seen), PlanarLikelihood(tuple(kept), seen)
-    outcome = discover(_Planar(likelihood, other, seen), likelihood.estimate(*_begin(stored, seen)))
+    base = base_of(stored, seen)  # one start is enough for what somebody took for the vehicle
+    start = Estimated(base, np.zeros((0, 0)), 0.0, 0, random=stored.random)
+    outcome = discover(_Planar(likelihood, other, seen), likelihood.estimate(base, start))
     rounds, before, here = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and here is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
@@ -331,13 +325,6 @@ def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run],
         before, rounds, every, len(runs),
         (foretold(every, before), foretold(every, here)), (_densities(every, before), _densities(every, here)),
     )  # fmt: skip
-
-
-def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated]:
-    """The stored model, and what its fit knew of what is random, if it says so: one start is enough for what somebody
-    took for the vehicle."""
-    base = base_of(stored, seen)
-    return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=stored.random)
 
 
 def _promised(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> list[tuple[Candidate, Promise]]:
@@ -352,17 +339,10 @@ def _promised(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> 
 
 def _contender(one: Candidate, found: Estimated, here: Estimated, other: PlanarLikelihood) -> Contender:
     gained = fit_of(found).density - fit_of(here).density
-    held_out = _density(other, found) - _density(other, here)
-    return Contender(one, found, 2.0 * float(gained.sum()) - _penalty(one, len(gained)), _steady(gained), held_out)
-
-
-def _penalty(one: Candidate, runs: int) -> float:
-    return len(one.added) * float(np.log(runs))
-
-
-def _steady(gained: Floats) -> bool:
-    """Whether the mean of what runs gain (R,) is beyond chance."""
-    return float(gained.mean()) > ERRORS * float(np.std(gained, ddof=1) / np.sqrt(len(gained)))
+    sums = (float(_densities(other, estimate).sum()) for estimate in (found, here))
+    after, before = (density if np.isfinite(density) else -np.inf for density in sums)
+    surplus = 2.0 * float(gained.sum()) - penalty(len(one.added), len(gained))
+    return Contender(one, found, surplus, clear(gained, ERRORS), after - before)
 
 
 def _on_the_best_summit(
@@ -382,15 +362,8 @@ def _on_the_best_summit(
 
 
 def fit_of(found: Estimated) -> InnovationsFit:
-    """What innovations made of an estimate."""
     assert found.fit is not None
     return found.fit
-
-
-def _density(other: PlanarLikelihood, found: Estimated) -> float:
-    """Log likelihood of runs under an estimate from others."""
-    density = float(_densities(other, found).sum())
-    return density if np.isfinite(density) else -np.inf
 
 
 def _densities(likelihood: PlanarLikelihood, found: Estimated) -> Floats:
@@ -432,12 +405,10 @@ class PlanarDiagnosis(Shown):
         return PlanarFit((tried,), Choice(tried), self.runs, self.observed).estimates
 
     def estimates_of(self, contender: Contender) -> dict[str, Estimate]:
-        """Return the parameters that an effect adds."""
         estimates = self._estimates(contender.found)
         return {name: estimates[name] for name in contender.candidate.added}
 
     def document(self, option: str) -> Document:
-        """Return the diagnosis where one is wanted, else the extended model."""
         if option == "diagnosis":
             return json_document("diagnosis.json", self.to_json())
         return json_document("extended_model.json", self.extended_model())
@@ -457,6 +428,7 @@ class PlanarDiagnosis(Shown):
         """Return the content of diagnosis.json: schema automarine/diagnosis/1."""
         search, (before, after) = self.search, self.estimates
         listed = [(step.best, step.rivals) for step in search.steps if step.best is not None]
+        listed = listed or [(suspect, ()) for suspect in search.suspected]
         first = search.rounds[0]
         fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
         gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
@@ -466,7 +438,7 @@ class PlanarDiagnosis(Shown):
             "motion": "planar",
             "verdict": search.verdict,
             **({"why": search.why} if search.why else {}),
-            "effects": [self._effect_json(*one) for one in listed or [(suspect, ()) for suspect in search.suspected]],
+            "effects": [self._effect_json(*one) for one in listed],
             "where": [region.to_json(YAW.units.key) for region in search.where.regions] if search.where else [],
             "gap": {name: self._gap_json(outlook) for name, outlook in outlooks.items()},
             "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
@@ -479,52 +451,41 @@ class PlanarDiagnosis(Shown):
             ],
             "threshold": HEAD_START,
             "base": {
-                name: {"before": before[name].to_json(), "after": after[name].to_json()}
-                for name in before
-                if name in after
+                name: {"before": old.to_json(), "after": after[name].to_json()}
+                for name, old in before.items() if name in after
             },
             "held_out": [run.name for run in self.held_out],
             "runs": runs_json(len(self.runs), self.set_aside, [*self.runs, *self.held_out]),
         }  # fmt: skip
 
     def _effect_json(self, contender: Contender, rivals: Sequence[Contender]) -> dict[str, object]:
-        """A named or suspected effect, with its odds among its rivals."""
-        weights = np.exp([0.5 * (rival.surplus - contender.surplus) for rival in rivals])
-        total = 1.0 + float(np.sum(weights))
+        odds = [float(np.exp(0.5 * (rival.surplus - contender.surplus))) for rival in rivals]
+        weight = 1.0 / (1.0 + sum(odds))
         return {
             "name": contender.candidate.name,
             "law": "surge, sway and yaw",
             "says": contender.candidate.says,
             "parameters": {name: estimate.to_json() for name, estimate in self.estimates_of(contender).items()},
-            "confidence": 1.0 / total,
+            "confidence": weight,
             "deviance_gained": contender.surplus,
             "held_out_log_likelihood_gained": contender.held_out,
             "rivals": [
                 {
-                    "name": rival.candidate.name,
-                    "confidence": float(weight) / total,
-                    "says": rival.candidate.says,
+                    "name": rival.candidate.name, "confidence": weight * odd, "says": rival.candidate.says,
                     "split_by": rival.candidate.split_by,
                 }
-                for rival, weight in zip(rivals, weights)
+                for rival, odd in zip(rivals, odds)
             ],
-        }
+        }  # fmt: skip
 
     def _gap_json(self, outlook: Outlook | None) -> dict[str, float] | None:
-        """The error of the heading over the horizon that decides, beside the noise of its readings."""
         if outlook is None:
             return None
-        judged = outlook.judged or outlook.ahead[-1]
-        return {
-            "before_deg": float(YAW.shown(judged.before)),
-            "after_deg": float(YAW.shown(judged.after)),
-            "noise_floor_deg": float(YAW.shown(self.search.after.noises[YAW.position])),
-            "horizon_s": judged.horizon,
-        }
+        sizes = GapSizes(outlook.longest.before, outlook.longest.after, self.search.after.noises[YAW.position])
+        return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": outlook.longest.horizon}
 
 
-STRETCH = 10.0
-"""Length [s] of a stretch: twice the horizon, and several time constants of usual disturbances."""
+STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
 
 
 def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
@@ -545,42 +506,30 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     missing = np.einsum("ij,jrk->irk", inertia, states[list(places.pushed)])
     command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])
     sign: Floats = np.where(seen, last_side(command[-1]), 0.0)
-    gain = 100.0 * followed.states[places.gain, 0, :, -1]
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
     for dof, force in zip(PLANAR.dofs, missing):
         if dof in every.seen.dofs:
             kinds[dof.words.full_force] = (dof.units.forces[1], np.where(seen, force, 0.0))
     floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, seen)
+    gap = Gap(
+        names=course.names, residual=residual, raw=residual, sign=sign, seen=seen,
+        gain=100.0 * followed.states[places.gain, 0, :, -1], floor=floor, shown=YAW.shown,
+    )  # fmt: skip
     r, part = _stretches(course, seen)
     pieces = {name: (unit, part * values[r]) for name, (unit, values) in kinds.items()}
-    gap = Gap(
-        tuple(course.names[i] for i in r),
-        part * residual[r],
-        part * residual[r],
-        np.where(part, sign[r], 0.0),
-        part,
-        gain[r],
-        floor,
-        shown=YAW.shown,
-    )
-    looked = look([replace(one, values=np.where(part, one.values[r], np.nan)) for one in columns], pieces, gap, seed)
-    kept = {one.name: one for one in columns}
+    off = part * residual[r]
+    of_pieces = replace(
+        gap, names=tuple(course.names[i] for i in r), residual=off, raw=off, sign=np.where(part, sign[r], 0.0),
+        seen=part, gain=gap.gain[r],
+    )  # fmt: skip
+    inside = [replace(column, values=np.where(part, column.values[r], np.nan)) for column in columns]
+    looked = look(inside, pieces, of_pieces, seed)
+    by_name = {column.name: column for column in columns}
+    looked = replace(looked, columns=tuple(by_name[variable.name] for variable in looked.variables))
     return Where(
-        variables=looked.variables,
-        columns=tuple(kept[one.name] for one in looked.variables),
-        regions=tuple(replace(one, runs=tuple(dict.fromkeys(one.runs))) for one in looked.regions),
-        names=course.names,
-        residual=residual,
-        moment=np.where(seen, missing[-1], 0.0),
-        sign=sign,
-        gain=gain,
-        mean_moment=np.array([float(run.command.mean()) for run in runs]),
-        time=course.time,
-        seen=seen,
-        floor=floor,
-        moment_unit=course.moment_unit,
-        dof=YAW,
-    )
+        **vars(looked), **vars(gap), moment=np.where(seen, missing[-1], 0.0), time=course.time,
+        mean_moment=np.array([float(run.command.mean()) for run in runs]), moment_unit=course.moment_unit, dof=YAW,
+    )  # fmt: skip
 
 
 def judged(each: tuple[Predicted, ...]) -> Predicted:
@@ -619,14 +568,9 @@ def _columns(
 
 def _stretches(course: Course, seen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The run of each stretch, (S,), and which of its nodes are in it, (S, K)."""
-    number = np.floor(course.time / STRETCH)
-    each = [
-        (r, own)
-        for r in range(len(seen))
-        for n in np.unique(number[r, seen[r]])
-        if (own := seen[r] & (number[r] == n)).any()
-    ]
-    return np.array([r for r, _ in each]), np.array([own for _, own in each])
+    number = np.where(seen, np.floor(course.time / STRETCH), -1.0)
+    each = [(r, number[r] == n) for r in range(len(seen)) for n in np.unique(number[r, seen[r]])]
+    return np.array([r for r, _ in each]), np.array([nodes for _, nodes in each])
 
 
 def _at_nodes(course: Course, columns: list[Floats], runs: tuple[Run, ...]) -> Floats:

@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.given import disturbance, missed
 from automarine_cli.diagnosis.search import Trial
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, disturbance, missed
 from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit
@@ -26,12 +26,10 @@ from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED
 
-FEWEST_IN_A_BIN = 2
-"""Runs that a bin needs: one run alone says nothing about chance."""
+FEWEST_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
 OF_THE_RUN = 0.1
 """A column that varies within runs by less than this share of its whole spread is a property of the run."""
-UNITS = {"voltage": "V", "sway": "m/s"}
-"""Of columns that are no velocity of a motion."""
+UNITS = {"voltage": "V", "sway": "m/s"}  # of columns that are no velocity of a motion
 VELOCITIES = {one.velocity: one.units for one in DOFS.values()}
 
 
@@ -47,84 +45,61 @@ class Column:
 
     @property
     def of_the_run(self) -> bool:
-        """Whether each run has one value."""
         return self.values.ndim == 1
 
 
 def columns(study: Study, fitted: Floats) -> list[Column]:
     """Every variable of the runs of `study`; `fitted` (R, N) are headings smooth enough to differentiate [rad]."""
-    batch = study.batch
-    seen, time, dof = batch.seen, study.time, study.base.dof
-    words = dof.words
-    moment = commanded(study)
+    batch, dof = study.batch, study.base.dof
+    seen, time, words, force = batch.seen, study.time, dof.words, study.base.moment_unit
+    position, turn = dof.units.shown, 360.0 if dof.wraps else np.inf  # headings within a turn
+    moment, first = at_samples(study, [run.command for run in study.runs]), np.full(len(study.runs), np.nan)
+    for i, run in enumerate(study.runs):
+        pushed = run.command[run.command != 0]
+        if len(pushed) and np.ptp(np.abs(pushed)) < 1e-6 * np.abs(pushed).max():  # of one size
+            first[i] = pushed[0]
     start = np.array([float(np.median(run.position[:5])) for run in study.runs])
-    measured = np.where(seen, batch.position, np.nan)
-    clock = batch.start
-    order = np.argsort(np.argsort(clock, kind="stable"), kind="stable").astype(np.float64) + 1.0
+    order = np.argsort(np.argsort(batch.start, kind="stable"), kind="stable").astype(np.float64) + 1.0
     found = [
         Column("time-since-command-change", "s", since_change(moment, time)),
         Column("time-in-run", "s", time),
-        Column(_hyphened(words.travelled), dof.units.shown, dof.shown(fitted - fitted[:, :1])),
-        Column(words.position, dof.units.shown, _once_round(dof.shown(measured), dof)),
-        Column(_hyphened(words.rate), f"{dof.units.shown}/s", dof.shown(rates(fitted, time, seen))),
-        Column(words.force, study.base.moment_unit, moment),
-        Column(words.force, study.base.moment_unit, variables_of_runs(study)),
-        Column(f"{words.force}-size", study.base.moment_unit, np.abs(variables_of_runs(study))),
-        Column(f"start-{words.position}", dof.units.shown, _once_round(dof.shown(start), dof)),
+        Column(hyphened(words.travelled), position, dof.shown(fitted - fitted[:, :1])),
+        Column(words.position, position, _within(dof.shown(batch.position), turn)),
+        Column(hyphened(words.rate), f"{position}/s", dof.shown(rates(fitted, time, seen))),
+        Column(words.force, force, moment),
+        Column(words.force, force, first),
+        Column(f"{words.force}-size", force, np.abs(first)),
+        Column(f"start-{words.position}", position, _within(dof.shown(start), turn)),
         Column("run-order", "", order),
-        Column("campaign-clock", "s", clock),
+        Column("campaign-clock", "s", batch.start),
     ]
-    shared = set.intersection(*(set(run.extras) for run in study.runs)) - {ASKED, *PARTS}
-    for name in sorted(shared):
-        values = np.full(seen.shape, np.nan)
-        for row, run in zip(values, study.runs):
-            row[: len(run)] = run.extras[name]
+    for name in sorted(set.intersection(*(set(run.extras) for run in study.runs)) - {ASKED, *PARTS}):
         units = VELOCITIES.get(name)
         scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
-        column = of_run_or_sample(name, unit, scale * values)
-        found.append(replace(column, name=_hyphened(dof.words.rate) if name == dof.velocity else name))
-    columns_ = [c if c.of_the_run else replace(c, values=np.where(seen, c.values, np.nan)) for c in found]
+        column = of_run_or_sample(name, unit, scale * at_samples(study, [run.extras[name] for run in study.runs]))
+        found.append(replace(column, name=hyphened(words.rate) if name == dof.velocity else name))
     kept: dict[tuple[str, bool], Column] = {}
-    for column in columns_:
-        if np.isfinite(column.values).any() and np.nanmax(column.values) > np.nanmin(column.values):
-            kept.setdefault((column.name, column.of_the_run), column)
+    for column in found:
+        values = column.values if column.of_the_run else np.where(seen, column.values, np.nan)
+        if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values):
+            kept.setdefault((column.name, column.of_the_run), replace(column, values=values))
     return list(kept.values())
 
 
-def _hyphened(words: str) -> str:
-    return words.replace(" ", "-")
+def _within(shown: Floats, turn: float) -> Floats:
+    return shown % turn if np.isfinite(turn) else shown
 
 
-def _once_round(shown: Floats, dof: Dof) -> Floats:
-    """Headings within a turn; positions that never come back as they are."""
-    return shown % 360.0 if dof.wraps else shown
-
-
-def variables_of_runs(study: Study) -> Floats:
-    """The first moment of each run (R,), NaN where a run has moments of several sizes or none."""
-    first = np.full(len(study.runs), np.nan)
-    for i, run in enumerate(study.runs):
-        pushed = run.command[run.command != 0]
-        if len(pushed) and np.ptp(np.abs(pushed)) < 1e-6 * np.abs(pushed).max():
-            first[i] = pushed[0]
-    return first
-
-
-def commanded(study: Study) -> Floats:
-    """Moment commanded at each sample, (R, N), NaN in the padding."""
-    moment = np.full(study.batch.seen.shape, np.nan)
-    for row, run in zip(moment, study.runs):
-        row[: len(run)] = run.command
-    return moment
-
-
-def direction(study: Study) -> Floats:
-    """Sign of the last moment that was not zero, (R, N); that of the first one before it."""
-    return last_side(np.nan_to_num(commanded(study)))
+def at_samples(study: Study, logged: Sequence[Floats]) -> Floats:
+    """A column of each run at all samples, (R, N), NaN in the padding."""
+    values = np.full(study.batch.seen.shape, np.nan)
+    for row, column in zip(values, logged):
+        row[: len(column)] = column
+    return values
 
 
 def last_side(moment: Floats) -> Floats:
-    """The same of moments (R, N)."""
+    """Sign of the last of moments (R, N) that was not zero; that of the first one before it."""
     signs = np.sign(moment)
     at = np.where(signs != 0, np.arange(moment.shape[1]), -1)
     at = np.maximum.accumulate(at, axis=1)
@@ -171,13 +146,11 @@ def since_change(moment: Floats, time: Floats) -> Floats:
 
 def of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
     """A logged column as a property of the run, (R,), where it hardly changes within runs (R, N)."""
-    with_data = np.isfinite(values).any(axis=1)
-    if not with_data.all():
-        return Column(name, unit, values, logged=True)
-    whole = float(np.nanstd(values))
-    within = float(np.sqrt(np.nanmean((values - np.nanmean(values, axis=1, keepdims=True)) ** 2)))
-    if within < OF_THE_RUN * whole or within < 1e-12:
-        return Column(name, unit, np.asarray(np.nanmean(values, axis=1)), logged=True)
+    if np.isfinite(values).any(axis=1).all():
+        mean = np.asarray(np.nanmean(values, axis=1))
+        within = float(np.sqrt(np.nanmean((values - mean[:, None]) ** 2)))
+        if within < OF_THE_RUN * float(np.nanstd(values)) or within < 1e-12:
+            values = mean
     return Column(name, unit, values, logged=True)
 
 
@@ -186,8 +159,7 @@ SURE = 0.01
 """Share of campaigns with nothing missing in which any variable may have bins that stand out: beside one that has,
 something is missing."""
 MOST_BINS = 12
-THRUST, SIZE = "thrust", "size"
-"""The gaps of whole runs: in their own gain of the thrust, and in how large theirs is."""
+THRUST, SIZE = "thrust", "size"  # the gaps of whole runs: in their own gain of the thrust, and in how large theirs is
 
 
 @dataclass(frozen=True)
@@ -195,8 +167,7 @@ class Row:
     """One way to average the gap in bins: `mean` (B,) with its standard error over runs, `t` (B,) and p (B,).
 
     `directed` means that gaps count along the moment: what mirrors with the command adds up. `p` is family-wise over
-    the variable's bins and rows; degrees for headings, the moment's unit, or per cent for the thrust gain.
-    """
+    the variable's bins and rows; degrees for headings, the moment's unit, or per cent for the thrust gain."""
 
     kind: str
     directed: bool
@@ -224,7 +195,6 @@ class Variable:
 
     @property
     def telling(self) -> Row:
-        """The row that stands out most."""
         return max(self.rows, key=lambda row: float(np.nanmax(np.abs(row.t), initial=0.0)))
 
 
@@ -253,8 +223,7 @@ def of_samples(
             around = sums - samples * np.nan_to_num(mean)
             error = np.where(enough, np.sqrt((around**2).sum(axis=0)) / total, np.nan)
             rows.append(Row(kind, directed, unit, mean, error, t, np.ones(count)))
-    middle = np.array([np.mean(column.values[which == b]) if (which == b).any() else np.nan for b in range(count)])
-    return _tested(column, cut, middle, rows, chance)
+    return _tested(column, cut, column.values, which, rows, chance)
 
 
 def of_runs(
@@ -282,28 +251,25 @@ def of_runs(
         by_chance = centred[orders] @ member / np.maximum(number, 1.0) / error
         chance = np.maximum(chance, np.abs(by_chance[:, enough]).max(axis=1, initial=0))
         rows.append(Row(kind, directed, unit, mean, error, t, np.ones(bins)))
-    middle = np.array([np.mean(values[which == b]) if (which == b).any() else np.nan for b in range(bins)])
-    return _tested(column, cut, middle, rows, chance)
+    return _tested(column, cut, values, which, rows, chance)
 
 
-def _tested(column: Column, cut: Floats, middle: Floats, rows: list[Row], chance: Floats) -> tuple[Variable, Floats]:
+def _tested(
+    column: Column, cut: Floats, values: Floats, which: NDArray[np.int64], rows: list[Row], chance: Floats
+) -> tuple[Variable, Floats]:
     """The variable with p-values from the largest |t| that chance gives over all its bins and rows."""
-    found = []
-    for row in rows:
-        above = _as_large(chance, np.abs(row.t))
-        found.append(replace(row, p=np.asarray((1.0 + above) / (1.0 + len(chance)), dtype=float)))
-    p_value = min(float(row.p.min()) for row in found)
-    nothing = np.zeros(len(middle), dtype=bool)
-    variable = Variable(
-        column.name, column.unit, column.of_the_run, cut, middle, tuple(found), p_value, nothing, column.logged
-    )
-    return variable, chance
+    bins = [values[which == b] for b in range(len(cut) - 1)]
+    middle = np.array([np.mean(inside) if len(inside) else np.nan for inside in bins])
+    tested = tuple(replace(r, p=(1.0 + _as_large(chance, np.abs(r.t))) / (1.0 + len(chance))) for r in rows)
+    p_value, nothing = min(float(row.p.min()) for row in tested), np.zeros(len(middle), dtype=bool)
+    of = (column.name, column.unit, column.of_the_run)
+    return Variable(*of, cut, middle, tested, p_value, nothing, column.logged), chance
 
 
-def _as_large(chance: Floats, values: Floats) -> NDArray[np.int64]:
+def _as_large(chance: Floats, values: Floats) -> Floats:
     """How many draws give as much as each value or more. Few runs have few different draws, so many are the same but
     for rounding, which must not decide."""
-    return np.asarray(len(chance) - np.searchsorted(np.sort(chance), values * (1 - 1e-9), side="left"))
+    return np.asarray(len(chance) - np.searchsorted(np.sort(chance), values * (1 - 1e-9), side="left"), dtype=float)
 
 
 def over_variables(found: list[tuple[Column, Variable, Floats]]) -> list[tuple[Column, Variable]]:
@@ -328,8 +294,7 @@ def over_variables(found: list[tuple[Column, Variable, Floats]]) -> list[tuple[C
 
 
 PERMUTATIONS = 2000
-ODD_RUN = 2.0
-"""A run takes part in a region where its own mean there is this many times what heading noise gives."""
+ODD_RUN = 2.0  # A run takes part in a region where its own mean there is this many times what heading noise gives
 
 
 @dataclass(frozen=True)
@@ -337,9 +302,7 @@ class Region:
     """A stretch of one variable in which the gap stands out; `gap` is the mean that repeats from run to run, as shown.
 
     `seen_in` says which gap shows it: that of the position, of the moment or force, of "thrust" (a run's own gain) or
-    its "size". `share` is the part
-    of the gap above the noise that lies in the region.
-    """
+    its "size". `share` is the part of the gap above the noise that lies in the region."""
 
     variable: str
     low: float
@@ -353,41 +316,15 @@ class Region:
 
     def to_json(self, unit: str) -> dict[str, object]:
         """The contract's form; `unit` ends the key of the gap."""
-        return {
-            "variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit,
-            f"gap_{unit}": self.gap, "p_value": self.p_value, "runs": list(self.runs), "share": self.share,
-            "seen_in": self.seen_in,
-        }  # fmt: skip
+        keys = {"low": "from", "high": "to", "gap": f"gap_{unit}"}
+        return {keys.get(name, name): value for name, value in {**vars(self), "runs": list(self.runs)}.items()}
 
 
-@dataclass(frozen=True)
-class Where:
-    """Everything that the figure and the result need; residual headings (R, N) [rad], zero in the padding.
-
-    `columns` hold each variable's values, `sign` (R, N) the side to which the last moment pushed, `gain` (R,) each
-    run's own thrust [%]; `moment` (R, N) is the disturbance moment at each sample [the moment's unit].
-    """
-
-    variables: tuple[Variable, ...]
-    columns: tuple[Column, ...]
-    regions: tuple[Region, ...]
-    names: tuple[str, ...]
-    residual: Floats
-    moment: Floats
-    sign: Floats
-    gain: Floats
-    mean_moment: Floats
-    time: Floats
-    seen: NDArray[np.bool_]
-    floor: float
-    moment_unit: str
-    dof: Dof
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Gap:
-    """What is left of R runs at N samples, as in `Where`; `raw` (R, N) is what is left if every run has the same
-    thrust. `shown` turns it into the unit in which people see it."""
+    """What is left of R runs at N samples: residual positions (R, N) [rad or m], zero in the padding, and `raw` ones,
+    if every run has the same thrust; `sign` (R, N) is the side to which the last moment pushed, `gain` (R,) each run's
+    own thrust. `shown` turns residuals into the unit in which people see them."""
 
     names: tuple[str, ...]
     residual: Floats
@@ -400,13 +337,24 @@ class Gap:
     shown: Callable[[float], float] = float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Looked:
     """Variables with their columns, and the regions in which a gap stands out, the surest first."""
 
-    variables: tuple[Variable, ...]
-    columns: tuple[Column, ...]
-    regions: tuple[Region, ...]
+    variables: tuple[Variable, ...] = ()
+    columns: tuple[Column, ...] = ()
+    regions: tuple[Region, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where(Gap, Looked):
+    """Everything that the figure and the result need; `moment` (R, N) is the disturbance at each sample."""
+
+    moment: Floats
+    mean_moment: Floats
+    time: Floats
+    moment_unit: str
+    dof: Dof
 
 
 def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap, seed: int) -> Looked:
@@ -425,7 +373,10 @@ def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap
     judged = over_variables(found)
     regions = [region for column, variable in judged for region in _regions(column, variable, gap)]
     regions.sort(key=lambda region: (region.p_value, -region.share))
-    return Looked(tuple(variable for _, variable in judged), tuple(column for column, _ in judged), tuple(regions))
+    return Looked(
+        variables=tuple(variable for _, variable in judged), columns=tuple(column for column, _ in judged),
+        regions=tuple(replace(region, runs=tuple(dict.fromkeys(region.runs))) for region in regions),
+    )  # fmt: skip
 
 
 def find_where(study: Study, base: Trial, seed: int) -> Where:
@@ -434,39 +385,28 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
     batch, dof = study.batch, study.base.dof
     raw = without_gains(study, base)
     fitted = np.where(batch.seen, batch.position - residual, 0.0)
-    sign = np.where(batch.seen, direction(study), 0.0)
-    gain = 100.0 * base.fit.own(GAIN)[:, 0]
+    side = last_side(np.nan_to_num(at_samples(study, [run.command for run in study.runs])))
     kinds = {
         dof.words.position: (dof.units.shown, dof.shown(residual)),
         THRUST: (dof.units.shown, dof.shown(raw)),
         dof.words.force: (study.base.moment_unit, moment),
     }
-    gap = Gap(batch.names, residual, raw, sign, batch.seen, gain, study.floor, shown=dof.shown)
+    gap = Gap(
+        names=batch.names, residual=residual, raw=raw, sign=np.where(batch.seen, side, 0.0), seen=batch.seen,
+        gain=100.0 * base.fit.own(GAIN)[:, 0], floor=study.floor, shown=dof.shown,
+    )  # fmt: skip
     looked = look(columns(study, fitted), kinds, gap, seed)
     pushed = [run.command[run.command != 0] for run in study.runs]
     return Where(
-        variables=looked.variables,
-        columns=looked.columns,
-        regions=looked.regions,
-        names=batch.names,
-        residual=residual,
-        moment=moment,
-        sign=sign,
-        gain=gain,
+        **vars(looked), **vars(gap), moment=moment, time=study.time, moment_unit=study.base.moment_unit, dof=dof,
         mean_moment=np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]),
-        time=study.time,
-        seen=batch.seen,
-        floor=study.floor,
-        moment_unit=study.base.moment_unit,
-        dof=dof,
-    )
+    )  # fmt: skip
 
 
 def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     """Residual headings [rad] of a trial on the runs it was fitted to, and the disturbance moment, both (R, N).
 
-    The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit.
-    """
+    The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit."""
     if isinstance(trial.fit, InnovationsFit):
         return missed(study, trial.model, trial.fit), disturbance(study, trial.model, trial.fit)
     problem, batch = study.problem(trial.model), study.batch
@@ -496,7 +436,6 @@ def without_gains(study: Study, trial: Trial) -> Floats:
 
 
 def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:
-    """Logarithm of each run's root mean square gap, (R,)."""
     return np.asarray(0.5 * np.log(np.maximum((residual**2).sum(axis=1) / seen.sum(axis=1), 1e-18)))
 
 
@@ -504,23 +443,17 @@ def _regions(column: Column, variable: Variable, gap: Gap) -> list[Region]:
     """Neighbouring bins that stand out together, to the same side, are one region."""
     side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
     changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
+    stretches = [(begin, end) for begin, end in pairwise(changes.tolist()) if side[begin] != 0]
+    return [_region(column, variable, gap, begin, end) for begin, end in stretches]
+
+
+def _region(column: Column, variable: Variable, gap: Gap, begin: int, end: int) -> Region:
+    """The region of bins from `begin` to `end`: its gap, the runs that show it, and its share of the whole gap above
+    the noise."""
+    low, high = float(variable.edges[begin]), float(variable.edges[end])
     values = column.values[:, None] if column.of_the_run else column.values
-    found = []
-    for begin, end in pairwise(changes):
-        if side[begin] == 0:
-            continue
-        low, high = float(variable.edges[begin]), float(variable.edges[end])
-        with np.errstate(invalid="ignore"):
-            inside = gap.seen & (values >= low) & (values < high)
-        row = max(variable.rows, key=lambda r: float(np.abs(r.t[begin:end]).max()))
-        found.append(_region(column, variable, gap, (low, high), row.kind, inside))
-    return found
-
-
-def _region(
-    column: Column, variable: Variable, gap: Gap, ends: tuple[float, float], kind: str, inside: NDArray[np.bool_]
-) -> Region:
-    """One region: its gap, the runs that show it, and its share of the whole gap above the noise."""
+    inside = gap.seen & (values >= low) & (values < high)
+    kind = max(variable.rows, key=lambda row: float(np.abs(row.t[begin:end]).max())).kind
     residual = gap.raw if kind == THRUST else gap.residual
     count = max(int(inside.sum()), 1)
     square = residual**2 - gap.floor**2
@@ -536,7 +469,7 @@ def _region(
     taking = inside.any(axis=1) & ((mean > ODD_RUN * gap.floor / np.sqrt(samples)) | rough)
     share = excess / max(float((square * gap.seen).sum()), 1e-300)
     return Region(
-        variable.name, *ends, variable.unit, float(gap.shown(size)), variable.p_value,
+        variable.name, low, high, variable.unit, float(gap.shown(size)), variable.p_value,
         tuple(name for name, part in zip(gap.names, taking) if part),
         float(np.clip(share, 0.0, 1.0)), kind,
     )  # fmt: skip

@@ -12,7 +12,6 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.study import Fit, Study
@@ -28,7 +27,8 @@ from automarine_cli.quantities import Floats
 
 @dataclass(frozen=True)
 class Pull:
-    """Each run's information (R, m, m) on the parameters of a model and of all probes, and its score (R, m)."""
+    """Each run's information (R, m, m) on a model's parameters and, after them, the sizes of all probes, and its score
+    (R, m)."""
 
     hessian: Floats
     gradient: Floats
@@ -46,21 +46,12 @@ class Probe:
 
 
 def pull_of(study: Study, model: YawModel, fit: Fit, names: Sequence[str], every: Sequence[Probe], each: Each) -> Pull:
-    """Each run's information and score in the model's parameters and, after them, the sizes of all probes; `each` maps
-    a function over the candidates, in processes or not."""
+    """The pull of a fit and of probes of the effects `names`; `each` maps a function over these."""
+    work = [(name, np.concatenate([probe.values for probe in every if probe.effect == name])) for name in names]
     if isinstance(fit, InnovationsFit):
-        return _of_driven(study, model, fit, names, every)
-    return _of_whole(study, model, fit, names, every, each)
-
-
-def _of_whole(
-    study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], every: Sequence[Probe], each: Each
-) -> Pull:
-    """Each run's normal equations in the model's parameters and, after them, the sizes of all probes."""
+        return _of_driven(study, model, fit, work)
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
-    values = [np.concatenate([probe.values for probe in every if probe.effect == name]) for name in names]
-    work = list(zip(names, values))
     columns = np.concatenate(each(partial(_responses, study, model, fit), work, "looking at effects")) - fitted
     columns = np.where(problem.seen, columns, 0.0)
     sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
@@ -71,15 +62,12 @@ def _of_whole(
     return Pull(weighted.hessian, weighted.gradient)
 
 
-def _of_driven(
-    study: Study, model: YawModel, fit: InnovationsFit, names: Sequence[str], every: Sequence[Probe]
-) -> Pull:
+def _of_driven(study: Study, model: YawModel, fit: InnovationsFit, work: Sequence[tuple[str, Floats]]) -> Pull:
     """The same of driven runs: what each probe changes in the innovations and in their variances."""
     problem = study.driven_problem(model)
     whole, own = slice(None), len(fit.of_model)
     found = [innovations_of(problem.follow(problem.moved(fit.phi)), whole, problem.steps(fit.phi))]
-    for name in names:
-        values = np.concatenate([probe.values for probe in every if probe.effect == name])
+    for name, values in work:
         wider = study.driven_problem(model.with_effect(name, values[0]))
         theta = np.tile(fit.theta, (len(values), 1))
         theta = np.concatenate([theta[:, :own], values, theta[:, own:]], axis=1)
@@ -105,16 +93,14 @@ def _responses(study: Study, model: YawModel, fit: MixedFit, candidate: tuple[st
     return problem.response(theta, np.tile(own, (count, 1, 1)))
 
 
-RATES = 50
-"""Rates at which drag is asked for its sign, either way round."""
+RATES = 50  # rates at which drag is asked for its sign, either way round
 
 
 def drag_drives(model: YawModel, fastest: float) -> bool:
     """Whether the drag of `model` would speed the vehicle up at some rate up to `fastest` [rad/s], either way round.
 
-    Such a model follows the runs it was fitted to and runs away on others: the asymmetry of a quadratic drag beside
-    a linear one alone, say.
-    """
+    Such a model follows the runs it was fitted to and runs away on others: the asymmetry of a quadratic drag beside a
+    linear one alone, say."""
     rates = fastest * np.linspace(-1.0, 1.0, 2 * RATES + 1)[:, None]
     still = np.zeros_like(rates)
     state = State(still, still, rates, rates, still, still, {})
@@ -129,10 +115,8 @@ def drag_drives(model: YawModel, fastest: float) -> bool:
 
 
 DRAWS = 2000
-NEAR = 0.5
-"""Share of an effect's best score from which another of its laws is worth a fit."""
-ROUNDING = 1e-10
-"""Share of a column's information below which what is left is rounding."""
+NEAR = 0.5  # share of an effect's best score from which another of its laws is worth a fit
+ROUNDING = 1e-10  # share of a column's information below which what is left is rounding
 SMALL = 0.03  # size at which a parameter without a start of its own is tried
 
 
@@ -164,18 +148,13 @@ def penalty(parameters: int, runs: int) -> float:
 def candidates(study: Study, model: YawModel) -> list[str]:
     """Effects of its motion that the model lacks and the logs can drive."""
     present = {term.name for term in model.terms}
+    able = [effects.get(name) for name in effects.names() if name not in present]
     return [
-        name for name in effects.names()
-        if name not in present and effects.get(name).acts_in(model.dof)
-        and set(effects.get(name).needs) <= set(study.signals)
-        and (study.position_counts or not _of_positions(name))
+        effect.name for effect in able
+        if effect.acts_in(model.dof) and set(effect.needs) <= set(study.signals)
+        # velocities alone show neither where the vehicle is nor the sensor of that
+        and (study.position_counts or not (effect.place is effects.Place.SENSOR or effect.placed))
     ]  # fmt: skip
-
-
-def _of_positions(name: str) -> bool:
-    """Whether an effect rests on where the vehicle is, or on the sensor of that: velocities alone show neither."""
-    effect = effects.get(name)
-    return effect.place is effects.Place.SENSOR or effect.placed
 
 
 def fitted_parameters(name: str, values: Sequence[float] | Floats | None = None) -> int:
@@ -189,9 +168,7 @@ def probes(study: Study, name: str) -> list[Probe]:
     """The shapes in which a candidate is tried; how it varies from run to run is no shape of its own."""
     effect = effects.get(name)
     own = effect.parameters
-    laws = [
-        range(len(p.choices)) if p.choices and not effect.per_run else (None,) for p in own
-    ]  # fmt: skip
+    laws = [range(len(p.choices)) if p.choices and not effect.per_run else (None,) for p in own]
     found = []
     for law in product(*laws):
         fixed = [
@@ -220,9 +197,11 @@ def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: i
     """Score the candidates `names` at a fit of `model`; `each` maps a function over them."""
     every = [probe for name in names for probe in probes(study, name)]
     weighted = pull_of(study, model, fit, names, every, each)
-    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
-    free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
-    information, pull = _project(hessian, gradient, free, len(fit.phi))
+    information, pull = project(weighted, fit)
+    # columns of which only rounding is left are nothing: what a model follows wholly, or what these runs do not stir
+    of_size = np.diagonal(weighted.hessian.sum(axis=0))[len(fit.phi) :]
+    left = np.diagonal(information) > ROUNDING * np.maximum(of_size, ROUNDING * of_size.max(initial=0.0))
+    information, pull = information * np.outer(left, left), pull * left
     random = np.random.default_rng(seed)
     draws = _draw(information, random)
     runs, at = len(study.runs), 0
@@ -242,10 +221,14 @@ def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: i
         cost = penalty(fitted_parameters(probe.effect, start), runs)
         null = np.maximum(null, _drop(block, draws[:, here], probe.one_sided)[0] - cost)
         keep(law_of(probe.effect, start), Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size))
-        if effects.get(probe.effect).per_run and _period(probe) <= study.slowest:
+        effect = effects.get(probe.effect)
+        period = next((v for p, v in zip(effect.parameters, probe.values[0]) if p.scan), np.inf)
+        if effect.per_run and period <= study.slowest:
             columns = slice(len(fit.phi) + here.start, len(fit.phi) + here.stop)
             rise, chance = _varying(weighted, columns, random)
-            start = _varying_start(probe)
+            # no common coefficients, the probe's shape
+            shape = [1.0 if p.choices else value for p, value in zip(effect.parameters, probe.values[0])]
+            start = np.array([0.0 if i in probe.sized else value for i, value in enumerate(shape)])
             cost = penalty(fitted_parameters(probe.effect, start), runs)
             null = np.maximum(null, chance - cost)
             keep(law_of(probe.effect, start), Score(probe.effect, rise, rise - cost, start, unit_size))
@@ -269,9 +252,8 @@ def _by_effect(found: Sequence[Score]) -> tuple[Score, ...]:
 def _varying(weighted: Pull, columns: slice, random: np.random.Generator) -> tuple[float, Floats]:
     """What a coefficient of its own in every run would gain in deviance, and what chance would (DRAWS,).
 
-    With u = V'R^-1 e and K = V'R^-1 V of a run, in K's axes, coefficients of variance g add to the deviance
-    log(1 + g k) - g u²/(1 + g k) an axis, whatever the run; g is the best on a grid.
-    """
+    With u = V'R^-1 e and K = V'R^-1 V of a run, in K's axes, coefficients of variance g add to the deviance log(1 + g
+    k) - g u²/(1 + g k) an axis, whatever the run; g is the best on a grid."""
     k, turn = np.linalg.eigh(weighted.hessian[:, columns, columns])
     pull = np.einsum("rm,rmj->rj", weighted.gradient[:, columns], turn)
     k, square = np.maximum(k, 0.0).ravel(), (pull**2).ravel()
@@ -285,32 +267,14 @@ def _varying(weighted: Pull, columns: slice, random: np.random.Generator) -> tup
     return float(max(gain.max(), 0.0)), np.asarray(np.maximum(chance.max(axis=1), 0.0))
 
 
-def _period(probe: Probe) -> float:
-    """The probe's value of the parameter that is scanned."""
-    return float(next(v for p, v in zip(effects.get(probe.effect).parameters, probe.values[0]) if p.scan))
-
-
-def _varying_start(probe: Probe) -> Floats:
-    """Where a fit starts in which each run has coefficients of its own: no common ones, the probe's shape."""
-    own = effects.get(probe.effect).parameters
-    start = [0.0 if i in probe.sized else 1.0 if p.choices else v for i, (p, v) in enumerate(zip(own, probe.values[0]))]
-    return np.array(start)
-
-
-def _project(hessian: Floats, gradient: Floats, free: NDArray[np.int64], own: int) -> tuple[Floats, Floats]:
-    """Information (m, m) and score (m,) of the candidates' columns with the model's free parameters projected off.
-
-    Columns of which only rounding is left are nothing: what a model follows wholly, or what these runs do not stir.
-    """
-    rest = np.arange(own, len(hessian))
-    grid = np.ix_(free, free)
-    across = hessian[np.ix_(rest, free)]
-    inverse = linear_mixed.covariance_of(hessian[grid])
-    information = hessian[np.ix_(rest, rest)] - across @ inverse @ across.T
-    pull = gradient[rest] - across @ inverse @ gradient[free]
-    of_size = np.diagonal(hessian)[rest]
-    left = np.diagonal(information) > ROUNDING * np.maximum(of_size, ROUNDING * of_size.max(initial=0.0))
-    return 0.5 * (information + information.T) * np.outer(left, left), pull * left
+def project(weighted: Pull, fit: Fit) -> tuple[Floats, Floats]:
+    """Information (m, m) and score (m,) of the probes over all runs, with the model's free parameters projected off."""
+    hessian, gradient, own = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), len(fit.phi)
+    free = np.setdiff1d(np.arange(own), fit.at_bound)
+    across = hessian[own:][:, free]
+    taken = across @ linear_mixed.covariance_of(hessian[np.ix_(free, free)])
+    information = hessian[own:, own:] - taken @ across.T
+    return 0.5 * (information + information.T), gradient[own:] - taken @ gradient[free]
 
 
 def _draw(information: Floats, random: np.random.Generator) -> Floats:

@@ -6,11 +6,10 @@ penalty, the run as the unit; the threshold is what the best of all candidates r
 in which nothing is missing; runs predicted from the others have a veto.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
-from typing import Any
+from itertools import combinations, product
 
 import numpy as np
 
@@ -36,20 +35,16 @@ from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
-LEVEL = 0.005
-"""Share of campaigns with nothing missing in which something may still be claimed."""
-WEAK = 0.05
-"""The same of what is suspected."""
-CLEAR = 2.0
-"""Standard errors over runs by which runs have to gain in the mean."""
+LEVEL = 0.005  # share of campaigns with nothing missing in which something may still be claimed
+WEAK = 0.05  # the same of what is suspected
+CLEAR = 2.0  # standard errors over runs by which runs have to gain in the mean
 MOST_EFFECTS = 3
 STANDS = 1.3
 """Times the floor above which what is left is said, and above which residuals that hang together are unexplained,
 however much larger they were before."""
 
 
-DRAG = BASE_TERMS["2"]
-"""Effects that put the drag of the base right."""
+DRAG = BASE_TERMS["2"]  # effects that put the drag of the base right
 CURVE = ("dead-band", "thrust-exponent")
 """What together is the curve of the thrust against its command, and counts as one effect."""
 
@@ -66,17 +61,16 @@ class Trial:
     @property
     def counted(self) -> tuple[str, ...]:
         """The effects added, without what puts the drag of the base right beside others."""
-        return tuple(name for name in self.added if not corrects(name)) or self.added
+        return tuple(name for name in self.added if name not in DRAG) or self.added
 
     @property
     def count(self) -> int:
-        """How many effects these are."""
         return len(self.counted) - (set(CURVE) <= set(self.counted))
 
-
-def corrects(name: str) -> bool:
-    """Whether an effect puts the drag of the base right."""
-    return name in DRAG
+    @property
+    def law(self) -> tuple[object, ...]:
+        """The effect added last, and the choices in its values."""
+        return law_of(self.added[-1], self.model.terms[-1].values)
 
 
 @dataclass(frozen=True)
@@ -89,7 +83,6 @@ class Round:
     threshold: float
 
     def gain(self, trial: Trial) -> float:
-        """Evidence gained over the model that the round began with."""
         return self.before.evidence - trial.evidence
 
 
@@ -114,11 +107,10 @@ class Compensating:
 
     @property
     def says(self) -> str:
-        """The sentence for people."""
-        first, second = self.names
         return (
-            f"{first} and {second} undo each other (correlation {self.correlation:.2f}; alone either gains at most "
-            f"{100 * self.alone:.0f}% of what both do): together they may stand for one law that is not in the library."
+            f"{' and '.join(self.names)} undo each other (correlation {self.correlation:.2f}; alone either gains at "
+            f"most {100 * self.alone:.0f}% of what both do): together they may stand for one law that is not in the "
+            "library."
         )
 
 
@@ -130,8 +122,7 @@ class Found:
     what chance reaches in WEAK of all campaigns were enough, where nothing was added. `crowd` is a sentence where one
     effect took the place of several that had been added, `compensating` has the pairs of final effects of which each
     undoes most of what the other does: neither has earned its name. `equals` is a sentence where runs held out decided
-    between laws or sizes.
-    """
+    between laws or sizes."""
 
     study: Study
     base: Trial
@@ -147,27 +138,38 @@ class Found:
 
     @property
     def without_effects(self) -> "Found":
-        """The same with nothing added."""
         return replace(self, final=self.base, p_values={}, rivals=(), doubtful=None)
 
-    def weight(self, name: str) -> float:
-        """Weight of an effect of the final model against its rivals."""
-        others = sum(float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name)
-        return 1.0 / (1.0 + others)
+    def odds(self, name: str) -> dict[str, float]:
+        """Odds of each rival of an effect of the final model against it."""
+        return {rival.name: float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name}
+
+
+def error_of_mean(values: Floats) -> float:
+    return float(np.std(values, ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
 
 
 def clear(gains: Floats, errors: float = CLEAR) -> bool:
     """Whether gains in log density (R,) are more than so many standard errors above nothing in the mean."""
-    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    return bool(gains.mean() > errors * error)
+    return bool(gains.mean() > errors * error_of_mean(gains))
 
 
 def trial_of(study: Study, model: YawModel, added: tuple[str, ...], fit: Fit) -> Trial:
     """A fit as a trial: the fitted model, and its evidence with the penalty for what was added."""
     model = study.told(model, fit)
-    own = model.terms[len(study.base.terms) :]
-    cost = penalty(sum(fitted_parameters(term.name, term.values) for term in own), len(study.runs))
+    more = model.terms[len(study.base.terms) :]
+    cost = penalty(sum(fitted_parameters(term.name, term.values) for term in more), len(study.runs))
     return Trial(added, model, fit, -2.0 * fit.log_likelihood + cost)
+
+
+def refitted(
+    study: Study, model: YawModel, added: tuple[str, ...], values: Floats, near: Fit, iterations: int = ITERATIONS
+) -> Trial | None:
+    """A model fitted from `values` of its parameters; None where no fit is found."""
+    try:
+        return trial_of(study, model, added, study.fit(model, values, near, iterations))
+    except (FitError, np.linalg.LinAlgError):
+        return None
 
 
 def add_effect(
@@ -175,21 +177,13 @@ def add_effect(
 ) -> Trial | None:
     """The current model with one more effect, everything refitted; None where no fit is found."""
     name, start = candidate
-    values = np.concatenate([current.fit.of_model, start])
-    return _fitted(study, current, current.model.with_effect(name, start), values, current.fit, iterations)
+    model, values = current.model.with_effect(name, start), np.concatenate([current.fit.of_model, start])
+    return refitted(study, model, (*current.added, name), values, current.fit, iterations)
 
 
-def go_on(study: Study, current: Trial, trial: Trial, iterations: int) -> Trial | None:
+def go_on(study: Study, trial: Trial, iterations: int) -> Trial | None:
     """A trial's fit taken further from where it stands."""
-    return _fitted(study, current, trial.model, trial.fit.of_model, trial.fit, iterations)
-
-
-def _fitted(study: Study, current: Trial, model: YawModel, values: Floats, near: Fit, iterations: int) -> Trial | None:
-    try:
-        fit = study.fit(model, values, near, iterations)
-    except (FitError, np.linalg.LinAlgError):
-        return None
-    return trial_of(study, model, (*current.added, model.terms[-1].name), fit)
+    return refitted(study, trial.model, trial.added, trial.fit.of_model, trial.fit, iterations)
 
 
 def variants(study: Study, trial: Trial) -> list[YawModel]:
@@ -204,47 +198,30 @@ def variants(study: Study, trial: Trial) -> list[YawModel]:
 
 def varied(study: Study, trial: Trial, iterations: int, model: YawModel) -> Trial | None:
     """A variant of a trial's model, refitted from where the trial ended; None where no fit is found."""
-    try:
-        return trial_of(study, model, trial.added, study.fit(model, model.theta, trial.fit, iterations))
-    except (FitError, np.linalg.LinAlgError):
-        return None
+    return refitted(study, model, trial.added, model.theta, trial.fit, iterations)
 
 
 def without(study: Study, trial: Trial, out: str) -> Trial | None:
     """The trial's model with one effect taken out, refitted."""
-    own = len(study.base.terms)
-    kept = [term for term in trial.model.terms[own:] if term.name != out]
-    model = study.base.with_theta(trial.model.theta[: len(study.base.theta)])
-    for term in kept:
-        model = model.with_effect(term.name, term.values)
-    try:
-        fit = study.fit(model, model.theta, trial.fit)
-    except (FitError, np.linalg.LinAlgError):
-        return None
-    return trial_of(study, model, tuple(term.name for term in kept), fit)
+    base, model = len(study.base.terms), trial.model
+    kept = [term for term in model.terms[base:] if term.name != out]
+    model = replace(model, terms=(*model.terms[:base], *kept))
+    return refitted(study, model, tuple(term.name for term in kept), model.theta, trial.fit)
 
 
-AS_WELL = 10.0
-"""Evidence (in deviance) by which several effects have to be better than one."""
-BRIEF = 6
-"""Iterations that tell whether a fit comes near the several effects."""
-WITHIN = 0.3
-"""Share of what the several gain that such a brief fit may lack to be taken to its end."""
-OPPOSED = 0.8
-"""Correlation of sizes from which two effects count as of opposite pull."""
+AS_WELL = 10.0  # evidence (in deviance) by which several effects have to be better than one
+BRIEF = 6  # iterations that tell whether a fit comes near the several effects
+WITHIN = 0.3  # share of what the several gain that such a brief fit may lack to be taken to its end
+OPPOSED = 0.8  # correlation of sizes from which two effects count as of opposite pull
 USELESS = 0.5
 """Share of what a pair gains below which either alone counts as useless: two of their own gain at least half."""
 
-CrowdEach = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["Trial | None"]]
-Stands = Callable[..., bool]
 
-
-def one_instead(study: Study, current: Trial, first: Round, each: CrowdEach, may_stand: Stands) -> tuple[Trial, str]:
+def one_instead(study: Study, current: Trial, first: Round, each: Each) -> tuple[Trial, str]:
     """The single effect that does as well as the several of `current`, with a sentence; or `current` and no sentence.
 
     It has to do better than each of them alone. Every law of the effects added, of what they are mistaken for and of
-    the leaders of the first round is fitted, unless the first round did.
-    """
+    the leaders of the first round is fitted, unless the first round did."""
     if len(current.counted) < 2:
         return current, ""
     base: Trial | None = first.before
@@ -255,26 +232,27 @@ def one_instead(study: Study, current: Trial, first: Round, each: CrowdEach, may
     if base is None:
         return current, ""
     trials = first.trials if base is first.before else ()
-    known = {law_of(t.added[-1], t.model.terms[-1].values): t.evidence for t in trials}
+    known = {trial.law: trial.evidence for trial in trials}
     own = [law_of(term.name, term.values) for term in current.model.terms if term.name in current.counted]
     lone = min((known[law] for law in own if law in known), default=np.inf)
-    asked = dict.fromkeys([*current.counted, *(s.effect for s in first.scores.ranked[:6])])
+    can = [s.effect for s in first.scores.ranked]
+    asked = dict.fromkeys([*current.counted, *can[:6]])
     asked |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
-    can = {s.effect for s in first.scores.ranked}
     work = [
         (name, probe.values[-1])
         for name in asked if name in can and name not in base.added
         for probe in _one_a_law(study, name)
         if law_of(name, probe.values[-1]) not in known
     ]  # fmt: skip
-    singles = [*trials, *_fits(each(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws"))]
+    brief = each(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws")
     near = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
-    close = [t for t in singles if t.evidence < max(near, current.evidence + AS_WELL)]
+    close = [t for t in (*trials, *brief) if t is not None and t.evidence < max(near, current.evidence + AS_WELL)]
     unsettled = [t for t in close if not t.fit.converged]
-    settled = each(partial(go_on, study, base, iterations=ITERATIONS), unsettled, "fitting one instead of several")
+    settled = each(partial(go_on, study, iterations=ITERATIONS), unsettled, "fitting one instead of several")
     able = [
-        t for t in (*(t for t in close if t.fit.converged), *_fits(settled))
-        if t.evidence <= current.evidence + AS_WELL and t.evidence < lone and may_stand(study, t, base)
+        t for t in (*(t for t in close if t.fit.converged), *settled)
+        if t is not None and t.evidence <= current.evidence + AS_WELL and t.evidence < lone
+        and may_stand(study, t, base)
     ]  # fmt: skip
     if not able:
         return current, ""
@@ -288,10 +266,6 @@ def _one_a_law(study: Study, name: str) -> list[Probe]:
     for probe in probes(study, name):
         laws.setdefault(law_of(name, probe.values[-1]), []).append(probe)
     return [shapes[len(shapes) // 2] for shapes in laws.values()]
-
-
-def _fits(trials: Sequence[Trial | None]) -> list[Trial]:
-    return [trial for trial in trials if trial is not None]
 
 
 def compensating(study: Study, base: Trial, final: Trial) -> tuple[Compensating, ...]:
@@ -321,24 +295,19 @@ def _correlation(final: Trial, covariance: Floats, pair: tuple[str, str]) -> flo
     names = final.model.parameter_names
     off = [final.model.inertia] + [o for t in final.model.terms for o in effects.get(t.name).off]
     size = final.model.theta - np.array(off)
-    places = [[i for i, name in enumerate(names) if name.startswith(f"{one}.")] for one in pair]
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    best = 0.0
-    for i in places[0]:
-        for j in places[1]:
-            if spread[i] > 0 and spread[j] > 0:
-                sign = float(np.sign(size[i] * size[j]) or 1.0)
-                best = max(best, sign * float(covariance[i, j]) / float(spread[i] * spread[j]))
-    return best
+    one, other = (
+        [i for i, name in enumerate(names) if name.startswith(f"{effect}.") and spread[i] > 0] for effect in pair
+    )
+    both = [(i, j, np.sign(size[i] * size[j]) or 1.0) for i, j in product(one, other)]
+    return max((float(sign * covariance[i, j] / (spread[i] * spread[j])) for i, j, sign in both), default=0.0)
 
 
 LARGE, STEEP, SURE = 0.1, 0.2, 5.0
 """Scatter of the gains, exponent by which they go with the size of the command, and its standard errors, from which
 both are no chance and no trifle."""
-SETTLES = 1.0 / 3.0
-"""Share of the scatter that may stay where something explains it."""
-WIDTHS = (0.1, 0.5)
-"""Dead-bands that fits begin with, in shares of the smallest command."""
+SETTLES = 1.0 / 3.0  # share of the scatter that may stay where something explains it
+WIDTHS = (0.1, 0.5)  # dead-bands that fits begin with, in shares of the smallest command
 
 
 def gain_exponent(study: Study, fit: Fit) -> Estimate | None:
@@ -370,15 +339,13 @@ def curved(study: Study, base: Trial) -> Trial | None:
     scatter = base.fit.factor(GAIN)
     if steep is None or scatter < LARGE or abs(steep.value) < max(STEEP, SURE * steep.stderr):
         return None
-    smallest, found = float(np.nanmin(_sizes(study))), list[Trial]()
+    smallest, best = float(np.nanmin(_sizes(study))), None
     for share in WIDTHS:
         model = base.model.with_effect("dead-band", (share * smallest, 0.0, 0.5))
         model = model.with_effect("thrust-exponent", (1.0 + steep.value, study.reference("moment")))
-        try:
-            found.append(trial_of(study, model, (*base.added, *CURVE), study.fit(model, model.theta, base.fit)))
-        except (FitError, np.linalg.LinAlgError):
-            continue
-    best = min(found, key=lambda trial: trial.evidence, default=None)
+        trial = refitted(study, model, (*base.added, *CURVE), model.theta, base.fit)
+        if trial is not None and (best is None or trial.evidence < best.evidence):
+            best = trial
     return best if best is not None and settles(best, base) and best.evidence < base.evidence else None
 
 
@@ -387,38 +354,28 @@ def settles(trial: Trial, base: Trial) -> bool:
     return trial.fit.factor(GAIN) < SETTLES * base.fit.factor(GAIN)
 
 
-TIE = 10.0
-"""Difference of evidence (in deviance) below which two explanations count as tied."""
-LEADERS = 6
-"""Candidates that are fitted in every case: the first by their scores."""
-LIKELY = 0.1
-"""Share of the best score from which the others are fitted."""
-SEARCH_BRIEF = 4
-"""Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
+TIE = 10.0  # difference of evidence (in deviance) below which two explanations count as tied
+LEADERS = 6  # candidates that are fitted in every case: the first by their scores
+LIKELY = 0.1  # share of the best score from which the others are fitted
+SEARCH_BRIEF = 4  # iterations that every candidate's fit gets; only those in the running are fitted to the end
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within REACH of it; fits that far
 behind never catch up."""
-LAWS = 0.1
-"""Share of what an effect gains by its best law that another of its laws may lack to be fitted further."""
+LAWS = 0.1  # share of what an effect gains by its best law that another of its laws may lack to be fitted further
 MATTERS = 0.1
 """Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
 TRUST = 1e-3
 """Share of the evidence already gained below which nothing more is added: laws and logs are no better than that."""
 TRIFLE = 0.05
 """Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
-TO_THE_NOISE = 1.05
-"""Times the floor down to which an effect leaves no doubt about the drag of the base."""
-SETTLED_EVIDENCE = 0.5
-"""Gain in evidence below which a swap is not worth another look: fits are settled to less."""
-PERIODIC, PERIOD = "periodic-disturbance", 2
-"""The effect that a limit cycle imitates, and the place of its period."""
+TO_THE_NOISE = 1.05  # times the floor down to which an effect leaves no doubt about the drag of the base
+SETTLED_EVIDENCE = 0.5  # gain in evidence below which a swap is not worth another look: fits are settled to less
+PERIODIC, PERIOD = "periodic-disturbance", 2  # the effect that a limit cycle imitates, and the place of its period
 VALLEY = 1000.0
 """Gain of the best candidate from which, if it leaves more than STANDS times the noise, its laws are fitted from many
 starts: in so large a gap a fit may stop in a valley far from the truth."""
-CLIMBERS = 4
-"""Fits from many starts that are taken to their end."""
-REACH = 60.0
-"""Candidates this far behind the best by a full fit are no rivals of it."""
+CLIMBERS = 4  # fits from many starts that are taken to their end
+REACH = 60.0  # candidates this far behind the best by a full fit are no rivals of it
 
 
 @dataclass(frozen=True)
@@ -442,7 +399,7 @@ class _Runs(Judge[Trial, Round]):
         able = [t for t in look.trials if look.gain(t) > least and may_stand(self.study, t, current)]
         able.sort(key=lambda trial: trial.evidence)
         if able and not self.study.driven and able[0].fit.noise > TO_THE_NOISE * self.study.sensor_floor:
-            able.sort(key=lambda trial: not corrects(trial.added[-1]))
+            able.sort(key=lambda trial: trial.added[-1] not in DRAG)
         if look is first and not (able and settles(able[0], current)):
             curve, hidden = curved(self.study, current), current.fit.noise <= STANDS * self.study.sensor_floor
             if curve is not None and (hidden or not able or curve.evidence < able[0].evidence):
@@ -492,7 +449,7 @@ def search(study: Study, seed: int, each: Each) -> Found:
         more = next_gain > MATTERS * total
         if 0.0 < next_gain <= MATTERS * total:
             current, around = _without_menders(study, current, around, TRIFLE * total)
-    current, crowd = one_instead(study, current, rounds[0], each, may_stand)
+    current, crowd = one_instead(study, current, rounds[0], each)
     if crowd:
         around, more = {current.counted[0]: rounds[0]}, False
         p_values[current.counted[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
@@ -507,7 +464,7 @@ def search(study: Study, seed: int, each: Each) -> Found:
 def drag_right(study: Study, current: Trial) -> Trial:
     """A model of effects with the drag of its base put right: a term that they ask for is added, one that nothing asks
     for any more is taken out."""
-    if current.counted == current.added and (not current.added or corrects(current.added[0])):
+    if current.counted == current.added and (not current.added or current.added[0] in DRAG):
         return current
     have = {term.name for term in study.base.terms}
     for name in [name for name in DRAG if name not in have]:
@@ -524,10 +481,10 @@ def drag_right(study: Study, current: Trial) -> Trial:
 
 def without_idle_drag(study: Study, current: Trial) -> Trial:
     """The model with a drag term of the base held at nothing, where the drag put right leaves it nothing to do."""
-    if study.driven or not any(map(corrects, current.added)):
+    if study.driven or not set(DRAG) & set(current.added):
         return current
     cost = penalty(1, len(study.runs))
-    for term in [term for term in current.model.terms if term.own and corrects(term.name)]:
+    for term in [term for term in current.model.terms if term.own and term.name in DRAG]:
         terms = (replace(other, values=(0.0,)) if other is term else other for other in current.model.terms)
         idle = varied(study, current, ITERATIONS, replace(current.model, terms=tuple(terms)))
         current = current if idle is None or idle.evidence > current.evidence + cost else idle
@@ -542,9 +499,8 @@ def _doubtful(found: Found) -> Found | None:
     best = min(able, key=lambda trial: trial.evidence, default=None)
     if best is None:
         return None
-    (name,) = best.added
-    p_values = {name: first.scores.p_value(first.gain(best))}
-    return replace(found, final=best, p_values=p_values, rivals=_rivals(best, {name: first}))
+    (name,), p_value = best.added, first.scores.p_value(first.gain(best))
+    return replace(found, final=best, p_values={name: p_value}, rivals=_rivals(best, {name: first}))
 
 
 def _next_gain(study: Study, current: Trial, seed: int) -> float:
@@ -581,7 +537,7 @@ def _round(study: Study, current: Trial, seed: int, each: Each, whole: bool) -> 
     while ranked:
         work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
         found = each(partial(add_effect, study, current, iterations=SEARCH_BRIEF), work, "trying effects")
-        done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
+        done |= {trial.law: trial for trial in found if trial is not None}
         tried |= {s.effect for s in ranked}
         leader = min(done.values(), key=lambda trial: trial.evidence, default=current)
         if current.evidence - leader.evidence <= chance:
@@ -592,13 +548,11 @@ def _round(study: Study, current: Trial, seed: int, each: Each, whole: bool) -> 
         best = min((trial.evidence for trial in done.values()), default=0.0)
         least = best + max(REACH, (1.0 - share) * (current.evidence - best))
         first = _best_law(done.values())
-        running = [
-            trial for trial in done.values()
-            if trial.evidence < least and not trial.fit.converged
-            and trial.evidence < _behind_law(current, first[trial.added[-1]])
-        ]  # fmt: skip
-        again = each(partial(go_on, study, current, iterations=iterations), running, "fitting")
-        done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in again if t is not None}
+        # another law of an effect is not fitted further from so far behind its best
+        behind = {name: t.evidence + max(REACH, LAWS * (current.evidence - t.evidence)) for name, t in first.items()}
+        running = [t for t in done.values() if t.evidence < min(least, behind[t.added[-1]]) and not t.fit.converged]
+        again = each(partial(go_on, study, iterations=iterations), running, "fitting")
+        done |= {trial.law: trial for trial in again if trial is not None}
     done |= _from_many_starts(study, current, done, each)
     possible = [trial for trial in done.values() if not drag_drives(trial.model, study.fastest)]
     ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
@@ -626,46 +580,33 @@ def _from_many_starts(
         replace(best.model, terms=(*best.model.terms[:-1], replace(term, values=tuple(map(float, values)))))
         for values in (np.where(of_law, shape, term.values) for shape in by_law.values())
     ]
+    begin = partial(add_effect, study, current, iterations=SEARCH_BRIEF)
     found = [
-        *each(
-            partial(add_effect, study, current, iterations=SEARCH_BRIEF),
-            [(name, shape) for shape in shapes],
-            "more starts",
-        ),
+        *each(begin, [(name, shape) for shape in shapes], "more starts"),
         *each(partial(varied, study, best, SEARCH_BRIEF), others, "more starts"),
     ]
     climbers = sorted((trial for trial in found if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
     climbers += [best] if not best.fit.converged else []
-    ended = each(partial(go_on, study, current, iterations=2 * ITERATIONS), climbers, "fitting")
+    ended = each(partial(go_on, study, iterations=2 * ITERATIONS), climbers, "fitting")
     ranked = sorted((trial for trial in ended if trial is not None), key=lambda trial: -trial.evidence)
-    better = {law_of(name, trial.model.terms[-1].values): trial for trial in ranked}
+    better = {trial.law: trial for trial in ranked}
     return {law: t for law, t in better.items() if law not in done or t.evidence < done[law].evidence}
 
 
 def _best_law(trials: Iterable[Trial]) -> dict[str, Trial]:
-    """The best trial of each effect, best first."""
     best: dict[str, Trial] = {}
     for trial in sorted(trials, key=lambda trial: trial.evidence):
         best.setdefault(trial.added[-1], trial)
     return best
 
 
-def _behind_law(current: Trial, best: Trial) -> float:
-    """Evidence from which another law of an effect is not fitted further."""
-    return best.evidence + max(REACH, LAWS * (current.evidence - best.evidence))
-
-
 def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Trial:
     """The current model fitted again from where the best trials ended, if that is better: a candidate must not win by
     leading the base out of a valley in which its own fit had stopped."""
-    own = len(current.model.theta)
     for trial in trials if study.driven else trials[:1]:
-        values = trial.fit.of_model[:own]
-        try:
-            again = trial_of(study, current.model, current.added, study.fit(current.model, values, trial.fit))
-        except (FitError, np.linalg.LinAlgError):
-            continue
-        if again.evidence < current.evidence - SETTLED_EVIDENCE:
+        values = trial.fit.of_model[: len(current.model.theta)]
+        again = refitted(study, current.model, current.added, values, trial.fit)
+        if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
             current = again
     return current
 
@@ -682,8 +623,7 @@ def obstacle(study: Study, trial: Trial, current: Trial) -> str:
     stops says that the runs want something else. What is late by less than a sample is no more than a shift of the
     instants at which commands switch, which no log shows. Of driven runs the gain has to repeat itself from run to run:
     its mean is more than CLEAR standard errors, for moving water over the runs that turn back; and nothing that comes
-    with the period of a controller's limit cycle stands.
-    """
+    with the period of a controller's limit cycle stands."""
     if float(trial.fit.predictive.sum()) <= float(current.fit.predictive.sum()):
         return "runs left out of the fit are not predicted better with it"
     term, end = trial.model.terms[-1], len(trial.model.theta)
@@ -698,13 +638,11 @@ def obstacle(study: Study, trial: Trial, current: Trial) -> str:
         return "a lag of less than a sample is a shift of the instants at which commands switch"
     if study.cycle is not None and term.name == PERIODIC and study.cycle.holds(term.values[PERIOD]):
         return "its period is that of the controller's limit cycle"
-    own = zip(places, effect.parameters, term.values, effect.held(term.values))
-    stopped = (
-        i in trial.fit.at_bound and value != p.off
-        for i, p, value, held in own
-        if not held and (not p.scan or effect.varies(term.values))
-    )  # fmt: skip
-    return "its size goes to the limit of what is allowed" if any(stopped) else ""
+    stopped = any(
+        i in trial.fit.at_bound and value != p.off and not held and (not p.scan or effect.varies(term.values))
+        for i, p, value, held in zip(places, effect.parameters, term.values, effect.held(term.values))
+    )
+    return "its size goes to the limit of what is allowed" if stopped else ""
 
 
 def _rivals(final: Trial, around: Mapping[str, Round]) -> tuple[Rival, ...]:
@@ -725,7 +663,7 @@ def _behind(this: Round, rival: Trial, final: Trial) -> float:
     if not (isinstance(rival.fit, InnovationsFit) and isinstance(final.fit, InnovationsFit)):
         return behind
     ahead = final.fit.density - rival.fit.density
-    error = float(np.std(ahead, ddof=1)) / np.sqrt(len(ahead)) if len(ahead) > 1 else np.inf
+    error = error_of_mean(ahead)
     clearly = (float(ahead.mean()) / error) ** 2 if error > 0 else np.inf
     if this.gain(rival) > this.threshold and clearly < CLEAR**2:
         return min(behind, clearly)

@@ -23,12 +23,9 @@ from automarine_cli.quantities import Floats
 
 Fit = MixedFit | InnovationsFit
 
-SPREADS = np.geomspace(3e-4, 1.0, 15)
-"""Spreads that are tried."""
-LEAST = 1e-4
-"""Least noise that is expected [the sensor's unit]."""
-FIRM = 100.0
-"""Times the spread's own precision with which a curve keeps away from what other terms of the model are."""
+SPREADS = np.geomspace(3e-4, 1.0, 15)  # spreads that are tried
+LEAST = 1e-4  # least noise that is expected [the sensor's unit]
+FIRM = 100.0  # times the spread's own precision with which a curve keeps away from what other terms of the model are
 
 
 def learned_term(model: YawModel) -> int | None:

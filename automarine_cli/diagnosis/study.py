@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,13 @@ from automarine_cli.diagnosis.smooth import fit_smooth, learned_term, with_prior
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.half_turns import MOST_OFFSET
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
-from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, SWITCHES
-from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, fit_mixed
+from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
+from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
@@ -30,11 +32,9 @@ from automarine_cli.simulation.rollout import step_for
 ITERATIONS = 25
 SETTLED = 0.02
 """Share of a standard error within which a fit counts as settled: its evidence is then exact to a few 1e-4."""
-JUDGED = 5.0
-"""Seconds ahead over which driven runs show the gap."""
+JUDGED = 5.0  # seconds ahead over which driven runs show the gap
 
-HALF_WAY = 3.0
-"""Way [m] after which a vehicle that goes along a line has stirred the water."""
+HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
 
 Fit = MixedFit | InnovationsFit
 
@@ -46,8 +46,7 @@ class Study:
     Runs that are `driven` are judged by the innovations of a filter, in which a disturbance is a process (see
     fits/innovations.py): a controller in the loop, wind, waves, wash. The others are simulated whole, and nothing but
     noise, gains and instants differs between a run and its simulation. `channels` are the sensors that count, None for
-    the position alone; gaps are looked at in the position either way.
-    """
+    the position alone; gaps are looked at in the position either way."""
 
     runs: tuple[Run, ...]
     base: YawModel
@@ -57,7 +56,6 @@ class Study:
 
     @cached_property
     def batch(self) -> Batch:
-        """All runs on one layout."""
         largest = max(float(np.abs(run.command).max()) for run in self.runs)
         step = min(0.1, step_for(self.base, largest))
         return make_batch(self.runs, step, self.signals, channels=self.channels)
@@ -79,18 +77,14 @@ class Study:
 
     @cached_property
     def largest(self) -> float:
-        """Largest |moment| of the runs."""
         return float(np.abs(self.batch.force).max())
 
     @cached_property
     def fastest(self) -> float:
         """Largest |yaw rate| of the runs [rad/s], each as the mean over a second."""
-        found = 0.0
-        for run in self.runs:
-            grid = np.arange(run.time[0], run.time[-1], 1.0)
-            turned = np.abs(np.diff(np.interp(grid, run.time, run.position)))
-            found = max(found, float(turned.max(initial=0.0)))
-        return found
+        grids = [(run, np.arange(run.time[0], run.time[-1], 1.0)) for run in self.runs]
+        steps = [np.diff(np.interp(grid, run.time, run.position)) for run, grid in grids]
+        return float(np.abs(np.concatenate(steps)).max(initial=0.0))
 
     def reference(self, kind: str) -> float:
         """Value of a parameter that the logs fix (see `effects.Parameter.reference`)."""
@@ -130,13 +124,10 @@ class Study:
     @cached_property
     def sensor_floor(self) -> float:
         """Noise of the first sensor that counts, estimated without a model, root mean square over runs."""
-        noise, weight = [], []
         channel = next(one for one in self.batch.channels if one.counts)
-        for run, values, seen in zip(self.runs, channel.values, channel.seen):
-            if seen.any():
-                noise.append(position_noise(run.time[seen[: len(run)]], values[seen]))
-                weight.append(int(seen.sum()))
-        return float(np.sqrt(np.average(np.array(noise) ** 2, weights=weight))) if noise else 0.0
+        rows = [row for row in zip(self.runs, channel.values, channel.seen) if row[2].any()]
+        squares = [position_noise(run.time[seen[: len(run)]], values[seen]) ** 2 for run, values, seen in rows]
+        return float(np.sqrt(np.average(squares, weights=[seen.sum() for *_, seen in rows]))) if rows else 0.0
 
     @cached_property
     def floor(self) -> float:
@@ -147,29 +138,24 @@ class Study:
         length = np.mean([len(run) * run.sample_period**2 for run in self.runs])
         return float(self.sensor_floor * np.sqrt(length / 6.0))
 
-    def positions(self, readings: Floats) -> Floats:
-        """The positions (..., R, N) out of all channels' readings."""
-        return readings[..., : self.batch.seen.shape[1]]
-
     def residual(self, fitted: Floats) -> Floats:
         """Measured less fitted positions (R, N), zero in the padding, of readings `fitted` of all channels; where
         there are velocities only, the sum of what is left of these."""
+        width = self.batch.seen.shape[1]
         if not self.position_counts:
-            channel, width = self.batch.channels[1], self.batch.seen.shape[1]
+            channel = self.batch.channels[1]
             left = np.where(channel.seen, channel.values - fitted[..., width : 2 * width], 0.0)
             steps = 0.5 * (left[:, 1:] + left[:, :-1]) * np.diff(self.time, axis=1)
             summed = np.cumsum(steps, axis=1)
             return np.where(self.batch.seen, np.concatenate([0.0 * left[:, :1], summed], axis=1), 0.0)
-        return np.where(self.batch.seen, self.batch.position - self.positions(fitted), 0.0)
+        return np.where(self.batch.seen, self.batch.position - fitted[..., :width], 0.0)
 
     @cached_property
     def course(self) -> Course:
-        """All runs laid out for the filter."""
         return make_course(self.runs, self.at_rest, self.signals, channels=self.channels)
 
     @cached_property
     def cycle(self) -> LimitCycle | None:
-        """The limit cycle of driven runs, if they show one."""
         return limit_cycle(self.runs) if self.driven else None
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
@@ -207,35 +193,26 @@ class Study:
     ) -> Fit:
         """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own.
 
-        `near` is a fit of a similar model of which everything else is a good start.
-        """
+        `near` is a fit of a similar model of which everything else is a good start."""
         values = model.theta if values is None else values
         if self.driven:
             driven = self.driven_problem(model)
             if isinstance(near, InnovationsFit):
-                return fit_innovations(
-                    driven, starts_near(driven, [values], near.of_chance), iterations, iterations < ITERATIONS
-                )
+                starts = starts_near(driven, [values], near.of_chance)
+                return fit_innovations(driven, starts, iterations, iterations < ITERATIONS)
             return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
-        switch = near.value(SWITCH) if isinstance(near, MixedFit) else 0.0
-        start = np.append(values, switch)
-        begin = {GAIN: 0.03, SWITCHES: 0.7} | (
-            dict(zip(near.effects.factor_names, near.factors)) if isinstance(near, MixedFit) else {}
-        )
+        switch, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
+        settings: dict[str, Any] = {"noise": max(2 * self.sensor_floor, 1e-4), "iterations": ITERATIONS}
+        if isinstance(near, MixedFit):
+            switch = near.value(SWITCH)
+            begin |= dict(zip(near.effects.factor_names, near.factors))
+            run_effects = near.effects.carried(near.run_effects, problem.effects)
+            settings = {"noise": near.noises, "iterations": iterations, "run_effects": run_effects}
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
         smooth = partial(fit_smooth, model, self.sensor_floor)
         fitted = fit_mixed if learned_term(model) is None else smooth
-        if not isinstance(near, MixedFit):
-            return fitted(
-                problem, start, noise=max(2 * self.sensor_floor, 1e-4), factors=factors, iterations=ITERATIONS,
-                settled=SETTLED,
-            )  # fmt: skip
-        run_effects = near.effects.carried(near.run_effects, problem.effects)
-        return fitted(
-            problem, start, noise=near.noises, factors=factors, run_effects=run_effects,
-            iterations=iterations, settled=SETTLED,
-        )  # fmt: skip
+        return fitted(problem, np.append(values, switch), factors=factors, settled=SETTLED, **settings)
 
     @cached_property
     def _covariances(self) -> dict[int, tuple[Fit, Floats]]:
@@ -244,8 +221,7 @@ class Study:
     def covariance(self, model: YawModel, fit: Fit) -> Floats:
         """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
 
-        It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife.
-        """
+        It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife."""
         if id(fit) not in self._covariances:
             try:
                 exact = isinstance(fit, MixedFit) and learned_term(model) is None
@@ -268,10 +244,6 @@ class Study:
             self._predictions[id(fit)] = (fit, found)
         return self._predictions[id(fit)][1]
 
-    def log_density(self, model: YawModel, fit: InnovationsFit) -> Floats:
-        """Log density of each driven run (R,) under a fit to other runs."""
-        return self.driven_problem(model).follow(fit.phi[None]).log_density[0]
-
     def told(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
         model = model.with_theta(fit.of_model)
@@ -281,12 +253,6 @@ class Study:
             terms = tuple(replace(t, values=(amplitude, *t.values[1:])) if t.name == name else t for t in model.terms)
             model = replace(model, terms=terms)
         return model
-
-
-def without_scatter(fit: MixedFit) -> Floats:
-    """A fit's run effects (R, q) without gains, instants and disturbances: the starts, and what an effect lets vary."""
-    scatter = (GAIN, SWITCHES, DISTURBANCE)
-    return fit.effects.only(fit.run_effects, [name for name in fit.effects.names if name not in scatter])
 
 
 def study_of(
@@ -300,3 +266,78 @@ def study_of(
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
     needed |= {name for term in base.terms for name in effects.get(term.name).needs}
     return Study(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)
+
+
+def missed(study: Study, model: YawModel, fit: InnovationsFit) -> Floats:
+    """Measured less predicted positions (R, N) of driven runs, predicted JUDGED seconds before; zero where none was."""
+    found = next(one for one in study.predictions(model, fit) if one.horizon == JUDGED)
+    each = [found.run == r for r in range(len(study.runs))]
+    when = [study.course.time[r, found.target[own]] for r, own in enumerate(each)]
+    return _at_samples(study, [found.error[own] for own in each], when)
+
+
+def disturbance(study: Study, model: YawModel, fit: InnovationsFit) -> Floats:
+    """The disturbing moment or force that the filter sees at each sample of driven runs, (R, N)."""
+    followed = study.driven_problem(model).follow(fit.phi[None], keep=True)
+    assert followed.states is not None
+    pushed = followed.states[followed.places.pushed[0], 0]
+    ends = [int((length > 0).sum()) + 1 for length in study.course.length]
+    times = [t[:end] for t, end in zip(study.course.time, ends)]
+    return fit.theta[0] * _at_samples(study, [row[:end] for row, end in zip(pushed, ends)], times)
+
+
+def _at_samples(study: Study, values: Sequence[Floats], at: Sequence[Floats]) -> Floats:
+    """What is known of each run at some times [s since its first sample], at all its samples (R, N): straight lines
+    between, zero before the first and in the padding."""
+    out = np.zeros(study.batch.seen.shape)
+    for row, run, value, when in zip(out, study.runs, values, at):
+        if len(when):
+            time = run.time - run.time[0]
+            row[: len(run)] = np.where(time >= when[0] - 1e-9, np.interp(time, when, value), 0.0)
+    return out
+
+
+def log_density(study: Study, model: YawModel, fit: Fit) -> Floats:
+    """Log density of each run of `study` (R,) under a fit to others; of runs that are simulated whole linearised at the
+    run effects' posterior means as fits are."""
+    if isinstance(fit, InnovationsFit):
+        return study.driven_problem(model).follow(fit.phi[None]).log_density[0]
+    problem, variances = study.problem(model), fit.variances
+    phi = problem.search(fit.theta)
+    b, _ = run_effects_given(problem, phi, variances)
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    gram = problem.gram(by_phi, by_run, fitted, b)
+    weighted = linear_mixed.weigh(gram, problem.effects, variances)
+    return linear_mixed.predictive(gram, weighted, np.zeros((len(b), len(phi))))
+
+
+def run_effects_given(problem: Problem, phi: Floats, variances: Floats, rounds: int = 12) -> tuple[Floats, Floats]:
+    """Posterior means of the run effects (R, q) of runs that were not fitted, and the headings with them (R, N).
+
+    `phi` and `variances` come from other runs. Each round linearises about the last run effects and takes, run by run,
+    the share of the step that fits best, so that no run can wander."""
+    scale = problem.effects.deviation(variances)
+    shares = np.array([1.0, 0.5, 0.2])[:, None, None]
+
+    def costs(fitted: Floats, b: Floats) -> Floats:
+        penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
+        found = problem.squares(problem.residual(fitted), variances) + penalty.sum(axis=-1)
+        return np.where(np.isfinite(found), found, np.inf)
+
+    b = np.zeros_like(problem.effects.scale)
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    for _ in range(rounds):
+        data = problem.residual(fitted) + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
+        gram = problem.inner(by_phi, by_run, data)
+        step = linear_mixed.posterior_mean(gram, problem.effects, variances, phi) - b
+        trials = b + shares * step
+        tried = problem.response(np.tile(problem.natural(phi), (len(trials), 1)), trials)
+        found = np.stack([costs(h, e) for h, e in zip(tried, trials)])
+        best, now = found.argmin(axis=0), costs(fitted, b)
+        better = found.min(axis=0) < now * (1.0 - 1e-6)
+        if not better.any():
+            break
+        runs = np.arange(len(b))
+        b = np.where(better[:, None], trials[best, runs], b)
+        fitted, by_phi, by_run = derivatives(problem, phi, b)
+    return b, fitted

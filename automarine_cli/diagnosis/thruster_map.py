@@ -1,6 +1,6 @@
 """The diagnosis of a thruster map on bollard tests: its gap by regions, what is missing, how sure that is."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,46 +13,29 @@ from automarine_cli.diagnosis.verdict import (
     NOTHING,
     SUSPECTED,
     UNEXPLAINED,
+    GapSizes,
     NamedEffect,
     apart,
+    listed_rivals,
     stretch,
 )
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import SetAside, runs_json
+from automarine_cli.thrusters import family
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
-from automarine_cli.thrusters.family import (
-    ASYMMETRY,
-    CURVE_EFFECTS,
-    SAG,
-    VOLTAGE,
-    Alternative,
-    BollardData,
-    Fitted,
-    MapSearch,
-    Shape,
-    bollard_data,
-    form_of,
-    held_out_levels,
-    multiplier_columns,
-    noise_level,
-    search_around_faults,
-)  # fmt: skip
-from automarine_cli.thrusters.fit import Parameter, parameters, parameters_json
+from automarine_cli.thrusters.fit import Parameter, parameters, parameters_json, sums_of
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
 WELL_ABOVE = 1.5
 """Residual over the noise level from which a map may lack something; the floor itself is known to some 20 %."""
-MATERIAL = 0.005
-"""Share of full scale below which what remains is not worth a verdict: bollard tests repeat no better."""
+MATERIAL = 0.005  # share of full scale below which what remains is not worth a verdict: bollard tests repeat no better
 STRUCTURED, THROWS = 0.01, 999
-SWEEP = 0.98
-"""Correlation of run order and command from which they are the same variable."""
+SWEEP = 0.98  # correlation of run order and command from which they are the same variable
 COMPUTED, DEGREE = 2e-4, 4
 """A direction that a polynomial of this degree meets to this share of full scale was computed, not measured."""
 PARAMETER = {"dead-band": "n_0", "thrust-exponent": "p", "saturation": "n_sat"}
@@ -64,27 +47,15 @@ SAYS = {
     "dead-band": "The thruster gives nothing below a smallest command",
     "thrust-exponent": "Thrust grows with another power of the command than the map's",
     "saturation": "Thrust stops rising above a largest command",
-    ASYMMETRY: "The thruster pulls differently forward and backward",
-    VOLTAGE: "Thrust at the same command follows the supply voltage",
-    SAG: "Thrust falls over the measurement, as with a battery that empties",
+    family.ASYMMETRY: "The thruster pulls differently forward and backward",
+    family.VOLTAGE: "Thrust at the same command follows the supply voltage",
+    family.SAG: "Thrust falls over the measurement, as with a battery that empties",
 }
 SPLIT_BY = {
-    SAG: "the first command repeated last: a sag shows as less thrust at the same command",
-    VOLTAGE: "three commands repeated at another voltage",
-    ASYMMETRY: "pulls at the same commands forward and backward, five times each",
+    family.SAG: "the first command repeated last: a sag shows as less thrust at the same command",
+    family.VOLTAGE: "three commands repeated at another voltage",
+    family.ASYMMETRY: "pulls at the same commands forward and backward, five times each",
 }
-
-
-@dataclass(frozen=True)
-class ThrusterGap:
-    """Root mean square of measured less fitted thrust [N] of one thruster: base, extended, noise level."""
-
-    before: float
-    after: float
-    floor: float
-
-    def to_json(self) -> dict[str, float]:
-        return {"before_N": self.before, "after_N": self.after, "noise_floor_N": self.floor}
 
 
 @dataclass(frozen=True)
@@ -105,53 +76,49 @@ class Fault:
 class ThrusterDiagnosis(Shown):
     """What the diagnosis of a thruster map found.
 
-    `data` holds every point, `search.base.data` those fitted, `held_out` the rest (None where too few levels were
-    there to hold any out). `final` is the extended model: the base refitted unless effects are named. `cross` is
-    the gap by leaving out levels.
-    """
+    `data` holds every point, `search.base.data` those fitted, `held_out` the rest (None where too few levels were there
+    to hold any out). `final` is the extended model: the base refitted unless effects are named. Gaps are in newtons of
+    one thruster; `cross` is that by leaving out levels."""
 
     verdict: str
     why: str
     given: ThrusterMap
-    data: BollardData
-    held_out: BollardData | None
-    search: MapSearch
-    final: Fitted
+    data: family.BollardData
+    held_out: family.BollardData | None
+    search: family.MapSearch
+    final: family.Fitted
     effects: tuple[NamedEffect, ...]
     where: Looked
     faults: tuple[Fault, ...]
-    gap: ThrusterGap
-    held_out_gap: ThrusterGap | None
-    cross: ThrusterGap
+    gap: GapSizes
+    held_out_gap: GapSizes | None
+    cross: GapSizes
     given_rmse: float
     floor_from: str
     set_aside: tuple[SetAside, ...] = ()
 
     @property
-    def base(self) -> Fitted:
-        """The map given, its form refitted on the fitted levels."""
+    def base(self) -> family.Fitted:
         return self.search.base
 
     def percent(self, value: float) -> float:
-        """Newtons as a percentage of full scale."""
         return 100.0 * value / self.data.full_scale
 
     @property
     def extended_map(self) -> dict[str, object]:
         """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
         final = self.final
-        form = form_of(frozenset().union(*(effects for _, effects in final.shape.curves))).name
+        form = family.form_of(frozenset().union(*(effects for _, effects in final.shape.curves))).name
         result = ThrusterMap(form, *final.both_ways, self.data.n_unit, self.data.points.n_range).to_json()
         estimates = _curve_parameters(final)
-        result["parameters"] = {
-            name: parameters_json(estimates.get("both" if final.shape.tied else name)) for name, _ in SIDES
-        }
+        if final.shape.tied:
+            estimates = {name: estimates["both"] for name, _ in SIDES}
+        result["parameters"] = parameters_json(estimates)
         names = ", ".join(effect.name for effect in self.effects) if self.verdict == NAMED else ""
         notes = [f"The {self.given.form} map refitted" + (f", with {names} added." if names else ".")]
         if final.shape.voltage:
-            volts = f"{final.reference:.4g}"
-            scale = f"(V/{volts})^{final.power:.3g}"
-            notes.append(f"Thrust holds at {volts} V; at another voltage V multiply it by {scale}.")
+            volts, power = f"{final.reference:.4g}", f"{final.power:.3g}"
+            notes.append(f"Thrust holds at {volts} V; at another voltage V multiply it by (V/{volts})^{power}.")
             result["voltage_exponent"] = {"p": final.power, "reference_V": final.reference}
         if final.shape.sag:
             notes.append("Thrust holds at the first reading, before the supply sagged.")
@@ -160,7 +127,7 @@ class ThrusterDiagnosis(Shown):
 
     def to_json(self) -> dict[str, object]:
         """Content of diagnosis.json (schema automarine/diagnosis/1)."""
-        held = self.held_out_gap
+        gaps = {"fitted_runs": self.gap, "held_out_runs": self.held_out_gap, "cross_validation": self.cross}
         first = self.search.steps[0]
         return {
             "schema": DIAGNOSIS.schema,
@@ -170,11 +137,7 @@ class ThrusterDiagnosis(Shown):
             "effects": [effect.to_json() for effect in self.effects],
             "where": [region.to_json("N") for region in self.where.regions],
             "faulty": [{**vars(fault), "readings": list(fault.readings)} for fault in self.faults],
-            "gap": {
-                "fitted_runs": self.gap.to_json(),
-                "held_out_runs": None if held is None else held.to_json(),
-                "cross_validation": self.cross.to_json(),
-            },
+            "gap": {name: gap and gap.to_json("N") for name, gap in gaps.items()},
             "candidates": [
                 {
                     "name": candidate.effect, "where": candidate.where, "gain": candidate.gain,
@@ -185,44 +148,30 @@ class ThrusterDiagnosis(Shown):
             "threshold": first.threshold,
             "full_scale_N": self.data.full_scale,
             "noise_floor_from": self.floor_from,
-            "levels": {
-                "fitted": self.base.data.levels,
-                "held_out": 0 if self.held_out is None else self.held_out.levels,
-            },
+            "levels": {"fitted": self.base.data.levels, "held_out": self.held_out.levels if self.held_out else 0},
             "runs": runs_json(len(np.unique(self.data.points.record)), self.set_aside),
         }  # fmt: skip
 
 
-def start_shape(base: ThrusterMap, data: BollardData, voltage: bool = False) -> Shape:
+def start_shape(base: ThrusterMap, data: family.BollardData, voltage: bool = False) -> family.Shape:
     """Make a shape of the base map: its form in each direction that was measured, tied where both curves are equal.
+    Each has the effects that its curve makes use of: a map may have been extended in one direction only."""
 
-    A map may have been extended in one direction only: each has the effects that its curve makes use of.
-    """
-
-    def used(curve: Curve | None) -> frozenset[str]:
-        if curve is None:
-            return frozenset()
-        form = FORMS[base.form]
-        free = (form.dead_band, form.exponent, form.saturation)
+    def used(curve: Curve) -> frozenset[str]:
         acting = (curve.n_0 > 0.0, curve.p != SQUARE, curve.n_sat is not None)
-        return frozenset(name for name, *on in zip(CURVE_EFFECTS, free, acting) if all(on))
+        free = FORMS[base.form].mask[1:]
+        return frozenset(name for name, *on in zip(family.CURVE_EFFECTS, free, acting) if all(on))
 
-    with_voltage = voltage and data.step is not None
-    if base.forward == base.backward and len(data.sides) == 2:
-        return Shape((("both", used(base.forward)),), with_voltage)
-    return Shape(tuple((name, used(getattr(base, name))) for name in data.sides), with_voltage)
+    both = base.forward == base.backward and len(data.sides) == 2
+    curves = {"both": base.forward} if both else {name: getattr(base, name) for name in data.sides}
+    shape = tuple((name, used(curve)) for name, curve in curves.items() if curve is not None)
+    return family.Shape(shape, voltage and data.step is not None)
 
 
 def diagnose_thrusters(
-    logs: ThrusterLogs,
-    base: ThrusterMap,
-    *,
-    hold_out: ThrusterLogs | None = None,
-    thrusters: int = 1,
-    n_unit: str = "",
-    voltage: bool = False,
-    seed: int = 0,
-) -> ThrusterDiagnosis:
+    logs: ThrusterLogs, base: ThrusterMap, *, hold_out: ThrusterLogs | None = None, thrusters: int = 1,
+    n_unit: str = "", voltage: bool = False, seed: int = 0,
+) -> ThrusterDiagnosis:  # fmt: skip
     """Diagnose `base` on bollard tests in which `thrusters` equal thrusters pulled together.
 
     `hold_out` None holds out a quarter of the levels; `voltage` says that the map was made with a power of the voltage.
@@ -233,58 +182,47 @@ def diagnose_thrusters(
             f"the map's control signal is in {base.n_unit}, the logs' in {n_unit}; give logs and map of one signal"
         )
     sides = [name for name, _ in SIDES if getattr(base, name) is not None]
-    data = bollard_data(logs, thrusters, n_unit or base.n_unit, sides)
-    out = held_out_levels(data, seed) & (hold_out is None)
+    data = family.bollard_data(logs, thrusters, n_unit or base.n_unit, sides)
+    out = family.held_out_levels(data, seed) & (hold_out is None)
     held_out = data.where(out) if np.any(out) else None
     if hold_out is not None:
         try:
-            held_out = bollard_data(hold_out, thrusters, data.n_unit, data.sides, min_levels=1)
+            held_out = family.bollard_data(hold_out, thrusters, data.n_unit, data.sides, min_levels=1)
         except FitError:
             raise FitError(
                 "the logs held out have no command in a direction that was fitted; hold out logs like those fitted"
             ) from None
-    floor, floor_from = noise_level(data)
+    floor, floor_from = family.noise_level(data)
     fitted = data.where(~out)
-    search, fitted = search_around_faults(fitted, start_shape(base, fitted, voltage), floor, seed)
+    search = family.search_around_faults(fitted, start_shape(base, fitted, voltage), floor, seed)
+    fitted = search.base.data
     where = _regions(search.base, floor, seed)
 
-    def gap(fit: Fitted) -> ThrusterGap | None:
+    def gap(fit: family.Fitted) -> GapSizes | None:
         if held_out is None:
             return None
-        return ThrusterGap(_rms(held_out, search.base.thrust(held_out)), _rms(held_out, fit.thrust(held_out)), floor)
+        return GapSizes(_rms(held_out, search.base.thrust(held_out)), _rms(held_out, fit.thrust(held_out)), floor)
 
     effects = _named_effects(search, floor)
     verdict, why = _verdict(search, effects, where, gap(search.final), floor, seed)
     final = search.final if verdict == NAMED else search.base
     data = data.with_flags(~out, fitted.points.weight, fitted.points.flag)
     return ThrusterDiagnosis(
-        verdict=verdict,
-        why=why,
-        given=base,
-        data=data,
-        held_out=held_out,
-        search=search,
-        final=final,
-        effects=effects if verdict in (NAMED, SUSPECTED) else (),
-        where=where,
-        faults=_faults(data, final),
-        gap=ThrusterGap(search.base.rmse(), final.rmse(), floor),
-        held_out_gap=gap(final),
-        cross=ThrusterGap(search.base.rmse(held_out=True), final.rmse(held_out=True), floor),
-        given_rmse=_rms(fitted, base.force(fitted.points.n)),
-        floor_from=floor_from,
-        set_aside=logs.set_aside,
-    )
+        verdict, why, base, data, held_out, search, final, effects if verdict in (NAMED, SUSPECTED) else (), where,
+        _faults(data, final), GapSizes(search.base.rmse(), final.rmse(), floor), gap(final),
+        GapSizes(search.base.rmse(held_out=True), final.rmse(held_out=True), floor),
+        _rms(fitted, base.force(fitted.points.n)), floor_from, logs.set_aside,
+    )  # fmt: skip
 
 
-def _rms(data: BollardData, thrust: Floats) -> float:
+def _rms(data: family.BollardData, thrust: Floats) -> float:
     """Gap [N] of a thrust at the points, weighted as in the fit."""
     rest = data.points.force - thrust
     return float(np.sqrt(data.points.weight @ rest**2 / data.points.weight.sum()))
 
 
 def _verdict(
-    search: MapSearch, effects: tuple[NamedEffect, ...], where: Looked, held_out: ThrusterGap | None, floor: float,
+    search: family.MapSearch, effects: tuple[NamedEffect, ...], where: Looked, held_out: GapSizes | None, floor: float,
     seed: int,
 ) -> tuple[str, str]:  # fmt: skip
     """What may be said, and why no more: the rules of the diagnosis of a motion, with levels for runs."""
@@ -313,7 +251,7 @@ def _verdict(
     return NAMED, ""
 
 
-def _neighbours_p_value(fit: Fitted, seed: int) -> float:
+def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
     """p-value of neighbouring levels' residuals being alike: products of neighbours, against signs thrown."""
     data, random = fit.data, np.random.default_rng(seed)
     step = np.zeros(len(data.points)) if data.step is None else data.step
@@ -324,27 +262,23 @@ def _neighbours_p_value(fit: Fitted, seed: int) -> float:
     return float((1.0 + np.sum(signs @ together >= together.sum())) / (1.0 + THROWS))
 
 
-def _named_effects(search: MapSearch, floor: float) -> tuple[NamedEffect, ...]:
-    """The final map's effects, in the order in which they were found."""
+def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     named = []
     for name, p_value in search.p_values.items():
-        rivals = [rival for rival in search.alternatives if rival.instead_of == name]
-        total = 1.0 + sum(rival.odds for rival in rivals)
+        rivals = {rival.name: rival for rival in search.alternatives if rival.instead_of == name}
+        splits = {other: _split_by(search.final, rival, floor) for other, rival in rivals.items()}
+        weight, others = listed_rivals({other: rival.odds for other, rival in rivals.items()}, splits, 1.0 - p_value)
         values = effect_parameters(search.final, name, search.base)
         worded = []
         for key, one in values.items():
             word = WORDS.get(key, key.replace("_forward", " forward").replace("_backward", " backward"))
             worded.append(f"{word} = " + ("beyond what was measured" if one.value is None else f"{one.value:.3g}"))
-        listed = tuple(
-            NamedRival(rival.name, rival.odds / total * (1.0 - p_value), _split_by(search.final, rival, floor))
-            for rival in rivals
-        )
         says = f"{SAYS[name]}: {', '.join(worded)}."
-        named.append(NamedEffect(name, "", says, values, (1.0 - p_value) / total, p_value, listed))
+        named.append(NamedEffect(name, "", says, values, weight, p_value, others))
     return tuple(named)
 
 
-def _split_by(final: Fitted, rival: Alternative, floor: float) -> str:
+def _split_by(final: family.Fitted, rival: family.Alternative, floor: float) -> str:
     """The pull that tells the named effect from its rival: where both fitted curves differ most."""
     for name in (rival.name, rival.instead_of):
         if name in SPLIT_BY:
@@ -361,16 +295,16 @@ def _split_by(final: Fitted, rival: Alternative, floor: float) -> str:
     )
 
 
-def effect_parameters(fit: Fitted, effect: str, base: Fitted) -> dict[str, Parameter]:
+def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> dict[str, Parameter]:
     """Estimate the parameters of one effect; that of one direction says so in its name."""
     data = fit.data
-    if effect in (VOLTAGE, SAG):
-        column = multiplier_columns(fit, effect == VOLTAGE, effect == SAG)[:, 0]
-        value = fit.power if effect == VOLTAGE else fit.sag
-        stderr = _stderr(fit, column, data.step if effect == VOLTAGE else None)
-        name = "p" if effect == VOLTAGE else "share_lost"
+    if effect in (family.VOLTAGE, family.SAG):
+        column = family.multiplier_columns(fit, effect == family.VOLTAGE, effect == family.SAG)[:, 0]
+        value = fit.power if effect == family.VOLTAGE else fit.sag
+        stderr = _stderr(fit, column, data.step if effect == family.VOLTAGE else None)
+        name = "p" if effect == family.VOLTAGE else "share_lost"
         return {name: Parameter.of(Estimate.from_stderr(value, stderr, data.levels - 1, "1"))}
-    if effect == ASYMMETRY:
+    if effect == family.ASYMMETRY:
         sides = [np.where(data.points.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
         ends = [fit.along(np.array([sign * np.max(np.abs(data.points.n))]))[0] for sign in (1.0, -1.0)]
         relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
@@ -386,34 +320,32 @@ def effect_parameters(fit: Fitted, effect: str, base: Fitted) -> dict[str, Param
     }  # fmt: skip
 
 
-def _curve_parameters(fit: Fitted) -> dict[str, dict[str, Parameter]]:
+def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Parameter]]:
     """Estimates of every direction's curve ("both" where they share one), by parameter."""
-    result, gain = {}, fit.gain(fit.data)
-    for name, (index, side) in fit.data.parts(fit.shape.tied).items():
-        if fit.power or fit.sag:
-            side = replace(side, thrust=side.thrust / gain[index], weight=side.weight * gain[index] ** 2)
-        form = form_of(dict(fit.shape.curves)[name])
-        result[name] = parameters(side, form, fit.curves[name], fit.at_bound[name], fit.data.n_unit)
-    return result
+    gain, effects = fit.gain(fit.data), dict(fit.shape.curves)
+    return {
+        name: parameters(
+            family.without_gain(side, gain[index]), family.form_of(effects[name]), fit.curves[name], fit.at_bound[name],
+            fit.data.n_unit,
+        )
+        for name, (index, side) in fit.data.parts(fit.shape.tied).items()
+    }  # fmt: skip
 
 
-def _stderr(fit: Fitted, column: Floats, steps: Ints | None) -> float:
+def _stderr(fit: family.Fitted, column: Floats, steps: Ints | None) -> float:
     """Standard error of one parameter from its own derivative: by levels, or by voltage steps if that is more."""
     weight = fit.data.points.weight
-    moment, sizes = weight * column * fit.residual, []
-    for unit in (fit.data.level, steps):
-        if unit is not None:
-            sums = np.array([moment[unit == number].sum() for number in np.unique(unit)])
-            sizes.append(np.sqrt(np.sum(sums**2) * len(sums) / max(len(sums) - 1, 1)))
-    return float(max(sizes) / (weight @ column**2))
+    sums = [sums_of(weight * column * fit.residual, unit) for unit in (fit.data.level, steps) if unit is not None]
+    most = max(np.sqrt(one @ one * len(one) / max(len(one) - 1, 1)) for one in sums)
+    return float(most / (weight @ column**2))
 
 
-def _regions(fit: Fitted, floor: float, seed: int) -> Looked:
+def _regions(fit: family.Fitted, floor: float, seed: int) -> Looked:
     """Regions in which the residuals of a fit stand out against dealing the points in another order."""
     data = fit.data
     points, count = data.points, len(data.points)
     if not np.any(np.abs(fit.residual) > 1e-9 * data.full_scale):
-        return Looked((), (), ())
+        return Looked()
     columns = [Column("n", data.n_unit, points.n)]
     if data.step is not None:
         columns.append(Column("voltage", "V", points.voltage))
@@ -421,18 +353,21 @@ def _regions(fit: Fitted, floor: float, seed: int) -> Looked:
         columns.append(Column("run-order", "", np.arange(1.0, count + 1.0)))
     rest = (np.sqrt(points.weight) * fit.residual)[:, None]
     sign = np.sign(points.n)[:, None]
-    names = tuple(data.place(i) for i in range(count))
-    looked = look(columns, {}, Gap(names, rest, rest, sign, np.ones((count, 1), bool), rest[:, 0], floor, "N"), seed)
-    return replace(looked, regions=tuple(replace(one, runs=tuple(dict.fromkeys(one.runs))) for one in looked.regions))
+    gap = Gap(
+        names=tuple(data.place(i) for i in range(count)), residual=rest, raw=rest, sign=sign,
+        seen=np.ones((count, 1), bool), gain=rest[:, 0], floor=floor, gain_unit="N",
+    )  # fmt: skip
+    return look(columns, {}, gap, seed)
 
 
-def _faults(data: BollardData, fit: Fitted) -> tuple[Fault, ...]:
-    """Flagged stretches, and a direction that looks computed; the largest gap first."""
+def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[Fault, ...]:
     points = data.points
     flagged = np.flatnonzero(points.flag != "")
     new = (np.diff(flagged) > 1) | (np.diff(points.record[flagged]) != 0)
-    stretches = np.split(flagged, np.flatnonzero(new) + 1) if len(flagged) else []
-    faults = [_fault(data, fit, index, "faulty-stretch", str(points.flag[index[0]])) for index in stretches]
+    stretches = np.split(flagged, np.flatnonzero(new) + 1)
+    faults = [
+        _fault(data, fit, index, "faulty-stretch", str(points.flag[index[0]])) for index in stretches if len(index)
+    ]
     rough = {name: _off_polynomial(data, sign) for name, sign in SIDES}
     for (name, sign), other in zip(SIDES, ("backward", "forward")):
         if rough[name] < COMPUTED * data.full_scale < 0.2 * rough[other] < np.inf:
@@ -444,7 +379,7 @@ def _faults(data: BollardData, fit: Fitted) -> tuple[Fault, ...]:
     return tuple(sorted(faults, key=lambda fault: -fault.gap_N))
 
 
-def _fault(data: BollardData, fit: Fitted, index: Ints, kind: str, why: str) -> Fault:
+def _fault(data: family.BollardData, fit: family.Fitted, index: Ints, kind: str, why: str) -> Fault:
     n, place = data.points.n[index], data.place(int(index[0]))
     record = np.flatnonzero(data.points.record == data.points.record[index[0]])
     first, last = (int(np.searchsorted(record, index[end])) + 1 for end in (0, -1))
@@ -456,7 +391,7 @@ def _fault(data: BollardData, fit: Fitted, index: Ints, kind: str, why: str) -> 
     return Fault(kind, place, (first, last), low, high, len(index), gap, f"{place}: {what}: {why}.")
 
 
-def _off_polynomial(data: BollardData, sign: float) -> float:
+def _off_polynomial(data: family.BollardData, sign: float) -> float:
     """Root mean square [N] of one direction about a polynomial in n; infinite with too few points."""
     mask = data.points.n * sign > 0
     if np.count_nonzero(mask) < DEGREE + 7:

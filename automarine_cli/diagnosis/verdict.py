@@ -1,18 +1,17 @@
 """Named, suspected, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.given import log_density, missed, run_effects_given
 from automarine_cli.diagnosis.residual_regions import Region, Where
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.search import MOST_EFFECTS, STANDS, WEAK, Found, Trial, clear, obstacle
-from automarine_cli.diagnosis.study import JUDGED, Study
+from automarine_cli.diagnosis.study import JUDGED, Study, log_density, missed, run_effects_given
 from automarine_cli.dofs import Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.kalman import Predicted
@@ -24,44 +23,45 @@ from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)
-class Gap:
-    """Root mean square of measured less simulated heading [rad] over all samples of a set of runs.
-
-    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
-    is left is what the model lacks, and noise. `floor` is the noise of the heading estimated without a model.
-    `residuals_before` and `residuals_after` (R, N) are the headings' own, zero in the padding.
-    """
+class GapSizes:
+    """Root mean square of measured less modelled, before and after, and the noise estimated without a model."""
 
     before: float
     after: float
     floor: float
-    residuals_before: Floats
-    residuals_after: Floats
 
     def above(self, size: float) -> float:
-        """By how much a gap's mean square is above the noise [rad²]."""
+        """By how much a gap's mean square is above the noise."""
         return size**2 - self.floor**2
 
     @property
     def in_noises(self) -> str:
-        """Both in units of the noise, in words."""
         floor = max(self.floor, 1e-12)
         return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
 
-    def to_json(self, dof: Dof) -> dict[str, float]:
-        """The contract's form, in the unit in which people see positions."""
-        key = dof.units.key
-        return {
-            f"before_{key}": float(dof.shown(self.before)),
-            f"after_{key}": float(dof.shown(self.after)),
-            f"noise_floor_{key}": float(dof.shown(self.floor)),
-        }
+    def to_json(self, unit: str, shown: Callable[[float], float] = float) -> dict[str, float]:
+        """The contract's form: `unit` ends the keys, `shown` turns the numbers into it."""
+        sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
+        return {f"{name}_{unit}": float(shown(size)) for name, size in sizes.items()}
+
+
+@dataclass(frozen=True)
+class Gap(GapSizes):
+    """The gap of headings [rad] over all samples of a set of runs.
+
+    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
+    is left is what the model lacks, and noise. The residuals are (R, N), zero in the padding."""
+
+    residuals_before: Floats
+    residuals_after: Floats
 
 
 def gap(study: Study, base: Trial, final: Trial, fitted: bool = False) -> Gap:
     """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
     before, after = residuals(study, base, fitted), residuals(study, final, fitted)
-    return Gap(_size(study, before), _size(study, after), study.floor, before, after)
+    shown = [study.batch.seen if not study.driven else residual != 0.0 for residual in (before, after)]
+    first, last = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip((before, after), shown))
+    return Gap(first, last, study.floor, before, after)
 
 
 def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
@@ -74,11 +74,6 @@ def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
         return study.residual(trial.fit.fitted)
     simulated = run_effects_given(problem, problem.search(trial.fit.theta), trial.fit.variances)[1]
     return study.residual(simulated)
-
-
-def _size(study: Study, residual: Floats) -> float:
-    shown = study.batch.seen if not study.driven else residual != 0.0
-    return float(np.sqrt((residual**2).sum() / max(int(shown.sum()), 1)))
 
 
 DECIDING = 5.0
@@ -98,14 +93,12 @@ class Ahead:
 
     def to_json(self, dof: Dof) -> dict[str, float]:
         """The contract's form, in the unit in which people see positions."""
-        key = dof.units.key
-        return {
-            "horizon_s": self.horizon,
-            f"before_{key}": float(dof.shown(self.before)),
-            f"after_{key}": float(dof.shown(self.after)),
-            f"constant_rate_{key}": float(dof.shown(self.constant_rate)),
-            f"constant_{dof.words.position}_{key}": float(dof.shown(self.constant)),
-        }
+        errors = {
+            "before": self.before, "after": self.after, "constant_rate": self.constant_rate,
+            f"constant_{dof.words.position}": self.constant,
+        }  # fmt: skip
+        shown = {f"{name}_{dof.units.key}": float(dof.shown(error)) for name, error in errors.items()}
+        return {"horizon_s": self.horizon, **shown}
 
 
 @dataclass(frozen=True)
@@ -117,8 +110,12 @@ class Outlook:
 
     @property
     def judged(self) -> Ahead | None:
-        """Over the horizon that shows the gap."""
         return next((one for one in self.ahead if one.horizon == JUDGED), None)
+
+    @property
+    def longest(self) -> Ahead:
+        """Over that, or the longest that runs are long enough for."""
+        return self.judged or self.ahead[-1]
 
     def doubt(self, dof: Dof) -> str:
         """Why runs that were not fitted do not bear the effects out; empty where they do."""
@@ -134,10 +131,8 @@ class Outlook:
         )
 
     def to_json(self, dof: Dof) -> dict[str, object]:
-        """The horizon that shows the gap, and all of them."""
-        judged = self.judged or self.ahead[-1]
         every = [one.to_json(dof) for one in self.ahead]
-        return {**judged.to_json(dof), "log_density_gain": self.density_gain, "horizons": every}
+        return {**self.longest.to_json(dof), "log_density_gain": self.density_gain, "horizons": every}
 
 
 def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
@@ -147,7 +142,7 @@ def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
     if not (isinstance(first, InnovationsFit) and isinstance(last, InnovationsFit)):
         return None
     before, after = study.predictions(base.model, first), study.predictions(final.model, last)
-    gained = study.log_density(final.model, last) - study.log_density(base.model, first)
+    gained = log_density(study, final.model, last) - log_density(study, base.model, first)
     return outlook_of(before, after, float(np.sum(gained)))
 
 
@@ -162,13 +157,11 @@ def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_
 
 def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
     """Estimates of one effect's parameters with the run as the unit, by their names in files."""
-    found = _estimates(study, trial)
-    own = effects.get(name).names_in(trial.model.dof)
-    return {one: found[trial.model.index(f"{name}.{one}")] for one in own}
+    estimates = _estimates(study, trial)
+    return {p: estimates[trial.model.index(f"{name}.{p}")] for p in effects.get(name).names_in(trial.model.dof)}
 
 
 def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
-    """Estimates of the base model's parameters, inertia first, by their names in files."""
     return dict(zip(study.base.short_names, _estimates(study, trial)))
 
 
@@ -195,38 +188,37 @@ def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
 
 def detectable(study: Study, found: Found) -> dict[str, float]:
     """Smallest size of each candidate's first parameter that these runs would have shown four times in five."""
-    last = found.rounds[-1]
-    sizes = {}
+    last, runs, sizes = found.rounds[-1], len(study.runs), {}
     for score in last.scores.ranked:
-        needed = last.threshold + penalty(fitted_parameters(score.effect), len(study.runs))
-        sizes[score.effect] = float(score.unit_size) * float(np.sqrt(max(needed, 1.0)) + special.ndtri(0.8))
+        needed = last.threshold + penalty(fitted_parameters(score.effect), runs)
+        sizes[score.effect] = score.unit_size * float(np.sqrt(max(needed, 1.0)) + special.ndtri(0.8))
     return sizes
 
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 
+
+def in_few_words(verdict: str, effects: Iterable[str]) -> str:
+    names = " and ".join(effects)
+    return {NAMED: names, SUSPECTED: f"suspected {names}"}.get(verdict, verdict.replace("-", " "))
+
+
 WELL_ABOVE = 0.05
 FLOOR_ERROR = 1.5
 """Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
 root of the samples), before runs may hold something more."""
-LEFT_OVER = 0.3
-"""Share of the excess variance over the floor that may stay when an effect is named."""
-MOST_LEFT = 0.5
-"""Share of the gap's variance above the noise, on runs held out, that a name has to close."""
-ASTRAY = 1.1
-"""Growth of the gap on runs held out at which an explanation cannot be right."""
+LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
+MOST_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
+ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""
 MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
-EVEN = 0.5
-"""Weight against its rivals below which an effect is a tie and no name."""
-MOST_RIVALS = 3
-"""Rivals that are told to people."""
-FEWEST_GAINS = 10
-"""Runs from which the order of their gains says anything."""
+EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
+MOST_RIVALS = 3  # rivals that are told to people
+FEWEST_GAINS = 10  # runs from which the order of their gains says anything
 
 
 @dataclass(frozen=True)
@@ -234,8 +226,7 @@ class NamedEffect:
     """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
 
     `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
-    that was learned.
-    """
+    that was learned."""
 
     name: str
     law: str
@@ -247,17 +238,13 @@ class NamedEffect:
     learned: Any = None
 
     def to_json(self) -> dict[str, object]:
-        """The contract's form."""
-        return {
-            "name": self.name,
-            **({"law": self.law} if self.law else {}),
-            "says": self.says,
+        plain = {
+            **vars(self),
             "parameters": {name: estimate.to_json() for name, estimate in self.parameters.items()},
-            "confidence": self.confidence,
-            "p_value": self.p_value,
-            "rivals": [asdict(rival) for rival in self.rivals],
-            **({} if self.learned is None else {"learned": self.learned.to_json()}),
+            "rivals": [vars(rival) for rival in self.rivals],
+            "learned": self.learned and self.learned.to_json(),
         }
+        return {key: value for key, value in plain.items() if value or key not in ("law", "learned")}
 
     @property
     def few_rivals(self) -> tuple[NamedRival, ...]:
@@ -271,12 +258,19 @@ class NamedEffect:
         return f"Not excluded are {more} more, which diagnosis.json lists." if more > 0 else ""
 
 
+def listed_rivals(
+    odds: Mapping[str, float], splits: Mapping[str, str], share: float = 1.0
+) -> tuple[float, tuple[NamedRival, ...]]:
+    """The weight of an effect among its rivals of these odds, together `share`, and the rivals with theirs."""
+    weight = share / (1.0 + sum(odds.values()))
+    return weight, tuple(NamedRival(name, weight * odd, splits[name]) for name, odd in odds.items())
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What may be said; `found` is the search as far as that holds: without effects where none is named or suspected.
 
-    `why` says what keeps effects from being named, or what is unexplained; `left` what stays beside named ones.
-    """
+    `why` says what keeps effects from being named, or what is unexplained; `left` what stays beside named ones."""
 
     word: str
     found: Found
@@ -303,13 +297,11 @@ def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None,
         if reason:
             return Verdict(UNEXPLAINED, found.without_effects, f"{reason} {_nearest(study, found)}")
     doubt = "" if last is None else _borne_out(study, last, held_out, kept, ahead)
-    if last is not found and doubt:
-        last = None
-    if last is None and where.regions:
+    if last is None or (last is not found and doubt):
+        if not where.regions:
+            return Verdict(NOTHING, found)
         reason = f"The error is beyond chance {stretch(where.regions[0])}."
         return Verdict(UNEXPLAINED, found, f"{reason} {_nearest(study, found)}")
-    if last is None:
-        return Verdict(NOTHING, found)
     doubt = _beyond_chance(last) if last is not found else _no_name(found, kept) or doubt
     if doubt:
         return Verdict(SUSPECTED, last, doubt)
@@ -320,7 +312,6 @@ def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None,
 
 
 def _beyond_chance(doubtful: Found) -> str:
-    """How often chance does as well as what it reaches more often than a name may leave."""
     (p_value,) = doubtful.p_values.values()
     return f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
 
@@ -330,11 +321,11 @@ def _no_name(found: Found, kept: Gap | None) -> str:
     out, or rivals are together likelier; empty where neither is so."""
     if found.compensating and (kept is None or _something_left(kept)):
         return found.compensating[0].says
-    tied = [name for name in found.final.counted if found.weight(name) < EVEN]
-    if not tied:
-        return ""
-    others = " or ".join(rival.name for rival in found.rivals if rival.replaces == tied[0])
-    return f"A tie: the runs do not tell {tied[0]} ({100 * found.weight(tied[0]):.0f} %) from {others}."
+    for name in found.final.counted:
+        weight = 1.0 / (1.0 + sum((odds := found.odds(name)).values()))
+        if weight < EVEN:
+            return f"A tie: the runs do not tell {name} ({100 * weight:.0f} %) from {' or '.join(odds)}."
+    return ""
 
 
 def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None) -> str:
@@ -344,7 +335,8 @@ def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | N
         return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
     gained = _heard(found.final.fit.predictive - found.base.fit.predictive)
     if held_out is not None:
-        more = _heard(log_density(held_out, found.final) - log_density(held_out, found.base))
+        after, before = (log_density(held_out, trial.model, trial.fit) for trial in (found.final, found.base))
+        more = _heard(after - before)
         if _beyond_doubt(-more):
             worse = f"{(more < 0).sum()} of {len(more)} are less likely with it"
             return f"The held-out runs contradict it: {worse}."
@@ -375,12 +367,10 @@ def _something_left(kept: Gap) -> bool:
 def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> str:
     """Why runs that are simulated whole hold something that nothing in the library explains; empty if that is not so.
 
-    So are runs whose residuals stand well above the floor and hang together in time, when what was added
-    closes less than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust
-    wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows;
-    and runs that would take more effects than anybody should believe; and an explanation that leads runs held out
-    astray.
-    """
+    So are runs whose residuals stand well above the floor and hang together in time, when what was added closes less
+    than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust wander with
+    the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows; and runs that
+    would take more effects than anybody should believe; and an explanation that leads runs held out astray."""
     final = found.final
     if kept is not None and kept.after > ASTRAY * kept.before:
         return f"What explains the fitted runs makes the held-out runs worse: their gap is {kept.in_noises}."
@@ -405,13 +395,11 @@ def _beside(where: Where) -> str:
 
 
 def stretch(region: Region) -> str:
-    """Where a region is, in words."""
     unit = f" {region.unit}" if region.unit else ""
     return f"where {region.variable} is {region.low:.3g} to {region.high:.3g}{unit}"
 
 
 def _nearest(study: Study, found: Found) -> str:
-    """What comes nearest to an explanation."""
     first, final, dof = found.rounds[0], found.final, study.base.dof
     if not final.added:
         best = max(first.trials, key=first.gain, default=None)
@@ -438,8 +426,7 @@ def gains_wander(study: Study, trial: Trial) -> bool:
     """Whether runs made one after the other have more alike gains than chance allows (p < 0.001).
 
     Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
-    clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12).
-    """
+    clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12)."""
     gains = trial.fit.own(GAIN)[np.argsort(study.batch.start), 0]
     count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
     if count < FEWEST_GAINS or spread < 1e-12:
@@ -461,13 +448,8 @@ def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:
     """List the effects of the final model, each with its rivals and what their cards say would tell them apart."""
     named, dof = [], study.base.dof
     for name in found.final.added:
-        weight, p_value = found.weight(name), found.p_values[name]
-        rivals = tuple(
-            NamedRival(rival.name, weight * float(np.exp(-0.5 * rival.behind)), split_by(name, rival.name, dof))
-            for rival in found.rivals
-            if rival.replaces == name
-        )
-        effect = effects.get(name)
+        effect, p_value, odds = effects.get(name), found.p_values[name], found.odds(name)
+        weight, rivals = listed_rivals(odds, {rival: split_by(name, rival, dof) for rival in odds})
         parameters = parameter_estimates(study, found.final, name)
         law = ", ".join(
             known.choices[round(one.value)]

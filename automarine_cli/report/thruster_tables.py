@@ -82,7 +82,7 @@ def sentences(result: ThrusterFit) -> tuple[str, ...]:
     """The choice, the tare, what was left out, and notes."""
     dropped = result.reduction.dropped
     parts = [f"{count} {name.replace('_', ' ')}" for name, count in dropped.items() if count]
-    said = [result.analysis.selection.because, result.tare.says]
+    said = [result.analysis.because, result.tare.says]
     if result.reduction.plateaus:
         left = f"; left out: {', '.join(parts)}" if parts else ""
         said.append(f"{result.reduction.samples} samples were reduced to {result.reduction.plateaus} plateaus{left}.")
@@ -138,7 +138,7 @@ def forms(result: ThrusterFit) -> Table:
             "within 1 s.e. of best": "yes" if score.within_reach else "no",
             "at bound": "; ".join(f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at),
         }
-        for score in analysis.selection.scores
+        for score in analysis.scores
     ]
     title = "Forms side by side, cross-validated over levels (parameters in each direction; * chosen)"
     return Table.of(title, rows)

@@ -22,10 +22,9 @@ from automarine_cli.runs.run import SetAside
 class Series:
     """One test record as logged: one file, or one `run` of a file; arrays of shape (N,).
 
-    `n` is the control signal [unit as logged], `force` the thrust of all pulling thrusters together [N],
-    `time` [s] and `voltage` [V] are None where the log has none; `extras` are its other columns by their own names.
-    `part` is which thruster it is of, where a column says (`ThrusterLogs.by`).
-    """
+    `n` is the control signal [unit as logged], `force` the thrust of all pulling thrusters together [N], `time` [s] and
+    `voltage` [V] are None where the log has none; `extras` are its other columns by their own names. `part` is which
+    thruster it is of, where a column says (`ThrusterLogs.by`)."""
 
     source: str
     run: str
@@ -38,7 +37,6 @@ class Series:
 
     @property
     def place(self) -> str:
-        """File, run and part, for people."""
         run = f", run {self.run}" if self.run else ""
         return f"{self.source}{run}, {self.part}" if self.part else f"{self.source}{run}"
 
@@ -49,8 +47,7 @@ class ThrusterLogs:
     control signal where all logs tell the same, else "".
 
     `by` is the column that says which thruster a record is of, "" without; `asked` whether the user named it, else it
-    was found: a column of a few words in every table.
-    """
+    was found: a column of a few words in every table."""
 
     records: tuple[Series, ...]
     set_aside: tuple[SetAside, ...]
@@ -69,19 +66,16 @@ class ThrusterLogs:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the parts in the order in which they first appear."""
         return tuple(dict.fromkeys(record.part for record in self.records if record.part))
 
     def of(self, part: str) -> "ThrusterLogs":
-        """The records of one part, as logs of their own."""
         return replace(self, records=tuple(r for r in self.records if r.part == part), by="", asked=False, set_aside=())
 
 
 def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
     """Return how many equal thrusters pulled together: `count`, else the column map's default, else the usual number.
 
-    Raises SettingError for what is no such number.
-    """
+    Raises SettingError for what is no such number."""
     value = columns.defaults.get("thrusters_per_test", usual) if count is None else count
     if isinstance(value, str) or value != int(value) or value < 1:
         raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
@@ -93,9 +87,7 @@ def load_thruster_logs(
 ) -> ThrusterLogs:
     """Read every log; one `run` of a file is one record.
 
-    Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none
-    is left.
-    """
+    Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none is left."""
     files = find_logs(logs)
     records: list[Series] = []
     set_aside: list[SetAside] = []
@@ -104,7 +96,11 @@ def load_thruster_logs(
         try:
             table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
             require_thruster(table)
-            _require_parts(table, columns)
+            if BY in columns.columns and table.parts is None:
+                raise LogError(
+                    f"{table.source}: no column {quoted(columns.source_of(BY))}, which the column map names with by; "
+                    f"found the columns {listed(table.names)}. Correct the name, or leave the line out"
+                )
         except LogError as refusal:
             if file.named:
                 raise
@@ -128,15 +124,6 @@ def load_thruster_logs(
     rules = {columns.of(file.path).columns.get("force_N") for file in files}
     rule = rules.pop() if len(rules) == 1 else None
     return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked), rule)
-
-
-def _require_parts(table: LogTable, columns: ColumnMap) -> None:
-    """Raise LogError where the column that the map names with `by` is not in the table."""
-    if BY in columns.columns and table.parts is None:
-        raise LogError(
-            f"{table.source}: no column {quoted(columns.source_of(BY))}, which the column map names with by; found the "
-            f"columns {listed(table.names)}. Correct the name, or leave the line out"
-        )
 
 
 def _name_of_parts(table: LogTable) -> str:
@@ -181,12 +168,11 @@ MOST_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
 class Points:
     """Measured points of one thruster, arrays of shape (P,).
 
-    `n` [unit as logged]; `force` [N] of one thruster; `spread` [N] is the standard deviation of the samples
-    behind a point, `count` their number, `stderr` [N] the standard error of their mean (both NaN for a single
-    reading); `when` is the time [s] or sample number in the record, `record` numbers the test records,
-    `voltage` [V] is NaN where it was not logged; `raw` says that the point is the mean of a plateau; `flag`
-    is "" or the reason why a point weighs less, `weight` lies in (0, 1].
-    """
+    `n` [unit as logged]; `force` [N] of one thruster; `spread` [N] is the standard deviation of the samples behind a
+    point, `count` their number, `stderr` [N] the standard error of their mean (both NaN for a single reading); `when`
+    is the time [s] or sample number in the record, `record` numbers the test records, `voltage` [V] is NaN where it was
+    not logged; `raw` says that the point is the mean of a plateau; `flag` is "" or the reason why a point weighs less,
+    `weight` lies in (0, 1]."""
 
     n: Floats
     force: Floats
@@ -206,8 +192,7 @@ class Points:
     @classmethod
     def measured(cls, n: Floats, force: Floats, when: Floats, voltage: Floats | None, record: int) -> "Points":
         """Single readings of one record, none of them flagged."""
-        size = len(n)
-        nothing = np.full(size, np.nan)
+        size, nothing = len(n), np.full(len(n), np.nan)
         return cls(
             n=n, force=force, spread=nothing, count=np.ones(size, dtype=np.int64), stderr=nothing, when=when,
             record=np.full(size, record, dtype=np.int64), voltage=nothing if voltage is None else voltage,
@@ -215,7 +200,6 @@ class Points:
         )  # fmt: skip
 
     def where(self, mask: NDArray[np.bool_]) -> "Points":
-        """The points that `mask`, shape (P,), keeps."""
         return replace(self, **{name: getattr(self, name)[mask] for name in self.__dataclass_fields__})
 
     def divided(self, thrusters: int) -> "Points":
@@ -236,17 +220,14 @@ class Points:
 
 
 def join(parts: list[Points]) -> Points:
-    """All points one after the other."""
     return Points(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in Points.__annotations__})
 
 
 def levels_of(n: Floats) -> Ints:
     """Number of each control signal's level, shape (P,): equal to 0.4 % of full scale is one level."""
-    order = np.argsort(n, kind="stable")
-    width = SAME * float(np.max(np.abs(n), initial=0.0))
-    level, first = np.zeros(len(n), dtype=np.int64), -np.inf
-    number = -1
-    for index in order:
+    width, first, number = SAME * float(np.max(np.abs(n), initial=0.0)), -np.inf, -1
+    level = np.zeros(len(n), dtype=np.int64)
+    for index in np.argsort(n, kind="stable"):
         # Zero is a level of its own: a small command is not a tare reading.
         if n[index] - first > width or (n[index] == 0.0) != (first == 0.0):
             number, first = number + 1, float(n[index])
@@ -257,9 +238,8 @@ def levels_of(n: Floats) -> Ints:
 def groups_of(n: Floats) -> Ints:
     """What cross-validation leaves out together and what standard errors count as one: a level, shape (P,).
 
-    Closely spaced tables (over 24 levels in a direction) go in 20 blocks of neighbouring levels: a misfit is
-    alike in neighbours, so that one level of 100 is no independent witness.
-    """
+    Closely spaced tables (over 24 levels in a direction) go in 20 blocks of neighbouring levels: a misfit is alike in
+    neighbours, so that one level of 100 is no independent witness."""
     level = levels_of(n)
     count = int(level.max(initial=-1)) + 1
     if count <= MANY:
@@ -271,9 +251,8 @@ def groups_of(n: Floats) -> Ints:
 def voltage_steps(voltage: Floats) -> Ints | None:
     """Number of the nominal supply step of each point, shape (P,), rising with the voltage.
 
-    A new step starts where the sorted voltages jump by over 3 %; None without a voltage at every point, or
-    where the supply drifts without steps.
-    """
+    A new step starts where the sorted voltages jump by over 3 %; None without a voltage at every point, or where the
+    supply drifts without steps."""
     if len(voltage) == 0 or not np.all(np.isfinite(voltage)) or np.any(voltage <= 0):
         return None
     order = np.argsort(voltage, kind="stable")
@@ -296,9 +275,8 @@ Found = dict[int, tuple[float, float]]  # index -> deviation [N], limit [N]
 def flag_contradictions(points: Points, step: Ints | None) -> Points:
     """The same points with weights and reasons: contradicting readings weigh less, none is dropped.
 
-    Works inside each voltage step. The weight is Cauchy's, 1 / (1 + (deviation / scale)^2), with the scale a
-    third of the limit: a reading at the limit weighs 0.1, and every reading inside it weighs 1.
-    """
+    Works inside each voltage step. The weight is Cauchy's, 1 / (1 + (deviation / scale)^2), with the scale a third of
+    the limit: a reading at the limit weighs 0.1, and every reading inside it weighs 1."""
     weight, flag = points.weight.copy(), points.flag.copy()
     for number in np.unique(step) if step is not None else [0]:
         here = np.arange(len(points)) if step is None else np.flatnonzero(step == number)
@@ -355,9 +333,7 @@ def _rest(n: Floats, force: Floats) -> float:
 def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Found:
     """The fewest readings without which thrust rises with the command, but for a tolerance.
 
-    The longest rising chain through the readings stays; a drop-out leaves it, however many stand side by
-    side.
-    """
+    The longest rising chain through the readings stays; a drop-out leaves it, however many stand side by side."""
     order = np.lexsort((force, n))
     everything = np.ones(len(n), dtype=bool)
     strict = np.zeros(len(n), dtype=bool)
@@ -423,16 +399,14 @@ def _off_course(n: Floats, force: Floats, level: Ints, good: np.ndarray, scale: 
     deviations, limits = np.zeros(len(n)), np.full(len(n), scale)
     for j, index in enumerate(members):
         for p in index:
-            others = index[index != p]
-            tests = []
+            others, usual = index[index != p], []
             if len(others) >= 2:
-                usual = float(np.median(force[others]))
-                tests.append((abs(force[p] - usual), max(repeat, SCATTER * abs(usual))))
+                usual.append((float(np.median(force[others])), repeat))
             # A repeat that agrees says that the curve is like that.
             if np.isfinite(smooth[j]) and not np.any(np.abs(force[others] - force[p]) <= repeat):
-                limit = max(SMOOTH * scale, SMOOTH_MADS * rough, SCATTER * abs(smooth[j]))
-                tests.append((abs(force[p] - smooth[j]), limit))
-            for deviation, limit in tests:
+                usual.append((float(smooth[j]), max(SMOOTH * scale, SMOOTH_MADS * rough)))
+            for value, least in usual:
+                deviation, limit = abs(force[p] - value), max(least, SCATTER * abs(value))
                 if deviation * limits[p] > deviations[p] * limit:
                     deviations[p], limits[p] = deviation, limit
     return deviations, limits
@@ -449,8 +423,7 @@ def _repeat_noise(force: Floats, members: list[np.ndarray]) -> float:
 def left_out(place: Floats, middle: Floats) -> Floats:
     """Each level by the parabola through three levels on each side [N]; NaN near zero and the ends.
 
-    The parabola goes through the root of the thrust, which is nearly straight: coarse tables stay smooth.
-    """
+    The parabola goes through the root of the thrust, which is nearly straight: coarse tables stay smooth."""
     predicted = np.full(len(place), np.nan)
     root = np.sign(middle) * np.sqrt(np.abs(middle))
     for j in range(len(place)):
@@ -494,34 +467,28 @@ class Tare:
 def subtract_tare(points: Points) -> tuple[Points, Tare]:
     """Thrust with the zero reading taken off, and what it was.
 
-    A record with its own zero readings uses them, linear in time between them; another record uses the mean
-    of all. Zero plateaus of a raw series are always subtracted; single zero readings of a table only when
-    their mean is over twice its standard error, because a table is usually tared already and one more noisy
-    reading would then be added to every point.
-    """
+    A record with its own zero readings uses them, linear in time between them; another record uses the mean of all.
+    Zero plateaus of a raw series are always subtracted; single zero readings of a table only when their mean is over
+    twice its standard error, because a table is usually tared already and one more noisy reading would then be added to
+    every point."""
     zero = (points.n == 0.0) & (points.flag == "")
     if not np.any(zero):
         return points, Tare(0.0, 0.0, 0, 0.0, False)
-    values = points.force[zero]
-    mean = float(np.mean(values))
-    raw = bool(np.all(points.raw[zero]))
-    stderr = _tare_error(points, zero, raw)
+    mean, raw = float(np.mean(points.force[zero])), bool(np.all(points.raw[zero]))
+    stderr, count = _tare_error(points, zero, raw), int(np.count_nonzero(zero))
     if not raw and abs(mean) <= 2.0 * stderr:
-        return points, Tare(mean, stderr, len(values), 0.0, False)
+        return points, Tare(mean, stderr, count, 0.0, False)
     offset, drift = np.full(len(points), mean), 0.0
-    for record in np.unique(points.record):
-        own = zero & (points.record == record)
-        if not np.any(own):
-            continue
-        order = np.argsort(points.when[own], kind="stable")
-        knots, readings = points.when[own][order], points.force[own][order]
-        here = points.record == record
+    for record in np.unique(points.record[zero]):
+        inside = points.record == record
+        resting = points.where(zero & inside)
+        order = np.argsort(resting.when, kind="stable")
         if raw:
-            offset[here] = np.interp(points.when[here], knots, readings)
-            drift = max(drift, float(np.ptp(readings)))
+            offset[inside] = np.interp(points.when[inside], resting.when[order], resting.force[order])
+            drift = max(drift, float(np.ptp(resting.force)))
         else:
-            offset[here] = np.mean(readings)
-    return replace(points, force=points.force - offset), Tare(mean, stderr, len(values), drift, mean != 0.0)
+            offset[inside] = np.mean(resting.force[order])
+    return replace(points, force=points.force - offset), Tare(mean, stderr, count, drift, mean != 0.0)
 
 
 def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:

@@ -26,34 +26,25 @@ from automarine_cli.thrusters.bollard_data import (
     subtract_tare,
     voltage_steps,
 )
-from automarine_cli.thrusters.fit import Side, best_curve, sides_of
-from automarine_cli.thrusters.forms import FORMS, SIDES, SUFFIX, Curve, Form, fit_direction, jacobian, thrust_both_ways
+from automarine_cli.thrusters.fit import OPPOSITE, Side, behind_of, best_curve, left_out_squares, sides_of, sums_of
+from automarine_cli.thrusters.forms import FORMS, SIDES, Curve, Form, jacobian, thrust_both_ways
 from automarine_cli.thrusters.plateaus import reduce_series
 
 CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
 ASYMMETRY, VOLTAGE, SAG = "thrust-asymmetry", "voltage-exponent", "battery-sag"
-MIN_LEVELS = 5
-"""Levels in a direction from which a curve with a second parameter can be told from chance."""
-MIN_LEVELS_TO_HOLD_OUT = 10
-"""Levels in a direction from which a quarter of them is held out."""
-MIN_REPEATS = 6
-"""Degrees of freedom among repeats from which their own scatter is the noise level."""
-SAME_COMMAND = 1e-6
-"""Commands that differ by less than this share of full scale are the same command."""
-MOST_EXPLAINED = 0.8
-"""Share of the run order that the levels explain from which a drift cannot be told from the curve."""
+MIN_LEVELS = 5  # levels in a direction from which a curve with a second parameter can be told from chance
+MIN_LEVELS_TO_HOLD_OUT = 10  # levels in a direction from which a quarter of them is held out
+MIN_REPEATS = 6  # degrees of freedom among repeats from which their own scatter is the noise level
+SAME_COMMAND = 1e-6  # commands that differ by less than this share of full scale are the same command
+MOST_EXPLAINED = 0.8  # share of the run order that the levels explain from which a drift cannot be told from the curve
 ALPHA, NULLS = 0.01, 1999
 """Share of tables without a missing effect in which one may be named; fewer cannot be told with eight levels."""
 MOST_EFFECTS = 3
-ALTERNATIONS = 6
-"""Rounds of curves and what multiplies them; they hardly depend on each other."""
-ROUNDING = 1e-6
-"""Errors below this share of full scale are rounding, not evidence."""
-NEEDLESS = 0.5
-"""Standard errors by which cross-validation may get worse without an effect that is needless."""
+ALTERNATIONS = 6  # rounds of curves and what multiplies them; they hardly depend on each other
+ROUNDING = 1e-6  # errors below this share of full scale are rounding, not evidence
+NEEDLESS = 0.5  # standard errors by which cross-validation may get worse without an effect that is needless
 BROKEN_WEIGHT, MOST_STRETCHES = 0.01, 2
-SHORTEST_STRETCH = 3
-"""Readings in sequence that make a faulty stretch."""
+SHORTEST_STRETCH = 3  # readings in sequence that make a faulty stretch
 STEP_SHARE, STEP_NOISES = 0.03, 6.0
 """How sharply a faulty stretch begins and ends: share of full scale, and multiples of the noise level."""
 
@@ -62,10 +53,9 @@ STEP_SHARE, STEP_NOISES = 0.03, 6.0
 class BollardData:
     """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
 
-    `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one
-    voltage: the unit of chance; `group` what cross-validation leaves out together. `order` runs from 0 for the first
-    reading to 1 for the last. `places` are file and run of each record.
-    """
+    `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one voltage:
+    the unit of chance; `group` what cross-validation leaves out together. `order` runs from 0 for the first reading to
+    1 for the last. `places` are file and run of each record."""
 
     points: Points
     step: Ints | None
@@ -78,27 +68,22 @@ class BollardData:
 
     @property
     def full_scale(self) -> float:
-        """Largest thrust measured [N]."""
         return self.points.full_scale
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """The directions that were measured."""
         return tuple(name for name, sign in SIDES if np.any(self.points.n * sign > 0))
 
     @property
     def levels(self) -> int:
-        """How many independent levels."""
         return len(np.unique(self.level))
 
     def where(self, mask: NDArray[np.bool_]) -> "BollardData":
-        """Return the points that `mask` keeps."""
         step = None if self.step is None else self.step[mask]
         arrays = {name: getattr(self, name)[mask] for name in ("level", "group", "order")}
         return replace(self, points=self.points.where(mask), step=step, **arrays)
 
     def with_flags(self, index: Ints | NDArray[np.bool_], weight: Floats | float, flag: object) -> "BollardData":
-        """Return the data with other weights and flags at `index`."""
         weights, flags = self.points.weight.copy(), self.points.flag.copy()
         weights[index], flags[index] = weight, flag
         return replace(self, points=replace(self.points, weight=weights, flag=flags))
@@ -117,27 +102,20 @@ class BollardData:
     def order_is_free(self) -> bool:
         """Whether the run order can be told from the command: then a drift with it can be a candidate."""
         n = self.points.n
-        columns = [np.ones(len(n)), n, np.abs(n), n**2, n * np.abs(n)]
-        if self.step is not None:
-            columns.append(self.points.voltage)
-        matrix = np.stack(columns, axis=1)
+        volts = [] if self.step is None else [self.points.voltage]
+        matrix = np.stack([np.ones(len(n)), n, np.abs(n), n**2, n * np.abs(n), *volts], axis=1)
         rest = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
         return bool(np.ptp(self.order) > 0 and 1.0 - rest.var() / self.order.var() < MOST_EXPLAINED)
 
     def place(self, index: int) -> str:
-        """File and run of one point."""
         return self.places[int(self.points.record[index])]
 
 
 def bollard_data(
     logs: ThrusterLogs, thrusters: int, n_unit: str, sides: Sequence[str], min_levels: int = MIN_LEVELS
 ) -> BollardData:
-    """Make bollard data of logs: plateaus of one thruster, contradictions flagged, tare taken off, only `sides`.
-
-    A direction with fewer than `min_levels` levels is left out.
-
-    Raises FitError where no direction has enough levels, or thrust opposes the command.
-    """
+    """Make bollard data of logs: plateaus of one thruster, contradictions flagged, tare off; those of `sides` with
+    `min_levels` levels or more. Raises FitError where there is none, or thrust opposes the command."""
     points = reduce_series(list(logs.records)).points.divided(thrusters)
     step = voltage_steps(points.voltage)
     points, tare = subtract_tare(flag_contradictions(points, step))
@@ -154,10 +132,7 @@ def bollard_data(
             "pull at more levels, or give a map of the direction that was measured"
         )
     if float(points.weight[keep] @ (points.n * np.abs(points.n) * points.force)[keep]) <= 0.0:
-        raise FitError(
-            "thrust has the opposite sign of the control signal; if ahead is logged as negative force, write "
-            'force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
-        )
+        raise FitError(OPPOSITE)
     step = None if step is None or step.max() == 0 else step[keep]
     level = levels_of(points.n[keep])
     if step is not None:
@@ -168,17 +143,14 @@ def bollard_data(
 
 
 def held_out_levels(data: BollardData, seed: int) -> NDArray[np.bool_]:
-    """Mark the points (P,) of the quarter of the levels that is held out: one drawn from every four neighbours.
-
-    Never an end of the range; none where a direction has fewer than MIN_LEVELS_TO_HOLD_OUT levels.
-    """
+    """Mark the points (P,) of the quarter of the levels that is held out: one of every four neighbours, never an end of
+    the range; none where a direction has fewer than MIN_LEVELS_TO_HOLD_OUT levels."""
     random, out = np.random.default_rng(seed), np.zeros(len(data.points), dtype=bool)
     number = levels_of(data.points.n)
-    for sign in (1.0, -1.0):
-        levels = np.unique(number[data.points.n * sign > 0])
-        inner = levels[1:-1]
-        if 0 < len(levels) < MIN_LEVELS_TO_HOLD_OUT:
-            return np.zeros(len(data.points), dtype=bool)
+    levels = [np.unique(number[data.points.n * sign > 0]) for _, sign in SIDES]
+    if any(0 < len(one) < MIN_LEVELS_TO_HOLD_OUT for one in levels):
+        return out
+    for inner in (one[1:-1] for one in levels):
         for start in range(0, len(inner) - 3, 4):
             out |= number == inner[start + int(random.integers(4))]
     return out
@@ -189,8 +161,7 @@ def noise_level(data: BollardData) -> tuple[float, str]:
 
     Repeats at one command where there are enough; else what the neighbouring levels do not say: each level against a
     smooth local curve through the three levels on either side, freed of that curve's own error. Never less than the
-    standard errors of the plateaus.
-    """
+    standard errors of the plateaus."""
     points = data.points
     stderr = points.stderr[np.isfinite(points.stderr)]
     samples = float(np.sqrt(np.mean(stderr**2))) if len(stderr) else 0.0
@@ -218,8 +189,7 @@ def _roughness(data: BollardData) -> float:
             mask &= True if data.step is None else data.step == step
             n = np.abs(points.n[mask])
             numbers = levels_of(n)
-            place = np.array([np.mean(n[numbers == k]) for k in np.unique(numbers)])
-            thrust = np.array([np.mean(sign * points.force[mask][numbers == k]) for k in np.unique(numbers)])
+            place, thrust = (np.bincount(numbers, x) / np.bincount(numbers) for x in (n, sign * points.force[mask]))
             scale = np.array([_leaning(place, j) for j in range(len(place))])
             scatter = (thrust - left_out(place, thrust)) / scale
             off.append(scatter[np.isfinite(scatter)])
@@ -245,8 +215,7 @@ def _leaning(place: Floats, j: int) -> float:
 class Shape:
     """Which effects act where: `curves` pairs each direction ("both": one curve for both) with its effects.
 
-    `voltage`: thrust follows the voltage to a power; `sag`: it falls evenly with the run order.
-    """
+    `voltage`: thrust follows the voltage to a power; `sag`: it falls evenly with the run order."""
 
     curves: tuple[tuple[str, frozenset[str]], ...]
     voltage: bool = False
@@ -254,33 +223,27 @@ class Shape:
 
     @property
     def tied(self) -> bool:
-        """Whether both directions share one curve."""
         return self.curves[0][0] == "both"
 
     @property
     def parameters(self) -> int:
-        """Free parameters."""
         return sum(1 + len(effects) for _, effects in self.curves) + self.voltage + self.sag
 
     def without(self, effect: str, base: "Shape") -> "Shape":
         """Return the shape with one effect taken back to what it is in `base`."""
-        before = dict(base.curves)
-        if effect == VOLTAGE:
-            return replace(self, voltage=base.voltage)
-        if effect == SAG:
-            return replace(self, sag=base.sag)
+        if effect in (VOLTAGE, SAG):
+            return replace(self, voltage=base.voltage) if effect == VOLTAGE else replace(self, sag=base.sag)
         if effect == ASYMMETRY:
             return replace(self, curves=(("both", self.curves[0][1]),))
-        kept = (
-            (s, (e - {effect}) | ({effect} & before.get(s, before.get("both", frozenset())))) for s, e in self.curves
-        )
-        return replace(self, curves=tuple(kept))
+        before = dict(base.curves)
+        had = [{effect} & before.get(side, before.get("both", frozenset())) for side, _ in self.curves]
+        return replace(self, curves=tuple((side, (e - {effect}) | old) for (side, e), old in zip(self.curves, had)))
 
     def additions(self, data: BollardData) -> Iterator[tuple[str, str, "Shape"]]:
         """List every effect that can be added once: name, where ("both", "forward", "backward"), and the new shape."""
         for effect in CURVE_EFFECTS:
-            free = [name for name, effects in self.curves if effect not in effects]
-            for where, names in [(name, (name,)) for name in free] + ([("both", tuple(free))] if len(free) > 1 else []):
+            free = tuple(name for name, effects in self.curves if effect not in effects)
+            for where, names in [*((name, (name,)) for name in free), *([("both", free)] * (len(free) > 1))]:
                 curves = tuple((s, e | {effect} if s in names else e) for s, e in self.curves)
                 yield effect, where, replace(self, curves=curves)
         if self.tied:
@@ -293,10 +256,8 @@ class Shape:
 
 
 def form_of(effects: frozenset[str]) -> Form:
-    """Return the form that frees these effects."""
-    names = {(False, False): "square", (True, False): "dead-band", (False, True): "power"}
-    base = names.get(("dead-band" in effects, "thrust-exponent" in effects), "dead-band-power")
-    return FORMS[base + (SUFFIX if "saturation" in effects else "")]
+    flags = tuple(effect in effects for effect in CURVE_EFFECTS)
+    return next(form for form in FORMS.values() if (form.dead_band, form.exponent, form.saturation) == flags)
 
 
 @dataclass(frozen=True)
@@ -304,8 +265,7 @@ class Fitted:
     """A shape fitted to bollard data.
 
     `power` is the exponent of the voltage against `reference` [V]; `sag` the share of thrust lost from the first
-    reading to the last.
-    """
+    reading to the last."""
 
     data: BollardData
     shape: Shape
@@ -317,7 +277,6 @@ class Fitted:
 
     @property
     def both_ways(self) -> tuple[Curve | None, Curve | None]:
-        """The curves forward and backward."""
         shared = self.curves.get("both")
         return self.curves.get("forward", shared), self.curves.get("backward", shared)
 
@@ -347,16 +306,10 @@ class Fitted:
     @cached_property
     def loss(self) -> Floats:
         """Weighted squared error [N²] of each group, predicted by a fit without it; groups in rising number."""
-        points, predicted, gain = self.data.points, np.zeros(len(self.data.points)), self.gain(self.data)
+        squares, gain, effects = np.zeros(len(self.data.points)), self.gain(self.data), dict(self.shape.curves)
         for name, (index, side) in self.data.parts(self.shape.tied).items():
-            level = _without_gain(side, gain[index])
-            numbers = np.unique(side.group)
-            weights = np.where(side.group[None, :] == numbers[:, None], 0.0, level.weight[None, :])
-            fits = fit_direction(level.magnitude, level.thrust, weights, form_of(dict(self.shape.curves)[name]))
-            thrust = fits.thrust(side.magnitude)[np.searchsorted(numbers, side.group), np.arange(len(index))]
-            predicted[index] = np.sign(points.n[index]) * thrust * gain[index]
-        error = points.weight * (points.force - predicted) ** 2
-        return np.array([error[self.data.group == number].sum() for number in np.unique(self.data.group)])
+            squares[index] = left_out_squares(without_gain(side, gain[index]), form_of(effects[name]))
+        return sums_of(squares, self.data.group)
 
     @property
     def squares(self) -> float:
@@ -377,23 +330,23 @@ def fit_shape(data: BollardData, shape: Shape) -> Fitted:
     for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
         gain = fit.gain(data)
         best = {
-            name: best_curve(_without_gain(side, gain[index]), form_of(effects[name]))
+            name: best_curve(without_gain(side, gain[index]), form_of(effects[name]))
             for name, (index, side) in parts.items()
         }
-        curves = {name: curve for name, (curve, _) in best.items()}
-        at_bound = {name: bounds for name, (_, bounds) in best.items()}
-        fit = _with_multipliers(Fitted(data, shape, curves, at_bound, fit.power, fit.sag, reference))
+        curves, at_bound = (
+            {name: curve for name, (curve, _) in best.items()},
+            {name: at for name, (_, at) in best.items()},
+        )
+        fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
     return fit
 
 
 def multiplier_columns(fit: Fitted, voltage: bool, sag: bool) -> Floats:
     """Derivative of the thrust [N] by the voltage's power and the sag, those that are free; shape (P, K)."""
-    data, columns = fit.data, []
-    if voltage:
-        columns.append(fit.predicted * np.log(data.points.voltage / fit.reference))
-    if sag:
-        columns.append(-fit.predicted * data.order / (1.0 - fit.sag * data.order))
-    return np.stack(columns, axis=1) if columns else np.zeros((len(data.points), 0))
+    order, volts = fit.data.order, fit.data.points.voltage
+    columns = [fit.predicted * np.log(volts / fit.reference)] if voltage else []
+    columns += [-fit.predicted * order / (1.0 - fit.sag * order)] if sag else []
+    return np.array(columns).reshape(len(columns), len(order)).T
 
 
 def _with_multipliers(fit: Fitted) -> Fitted:
@@ -407,10 +360,10 @@ def _with_multipliers(fit: Fitted) -> Fitted:
     step = np.linalg.lstsq(root[:, None] * np.hstack([columns, *sides]), root * fit.residual, rcond=None)[0]
     power = float(np.clip(fit.power + step[0], -4.0, 4.0)) if shape.voltage else fit.power
     sag = float(np.clip(fit.sag + step[int(shape.voltage)], -0.9, 0.9)) if shape.sag else fit.sag
-    return Fitted(data, shape, fit.curves, fit.at_bound, power, sag, fit.reference)
+    return replace(fit, power=power, sag=sag)
 
 
-def _without_gain(side: Side, gain: Floats) -> Side:
+def without_gain(side: Side, gain: Floats) -> Side:
     """A side as it would have been without what multiplies its thrust."""
     return replace(side, thrust=side.thrust / gain, weight=side.weight * gain**2)
 
@@ -420,8 +373,7 @@ class CandidateFit:
     """A map fitted with effects added; `added` holds these with their p-values, in the order found.
 
     Of the effect added last, in one place ("both", "forward", "backward"): the deviance that it gains, its p-value over
-    all candidates of the step, the fall of the left-out squares `held_out` [N²] and its standard error over groups.
-    """
+    all candidates of the step, the fall of the left-out squares `held_out` [N²] and its standard error over groups."""
 
     fit: Fitted
     added: Mapping[str, float] = field(default_factory=dict)
@@ -439,19 +391,17 @@ class CandidateFit:
 
     def behind(self, other: "CandidateFit") -> tuple[float, float]:
         """Left-out squares [N²] more than those of another candidate, and their standard error over groups."""
-        gap = self.fit.loss - other.fit.loss
-        stderr = float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) if len(gap) > 1 else np.inf
-        return float(gap.sum()), stderr + len(gap) * (ROUNDING * self.fit.data.full_scale) ** 2
+        behind, stderr = behind_of(self.fit.loss, other.fit.loss)
+        return behind, stderr + len(self.fit.loss) * (ROUNDING * self.fit.data.full_scale) ** 2
 
 
 @dataclass(frozen=True)
 class SearchStep:
-    """One look for a missing effect: the map before, all candidates, the gain that chance reaches, the one taken."""
+    """One look for a missing effect: the map before, all candidates, the gain that chance reaches."""
 
     before: CandidateFit
     candidates: tuple[CandidateFit, ...]
     threshold: float
-    taken: CandidateFit | None
 
 
 @dataclass(frozen=True)
@@ -486,13 +436,9 @@ def evidence_by_chance(base: Fitted, fits: Mapping[tuple[str, str], Fitted], ran
 
     Residuals get signs group by group (Wu 1986, Ann. Stat. 14:1261: the wild bootstrap), so that noise that grows with
     thrust stays where it is, and are projected on the direction in which each candidate leaves the base, freed of what
-    the base's own parameters can do.
-    """
-    data = base.data
-    root, groups = np.sqrt(data.points.weight), np.unique(data.group, return_inverse=True)[1]
-    columns = root[:, None] * _base_columns(base)
-    left, sizes, _ = np.linalg.svd(columns / np.sqrt(np.sum(columns**2, axis=0)), full_matrices=False)
-    basis = left[:, sizes > 1e-9]
+    the base's own parameters can do."""
+    root, groups = np.sqrt(base.data.points.weight), np.unique(base.data.group, return_inverse=True)[1]
+    basis = _basis(base)
     # residuals shrink where the fit leans on a level; chance gets them back at their full size (HC3)
     errors = root * base.residual / (1.0 - np.minimum(np.sum(basis**2, axis=1), 0.99))
     signs = random.choice([-1.0, 1.0], size=(NULLS, groups.max() + 1))
@@ -513,20 +459,21 @@ def evidence_by_chance(base: Fitted, fits: Mapping[tuple[str, str], Fitted], ran
     return Chance(best)
 
 
-def _base_columns(fit: Fitted) -> Floats:
-    """Derivatives of the thrust [N] by every free parameter, shape (P, K)."""
-    data, gain = fit.data, fit.gain(fit.data)
-    columns = [multiplier_columns(fit, fit.shape.voltage, fit.shape.sag)]
+def _basis(fit: Fitted) -> Floats:
+    """Orthonormal columns (P, K) of what the free parameters can do to the thrust, weighted as in the fit."""
+    data, gain, effects = fit.data, fit.gain(fit.data), dict(fit.shape.curves)
+    blocks = [multiplier_columns(fit, fit.shape.voltage, fit.shape.sag)]
     for name, (index, side) in data.parts(fit.shape.tied).items():
-        form, curve, scale = form_of(dict(fit.shape.curves)[name]), fit.curves[name], float(side.magnitude.max())
+        curve, scale = fit.curves[name], float(side.magnitude.max())
         top = 1.0 if curve.n_sat is None else min(curve.n_sat / scale, 1.0)
         values = np.array([[curve.a * (scale - curve.n_0) ** curve.p, curve.n_0 / scale, curve.p, top]])
-        free = np.array([True, form.dead_band, form.exponent, form.saturation])
-        block = np.zeros((len(gain), int(free.sum())))
-        slopes = jacobian(side.magnitude / scale, values)[0][:, free]
+        slopes = jacobian(side.magnitude / scale, values)[0][:, form_of(effects[name]).mask]
+        block = np.zeros((len(gain), slopes.shape[1]))
         block[index] = (np.sign(data.points.n) * gain)[index, None] * slopes
-        columns.append(block[:, np.any(block != 0.0, axis=0)])
-    return np.hstack(columns)
+        blocks.append(block[:, np.any(block != 0.0, axis=0)])
+    columns = np.sqrt(data.points.weight)[:, None] * np.hstack(blocks)
+    left, sizes, _ = np.linalg.svd(columns / np.sqrt(np.sum(columns**2, axis=0)), full_matrices=False)
+    return left[:, sizes > 1e-9]
 
 
 @dataclass
@@ -540,16 +487,14 @@ class _Levels(Judge[CandidateFit, SearchStep]):
     most = 2 * MOST_EFFECTS + 1
 
     def fitted(self, shape: Shape) -> Fitted:
-        """Each fit is made once."""
         if shape not in self.fits:
             self.fits[shape] = fit_shape(self.data, shape)
         return self.fits[shape]
 
     def has_levels(self, shape: Shape) -> bool:
         """Whether every direction has levels enough to leave some out."""
-        effects = dict(shape.curves)
         parts = self.data.parts(shape.tied)
-        return all(side.groups >= form_of(effects[name]).parameters + 2 for name, (_, side) in parts.items())
+        return all(parts[name][1].can_leave_out(form_of(effects)) for name, effects in shape.curves)
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
         data, current = self.data, model.fit
@@ -570,11 +515,11 @@ class _Levels(Judge[CandidateFit, SearchStep]):
             candidate = CandidateFit(fit, added, effect, where, gain, p_value)
             held_out, stderr = model.behind(candidate)
             candidates.append(replace(candidate, held_out=held_out, stderr=stderr))
-        threshold = max(chance.threshold(ALPHA), 0.0)
-        return SearchStep(model, tuple(candidates), threshold, _best(candidates))
+        return SearchStep(model, tuple(candidates), max(chance.threshold(ALPHA), 0.0))
 
     def able(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
-        return [] if look.taken is None else [look.taken]
+        taken = _best([candidate for candidate in look.candidates if candidate.convincing])
+        return [] if taken is None else [taken]
 
     def added(self, model: CandidateFit) -> tuple[str, ...]:
         return tuple(model.added)
@@ -593,13 +538,10 @@ class _Levels(Judge[CandidateFit, SearchStep]):
 
 
 def _best(candidates: list[CandidateFit]) -> CandidateFit | None:
-    """The convincing candidate that wins most; of the same effect in fewer directions one that is as good."""
-    convincing = [candidate for candidate in candidates if candidate.convincing]
-    if not convincing:
-        return None
-    best = max(convincing, key=lambda candidate: candidate.held_out)
-    for candidate in convincing:
-        if candidate.effect == best.effect and candidate.fit.shape.parameters < best.fit.shape.parameters:
+    """The candidate that wins most; of the same effect in fewer directions one that is as good."""
+    best = max(candidates, key=lambda candidate: candidate.held_out, default=None)
+    for candidate in candidates:
+        if best and candidate.effect == best.effect and candidate.fit.shape.parameters < best.fit.shape.parameters:
             behind, stderr = candidate.behind(best)
             if behind <= stderr:
                 return candidate
@@ -624,7 +566,7 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
     return MapSearch(base.fit, outcome.looks, final.fit, final.added, alternatives)
 
 
-def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: int) -> tuple[MapSearch, BollardData]:
+def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: int) -> MapSearch:
     """Search, and again without any stretch of readings that steps off the curve and back."""
     search = search_map(data, shape, seed)
     for _ in range(MOST_STRETCHES):
@@ -635,15 +577,12 @@ def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: in
         why = f"{off:.3g} N off the curve from one reading to the next, and back again: faulty stretch"
         data = data.with_flags(index, BROKEN_WEIGHT, why)
         search = search_map(data, shape, seed)
-    return search, data
+    return search
 
 
 def broken_stretch(fit: Fitted, floor: float) -> Ints | None:
-    """Find the points of the clearest stretch of readings that steps off the curve and back again, or None.
-
-    A propeller's curve is continuous: what begins and ends between two neighbouring readings with a jump is the
-    measurement.
-    """
+    """Find the points of the clearest stretch of readings that steps off the curve and back again, or None: a
+    propeller's curve is continuous, and what begins and ends with a jump is the measurement."""
     points = fit.data.points
     limit = max(STEP_SHARE * fit.data.full_scale, STEP_NOISES * floor)
     best, clearest = None, 0.0

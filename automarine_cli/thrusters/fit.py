@@ -1,6 +1,6 @@
 """Points of a bollard test -> square law (equation 2), the form chosen by cross-validation, its parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,18 +10,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.command_range import usual_neutral
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
-from automarine_cli.thrusters.forms import (
-    FORMS,
-    HIGH,
-    LOW,
-    SIDES,
-    SQUARE,
-    Curve,
-    Fits,
-    Form,
-    fit_direction,
-    thrust_both_ways,
-)
+from automarine_cli.thrusters.forms import FORMS, HIGH, LOW, SIDES, SQUARE, Curve, Form, fit_direction, thrust_both_ways
 from automarine_cli.thrusters.map import ThrusterMap
 
 FEWEST_LEVELS = 3
@@ -33,11 +22,9 @@ PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
 class Side:
     """Points of one direction with positive thrust: |n| [unit of n], thrust [N], weights, all of shape (P,).
 
-    `stderr` [N] is the standard error of each point's own samples, 0 where it is one reading;
-    `group` numbers what counts as one independent measurement (a level, see `groups_of`); `record` numbers
-    the test records or voltage steps where there are enough of them to be a second source of scatter, else
-    None.
-    """
+    `stderr` [N] is the standard error of each point's own samples, 0 where it is one reading; `group` numbers what
+    counts as one independent measurement (a level, see `groups_of`); `record` numbers the test records or voltage steps
+    where there are enough of them to be a second source of scatter, else None."""
 
     name: str
     sign: float
@@ -51,8 +38,10 @@ class Side:
 
     @property
     def groups(self) -> int:
-        """How many independent levels or blocks of levels."""
         return len(np.unique(self.group))
+
+    def can_leave_out(self, form: Form) -> bool:
+        return self.groups >= form.parameters + 2
 
 
 @dataclass(frozen=True)
@@ -67,49 +56,42 @@ class Parameter:
 
     @classmethod
     def of(cls, estimate: Estimate) -> "Parameter":
-        """One with an interval."""
         return cls(estimate.value, estimate.unit, estimate)
 
     @property
     def fixed(self) -> bool:
-        """Whether the form says what it is."""
         return self.estimate is None and not self.why
 
     def to_json(self) -> object:
-        """The contract's form of an estimate; a plain number where it is fixed."""
         if self.estimate is not None:
             return self.estimate.to_json()
         nothing = {"value": self.value, "stderr": None, "ci95": None, "unit": self.unit, "at_bound": self.why}
         return self.value if self.fixed else nothing
 
 
-def parameters_json(found: Mapping[str, Parameter] | None) -> dict[str, object] | None:
-    """One direction's parameters in a map's file."""
-    return None if found is None else {name: one.to_json() for name, one in found.items()}
+def parameters_json(parameters: Mapping[str, Mapping[str, Parameter]]) -> dict[str, object]:
+    """Parameters by direction, in a map's file; null where there is no curve."""
+    return {
+        side: {name: parameter.to_json() for name, parameter in parameters[side].items()}
+        if side in parameters
+        else None
+        for side, _ in SIDES
+    }
 
 
 def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str, Side]:
     """Both directions of the points; a direction without points is left out."""
     sides = {}
     for name, sign in SIDES:
-        here = points.n * sign > 0
-        if not np.any(here):
-            continue
-        kept = points.where(here)
-        group = groups_of(np.abs(kept.n))
-        record = _crossed(group, step[here] if step is not None else kept.record)
-        own = np.nan_to_num(kept.stderr)
-        values = (np.abs(kept.n), sign * kept.force, kept.weight, group, record, own)
-        sides[name] = Side(name, sign, *values, tare_stderr)
+        inside = points.n * sign > 0
+        if np.any(inside):
+            part = points.where(inside)
+            group, record = groups_of(np.abs(part.n)), part.record if step is None else step[inside]
+            levels = [len(np.unique(group[record == number])) for number in np.unique(record)]
+            crossed = len(levels) > 1 and min(levels) >= FEWEST_LEVELS
+            values = (np.abs(part.n), sign * part.force, part.weight, group, record if crossed else None)
+            sides[name] = Side(name, sign, *values, np.nan_to_num(part.stderr), tare_stderr)
     return sides
-
-
-def _crossed(group: Ints, record: Ints) -> Ints | None:
-    """Test records as a second way to cluster, where each of several covers several levels."""
-    numbers = np.unique(record)
-    if len(numbers) < 2 or any(len(np.unique(group[record == number])) < FEWEST_LEVELS for number in numbers):
-        return None
-    return record
 
 
 def square_law(side: Side, unit: str) -> Estimate:
@@ -119,22 +101,14 @@ def square_law(side: Side, unit: str) -> Estimate:
     return _estimates(side, x[:, None], side.thrust - value * x, np.array([value]), (unit,), UNBIASED)[0]
 
 
-def curve_of(fits: Fits, row: int = 0) -> Curve:
-    """One row of a batch of fits as a curve in the unit of the control signal."""
-    amplitude, dead, power, top = (float(value) for value in fits.values[row])
-    a = amplitude / ((1.0 - dead) * fits.scale) ** power
-    return Curve(a, power, dead * fits.scale, None if top >= HIGH[3] else top * fits.scale)
-
-
 def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
     """Least-squares curve of a form, and the names of its parameters that ended at a bound."""
     fits = fit_direction(side.magnitude, side.thrust, side.weight[None, :], form)
-    at_bound = []
-    for index, name in ((1, "n_0"), (2, "p"), (3, "n_sat")):
-        value = fits.values[0, index]
-        if name in form.free and (value <= LOW[index] + 1e-9 or value >= HIGH[index] - 1e-9):
-            at_bound.append(name)
-    return curve_of(fits), tuple(at_bound)
+    amplitude, dead, power, top = map(float, fits.values[0])
+    ends = (fits.values[0] <= LOW + 1e-9) | (fits.values[0] >= HIGH - 1e-9)
+    at_bound = tuple(name for name, end in zip(("n_0", "p", "n_sat"), ends[1:]) if end and name in form.free)
+    a = amplitude / ((1.0 - dead) * fits.scale) ** power
+    return Curve(a, power, dead * fits.scale, None if top >= HIGH[3] else top * fits.scale), at_bound
 
 
 def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str) -> dict[str, Parameter]:
@@ -153,21 +127,14 @@ def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], 
     values = {"a": curve.a, "p": curve.p, "n_0": curve.n_0, "n_sat": curve.n_sat}
     units = {"a": amplitude_unit(n_unit, curve.p), "p": "", "n_0": n_unit or "n", "n_sat": n_unit or "n"}
     free = [name for name in form.free if name not in at_bound and np.any(derivative[name] != 0.0)]
-    residual = side.thrust - curve.thrust(side.magnitude)
-    found = _estimates(
-        side,
-        np.stack([derivative[name] for name in free], axis=1),
-        residual,
-        np.array([values[name] for name in free], dtype=float),
-        tuple(units[name] for name in free),
-        UNBIASED if free == ["a"] else JACKKNIFE,
-    )
+    matrix, fitted = np.stack([derivative[name] for name in free], axis=1), np.array([values[name] for name in free])
+    residual, freed_by = side.thrust - curve.thrust(side.magnitude), UNBIASED if free == ["a"] else JACKKNIFE
+    estimates = _estimates(side, matrix, residual, fitted, tuple(units[name] for name in free), freed_by)
     result = {name: Parameter(value, units[name]) for name, value in values.items()}
-    result |= {name: Parameter.of(estimate) for name, estimate in zip(free, found)}
-    for name in form.free:
-        if name not in free:
-            why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
-            result[name] = Parameter(values[name], units[name], why=why)
+    result |= {name: Parameter.of(estimate) for name, estimate in zip(free, estimates)}
+    for name in set(form.free) - set(free):
+        why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
+        result[name] = Parameter(values[name], units[name], why=why)
     return result
 
 
@@ -183,10 +150,8 @@ def _estimates(
 ) -> tuple[Estimate, ...]:
     """Estimates with cluster-robust standard errors; `matrix` is the derivative of the thrust, shape (P, K).
 
-    Clusters are levels; where records or voltage steps cross them, both (Cameron, Gelbach & Miller 2011,
-    J. Bus. Econ. Stat. 29:238), never less than the levels alone say. The tare's own error is common to all
-    points.
-    """
+    Clusters are levels; where records or voltage steps cross them, both (Cameron, Gelbach & Miller 2011, J. Bus. Econ.
+    Stat. 29:238), never less than the levels alone say. The tare's own error is common to all points."""
     size = np.sqrt(np.sum(matrix**2, axis=0))
     scaled = matrix / size
     root = np.sqrt(side.weight)
@@ -214,12 +179,11 @@ def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed
     """Variances of the parameters and their degrees of freedom, both of shape (K,).
 
     Each cluster's residuals are freed of their own leverage by that power of what it leaves: UNBIASED is HC2 with one
-    point a cluster (MacKinnon & White 1985), else its cluster form CR2, right for a straight line; JACKKNIFE is HC3
-    and CR3, wider, for forms that bend; PLAIN is the sandwich itself, for two or three clusters, of which a correction
+    point a cluster (MacKinnon & White 1985), else its cluster form CR2, right for a straight line; JACKKNIFE is HC3 and
+    CR3, wider, for forms that bend; PLAIN is the sandwich itself, for two or three clusters, of which a correction
     would say only that they are few. The degrees of freedom are Satterthwaite's for independent equal errors (Bell &
     McCaffrey 2002; Pustejovsky & Tipton 2018, J. Bus. Econ. Stat. 36:672): a square law rests on its few highest
-    levels, so that they are far fewer than the levels.
-    """
+    levels, so that they are far fewer than the levels."""
     variance, effects = np.zeros(len(inverse)), []
     for number in np.unique(group):
         here = group == number
@@ -244,10 +208,8 @@ EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
 class FormScore:
     """One form on the same points as the others; errors [N] over all points, weighted as in the fit.
 
-    `cv_rmse` is None where a direction has too few levels to leave one out; `behind` is the cross-validated
-    mean square error [N^2] above the best form's, `behind_stderr` its standard error over the levels left
-    out.
-    """
+    `cv_rmse` is None where a direction has too few levels to leave one out; `behind` is the cross-validated mean square
+    error [N^2] above the best form's, `behind_stderr` its standard error over the levels left out."""
 
     form: Form
     curves: dict[str, Curve]
@@ -259,93 +221,76 @@ class FormScore:
 
     @property
     def both_ways(self) -> tuple[Curve | None, Curve | None]:
-        """The curves forward and backward."""
         return self.curves.get("forward"), self.curves.get("backward")
 
     @property
     def within_reach(self) -> bool:
-        """Within one standard error of the best form."""
         return self.cv_rmse is not None and self.behind <= self.behind_stderr
-
-
-@dataclass(frozen=True)
-class Selection:
-    """All forms in the order of the family, the one that was chosen, and why in one sentence."""
-
-    scores: tuple[FormScore, ...]
-    chosen: FormScore
-    because: str
 
 
 def select_form(
     sides: dict[str, Side], zero_squares: float, total_weight: float, full_scale: float, forced: str | None = None
-) -> Selection:
-    """The simplest form within one standard error of the best by leave-one-level-out cross-validation.
+) -> tuple[tuple[FormScore, ...], FormScore, str]:
+    """All forms in the order of the family, the one that is chosen, and why in a sentence: the simplest within one
+    standard error of the best by leave-one-level-out cross-validation.
 
-    `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero.
-    Breiman et al. 1984, section 3.4.3 (the one-standard-error rule). Raises FitError for an unknown form.
-    """
+    `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero. Breiman et al.
+    1984, section 3.4.3 (the one-standard-error rule). Raises FitError for an unknown form."""
     if forced is not None and forced not in FORMS:
         raise FitError(f"no thrust curve is called {forced!r}; choose one of {', '.join(FORMS)}")
-    scores, losses = [], {}
+    scores, losses = {}, {}
     for form in FORMS.values():
-        found = {name: best_curve(side, form) for name, side in sides.items()}
-        curves = {name: curve for name, (curve, _) in found.items()}
+        fits = {name: best_curve(side, form) for name, side in sides.items()}
+        curves = {name: curve for name, (curve, _) in fits.items()}
         squares = zero_squares + sum(
             float(side.weight @ (side.thrust - curves[name].thrust(side.magnitude)) ** 2)
             for name, side in sides.items()
         )
         cross = None
-        if all(side.groups >= form.parameters + 2 for side in sides.values()):
-            losses[form.name] = np.concatenate([left_out_losses(side, form) for side in sides.values()])
+        if all(side.can_leave_out(form) for side in sides.values()):
+            losses[form.name] = np.concatenate(
+                [sums_of(left_out_squares(side, form), side.group) for side in sides.values()]
+            )
             cross = float(np.sqrt((zero_squares + losses[form.name].sum()) / total_weight))
-        bounds = {name: at_bound for name, (_, at_bound) in found.items()}
-        scores.append(FormScore(form, curves, bounds, float(np.sqrt(squares / total_weight)), cross))
-    return _choose(scores, losses, total_weight, full_scale, forced)
-
-
-def left_out_losses(side: Side, form: Form) -> Floats:
-    """Weighted squared error [N^2] of each group, shape (G,), predicted by a fit without that group."""
-    numbers = np.unique(side.group)
-    out = side.group[None, :] == numbers[:, None]
-    fits = fit_direction(side.magnitude, side.thrust, np.where(out, 0.0, side.weight[None, :]), form)
-    error = side.thrust[None, :] - fits.thrust(side.magnitude)
-    return np.asarray(np.sum(np.where(out, side.weight[None, :] * error**2, 0.0), axis=1))
-
-
-def _choose(
-    scores: list[FormScore], losses: dict[str, Floats], total_weight: float, full_scale: float, forced: str | None
-) -> Selection:
-    judged = [score for score in scores if score.form.name in losses]
-    if not judged:
-        chosen = scores[0] if forced is None else next(score for score in scores if score.form.name == forced)
+        bounds = {name: at_bound for name, (_, at_bound) in fits.items()}
+        scores[form.name] = FormScore(form, curves, bounds, float(np.sqrt(squares / total_weight)), cross)
+    if not losses:
+        chosen = scores[forced or next(iter(scores))]
         why = "too few levels to leave one out" if forced is None else "it was asked for (--form)"
-        return Selection(tuple(scores), chosen, f"The {chosen.form.name} form is used: {why}.")
-    best = min(judged, key=lambda score: (losses[score.form.name].sum(), score.form.parameters))
-    ranked = []
-    for score in scores:
-        if score.form.name in losses:
-            gap = losses[score.form.name] - losses[best.form.name]
-            stderr = float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) / total_weight + (EQUAL * full_scale) ** 2
-            score = replace(score, behind=float(gap.sum()) / total_weight, behind_stderr=stderr)
-        ranked.append(score)
-    near = [score for score in ranked if score.within_reach]
+        return tuple(scores.values()), chosen, f"The {chosen.form.name} form is used: {why}."
+    best = min(losses, key=lambda name: (losses[name].sum(), FORMS[name].parameters))
+    for name, loss in losses.items():
+        behind, stderr = (size / total_weight for size in behind_of(loss, losses[best]))
+        scores[name] = replace(scores[name], behind=behind, behind_stderr=stderr + (EQUAL * full_scale) ** 2)
+    near = [score for score in scores.values() if score.within_reach]
     simplest = min(near, key=lambda score: (score.form.parameters, score.cv_rmse))
-    if forced is not None:
-        chosen = next(score for score in ranked if score.form.name == forced)
-        return Selection(
-            tuple(ranked),
-            chosen,
-            f"The {forced} form is used because it was asked for (--form); "
-            f"cross-validation would choose {simplest.form.name}.",
-        )
-    best = next(score for score in ranked if score.form.name == best.form.name)
-    return Selection(tuple(ranked), simplest, _sentence(simplest, best, ranked, full_scale))
+    every = tuple(scores.values())
+    if forced is None:
+        return every, simplest, _sentence(simplest, scores[best], every, full_scale)
+    because = f"it was asked for (--form); cross-validation would choose {simplest.form.name}."
+    return every, scores[forced], f"The {forced} form is used because {because}"
 
 
-def _sentence(chosen: FormScore, best: FormScore, ranked: list[FormScore], full_scale: float) -> str:
-    """Why this form, with the numbers: cross-validated errors in percent of full scale."""
+def left_out_squares(side: Side, form: Form) -> Floats:
+    """Weighted squared error [N²] of each point, (P,), predicted by a fit without its group."""
+    numbers, place = np.unique(side.group, return_inverse=True)
+    weights = np.where(place == np.arange(len(numbers))[:, None], 0.0, side.weight)
+    fits = fit_direction(side.magnitude, side.thrust, weights, form)
+    return side.weight * (side.thrust - fits.thrust(side.magnitude)[place, np.arange(len(place))]) ** 2
 
+
+def sums_of(values: Floats, group: Ints) -> Floats:
+    """Sum of what each group has of `values` (P,), by rising number, (G,)."""
+    return np.bincount(np.unique(group, return_inverse=True)[1], weights=values).astype(np.float64)
+
+
+def behind_of(loss: Floats, other: Floats) -> tuple[float, float]:
+    """Left-out squares [N²] more than another fit's, by groups (G,), and the standard error of that over groups."""
+    gap = loss - other
+    return float(gap.sum()), float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) if len(gap) > 1 else np.inf
+
+
+def _sentence(chosen: FormScore, best: FormScore, ranked: Sequence[FormScore], full_scale: float) -> str:
     def percent(score: FormScore) -> str:
         return f"{100.0 * (score.cv_rmse or 0.0) / full_scale:.3g} %"
 
@@ -367,6 +312,10 @@ def _sentence(chosen: FormScore, best: FormScore, ranked: list[FormScore], full_
     )
 
 
+OPPOSITE = (
+    "thrust has the opposite sign of the control signal; if ahead is logged as negative force, write "
+    'force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
+)
 ROUNDING = 1e-12  # errors below this share of full scale are zero
 MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions
 FAINT = 0.05  # thrust the wrong way that is smaller than this share of full scale is "none", not a sign error
@@ -376,10 +325,8 @@ FAINT = 0.05  # thrust the wrong way that is smaller than this share of full sca
 class Analysis:
     """What one set of points says of one thruster.
 
-    `square` holds equation 2's coefficients by direction, `without` why a direction has none; `parameters`
-    the chosen form's estimates by direction; `r2` and `rmse` [N] are the square law's over all points,
-    weighted as in the fit.
-    """
+    `square` holds equation 2's coefficients by direction, `without` why a direction has none; `parameters` the chosen
+    form's estimates by direction; `r2` is the square law's over all points, weighted as in the fit."""
 
     points: Points
     n_unit: str
@@ -387,29 +334,24 @@ class Analysis:
     square: dict[str, Estimate]
     without: dict[str, str]
     levels: dict[str, int]
-    selection: Selection
+    scores: tuple[FormScore, ...]
+    chosen: FormScore
+    because: str
     parameters: dict[str, dict[str, Parameter]]
     r2: float
     chosen_r2: float
 
     @property
     def law(self) -> FormScore:
-        """The square law among the forms."""
-        return next(score for score in self.selection.scores if score.form.name == "square")
-
-    @property
-    def chosen(self) -> FormScore:
-        """The form that is used."""
-        return self.selection.chosen
+        """The square law: the first of the forms."""
+        return self.scores[0]
 
     @property
     def estimates(self) -> dict[tuple[str, str], Parameter]:
-        """The chosen form's own parameters by name and direction."""
         return {(key, side): found[key] for side, found in self.parameters.items() for key in self.chosen.form.free}
 
     @property
     def map(self) -> ThrusterMap:
-        """The chosen form as a map."""
         return ThrusterMap(self.chosen.form.name, *self.chosen.both_ways, self.n_unit, self.points.n_range)
 
     def fitted(self, n: Floats, square: bool = False) -> Floats:
@@ -422,25 +364,18 @@ class Analysis:
         return float(np.sqrt(np.nanmean(off**2)))
 
     def percent(self, value: float | None) -> float | None:
-        """Newtons as a percentage of full scale."""
         if value is None:
             return None
         return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
 
 
 def analyse(
-    points: Points,
-    step: Ints | None,
-    tare_stderr: float,
-    n_unit: str,
-    forced: str | None = None,
+    points: Points, step: Ints | None, tare_stderr: float, n_unit: str, forced: str | None = None,
     where: str = "the logs",
-) -> tuple[Analysis, dict[str, Side]]:
-    """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, shape
-    (P,).
+) -> tuple[Analysis, dict[str, Side]]:  # fmt: skip
+    """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, (P,).
 
-    Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels.
-    """
+    Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels."""
     full_scale = points.full_scale
     if len(points) == 0 or full_scale == 0.0:
         raise FitError(
@@ -460,24 +395,16 @@ def analyse(
     zero = used.n == 0.0
     zero_squares = float(used.weight[zero] @ used.force[zero] ** 2)
     total = float(used.weight.sum())
-    selection = select_form(sides, zero_squares, total, full_scale, forced)
-    chosen = selection.chosen
+    scores, chosen, because = select_form(sides, zero_squares, total, full_scale, forced)
     found = {
         name: parameters(side, chosen.form, chosen.curves[name], chosen.at_bound[name], n_unit)
         for name, side in sides.items()
     }
     mean = float(used.weight @ used.force) / total
     spread = float(used.weight @ (used.force - mean) ** 2) / total
-    law = next(score for score in selection.scores if score.form.name == "square")
     levels = {name: len(np.unique(levels_of(side.magnitude))) for name, side in sides.items()}
-    r2 = (1.0 - score.rmse**2 / spread for score in (law, chosen))
-    return Analysis(points, n_unit, full_scale, square, without, levels, selection, found, *r2), sides
-
-
-def _rests_above(side: Side) -> bool:
-    """Whether all commands are far from zero and one of them gives no thrust."""
-    thrust = np.abs(side.thrust)
-    return bool(side.magnitude.min() > 0.5 * side.magnitude.max() and thrust.min() < FAINT * thrust.max())
+    r2 = (1.0 - score.rmse**2 / spread for score in (scores[0], chosen))
+    return Analysis(points, n_unit, full_scale, square, without, levels, scores, chosen, because, found, *r2), sides
 
 
 def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -> dict[str, str]:
@@ -497,9 +424,9 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
                 'rests at about 1500), or n = { from = "NAME", sign_from = "COLUMN" } where another column says the '
                 "direction, under [columns] in the --columns file"
             )
-        if len(sides) == 1 and _rests_above(side):
-            low, high = float(side.magnitude.min()), float(side.magnitude.max())
-            rest = usual_neutral(low, high, float(side.magnitude[np.argmin(np.abs(side.thrust))]))
+        low, high, thrust = float(side.magnitude.min()), float(side.magnitude.max()), np.abs(side.thrust)
+        if len(sides) == 1 and low > 0.5 * high and thrust.min() < FAINT * thrust.max():
+            rest = usual_neutral(low, high, float(side.magnitude[np.argmin(thrust)]))
             raise FitError(
                 f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {rest:.4g}; the "
                 'control signal looks counted from its end, not from rest. Write n = { from = "NAME", subtract = '
@@ -513,12 +440,8 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
                 without[name] = f"no {name} thrust measured"
             else:
                 against.append(name)
-    served = [name for name in sides if name not in without]
-    if against and set(against) == set(served):
-        raise FitError(
-            f"{where}: thrust has the opposite sign of the control signal; if ahead is logged as negative "
-            'force, write force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
-        )
+    if against and set(against) == set(sides) - set(without):
+        raise FitError(f"{where}: {OPPOSITE}")
     if against:
         raise FitError(
             f"{where}: {against[0]} thrust has the sign of the other direction; it looks logged as a "

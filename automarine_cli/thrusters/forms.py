@@ -29,19 +29,21 @@ class Form:
     saturation: bool
 
     @property
-    def parameters(self) -> int:
-        """Free parameters in each direction, amplitude included."""
-        return 1 + self.dead_band + self.exponent + self.saturation
+    def mask(self) -> np.ndarray:
+        """Which of amplitude, dead band, exponent and saturation are free, (4,)."""
+        return np.array([True, self.dead_band, self.exponent, self.saturation])
 
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the free parameters in each direction, amplitude first."""
-        flags = (("n_0", self.dead_band), ("p", self.exponent), ("n_sat", self.saturation))
-        return ("a", *(name for name, on in flags if on))
+        return tuple(name for name, on in zip(("a", "n_0", "p", "n_sat"), self.mask) if on)
+
+    @property
+    def parameters(self) -> int:
+        return len(self.free)
 
     @property
     def equation(self) -> str:
-        """The form in one line, for tables and figures."""
         level = "min(|n|, n_sat)" if self.saturation else "|n|"
         inner = f"max({level} - n_0, 0)" if self.dead_band else level
         return f"|F| = a {inner}^{'p' if self.exponent else '2'}"
@@ -57,11 +59,8 @@ FORMS: dict[str, Form] = {
 
 @dataclass(frozen=True)
 class Curve:
-    """Thrust in one direction: amplitude a [N/n^p], exponent p [1], dead band n_0 and saturation n_sat [unit
-    of n].
-
-    `n_sat` is None where thrust never saturates.
-    """
+    """Thrust in one direction: amplitude a [N/n^p], exponent p [1], dead band n_0 and saturation n_sat [unit of n],
+    None where thrust never saturates."""
 
     a: float
     p: float = SQUARE
@@ -83,8 +82,7 @@ def thrust_both_ways(forward: Curve | None, backward: Curve | None, n: Floats, u
     return np.asarray(total + 0.0)  # no negative zero
 
 
-# Bounds of (amplitude, dead band, exponent, saturation), the second and fourth as shares of the largest
-# command.
+# Bounds of (amplitude, dead band, exponent, saturation), the second and fourth as shares of the largest command.
 LOW = np.array([0.0, 0.0, 0.3, 0.3])
 HIGH = np.array([np.inf, 0.8, 4.0, 1.0])
 AS_GOOD = 1e-6  # relative difference of sums of squares that counts as none
@@ -95,11 +93,8 @@ SMALL = 1e-9
 
 @dataclass(frozen=True)
 class Fits:
-    """Parameters of B weighted fits, shape (B, 4): amplitude [N] at full command, dead band, exponent,
-    saturation.
-
-    Dead band and saturation are shares of the largest command `scale` [unit of n].
-    """
+    """Parameters of B weighted fits, shape (B, 4): amplitude [N] at full command, dead band, exponent, saturation;
+    dead band and saturation are shares of the largest command `scale` [unit of n]."""
 
     values: Floats
     scale: float
@@ -113,15 +108,11 @@ def fit_direction(magnitude: Floats, thrust: Floats, weights: Floats, form: Form
     """Least squares of `thrust` [N] on |n|, both of shape (N,), for each row of `weights`, shape (B, N)."""
     scale = float(np.max(magnitude))
     x = magnitude / scale
-    free = np.array([True, form.dead_band, form.exponent, form.saturation])
     starts = _starts(x, thrust, weights, form)  # (B, S, 4)
-    count = starts.shape[1]
-    flat = starts.reshape(-1, 4)
-    repeated = np.repeat(weights, count, axis=0)
-    values, sse = (
-        _refine(x, thrust, repeated, flat, free) if free.sum() > 1 else (flat, _sse(x, thrust, repeated, flat))
-    )
-    values, sse = values.reshape(starts.shape), sse.reshape(starts.shape[:2])
+    flat, repeated = starts.reshape(-1, 4), np.repeat(weights, starts.shape[1], axis=0)
+    if form.parameters > 1:
+        flat = _refine(x, thrust, repeated, flat, form.mask)
+    values, sse = flat.reshape(starts.shape), _sse(x, thrust, repeated, flat).reshape(starts.shape[:2])
     # of those as good as the best the one with least dead band and saturation: levels left out may not show either
     as_good = sse <= sse.min(axis=1, keepdims=True) * (1.0 + AS_GOOD)
     best = np.argmax(np.where(as_good, values[:, :, 3] - values[:, :, 1], -np.inf), axis=1)
@@ -159,7 +150,7 @@ def _starts(x: Floats, y: Floats, weights: Floats, form: Form) -> Floats:
     amplitude = np.maximum(cross / np.maximum(square, 1e-300), SMALL)
     sse = (weights @ y**2)[:, None] - 2.0 * amplitude * cross + amplitude**2 * square
     order = np.argsort(sse, axis=1, kind="stable")[:, : min(STARTS, len(grid))]
-    starts = np.repeat(grid[order], 1, axis=0)
+    starts = grid[order]
     starts[:, :, 0] = np.take_along_axis(amplitude, order, axis=1)
     return np.asarray(starts)
 
@@ -178,7 +169,7 @@ def jacobian(x: Floats, values: Floats) -> Floats:
     return np.stack([unit, by_dead, by_power, by_top], axis=-1)
 
 
-def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndarray) -> tuple[Floats, Floats]:
+def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndarray) -> Floats:
     """Bounded Levenberg-Marquardt on all rows of `values`, (B, 4), at once; no step makes a fit worse."""
     values = np.clip(values, LOW, HIGH)
     sse = _sse(x, y, weights, values)
@@ -196,11 +187,8 @@ def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndar
         normal = np.einsum("bnk,bnl->bkl", weighted, matrix)
         normal = np.where(held[:, :, None] | held[:, None, :], 0.0, normal)
         diagonal = np.einsum("bkk->bk", normal)
-        normal = (
-            normal
-            + np.eye(width)
-            * (damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300)[:, :, None]
-        )
+        damped = damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300
+        normal = normal + np.eye(width) * damped[:, :, None]
         step = np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
         trial = values.copy()
         trial[:, free] = np.clip(at + step, LOW[free], HIGH[free])
@@ -213,4 +201,4 @@ def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndar
         damping = np.clip(np.where(better, damping / 5.0, damping * 4.0), 1e-12, 1e12)
         if settled:
             break
-    return values, sse
+    return values

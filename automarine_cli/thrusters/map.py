@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 
@@ -24,12 +23,9 @@ FORCE_DECIMALS = 3
 
 @dataclass(frozen=True)
 class ThrusterMap:
-    """Thrust of one thruster at rest in the water against its control signal n.
-
-    `forward` holds for n > 0, `backward` for n < 0 (None where that direction was never measured);
-    `n_unit` is the unit of n as logged ("" where the logs do not say), `n_range` from where to where it was measured
-    (None in maps of old).
-    """
+    """Thrust of one thruster at rest in the water against its control signal n: `forward` for n > 0, `backward` for
+    n < 0 (None where never measured). `n_unit` is as logged, "" where the logs do not say; `n_range` is what was
+    measured, None in maps of old."""
 
     form: str
     forward: Curve | None
@@ -64,9 +60,7 @@ class ThrusterMap:
     def force(self, n: Floats | float) -> Floats:
         """Thrust [N] of one thruster, any shape of n; positive drives the vehicle ahead.
 
-        Raises ModelError for a direction that the map does not have, and for a control signal that is not
-        finite.
-        """
+        Raises ModelError for a direction that the map does not have, and for a control signal that is not finite."""
         signal = np.asarray(n, dtype=float)
         if not np.all(np.isfinite(signal)):
             raise ModelError("the control signal of a thruster must be finite; leave out the rows without a value")
@@ -78,24 +72,18 @@ class ThrusterMap:
                 )
         return thrust_both_ways(self.forward, self.backward, signal)
 
-    def moment(self, n_port: Floats | float, n_stbd: Floats | float, arm: float) -> Floats:
-        """Yaw moment [N m] of two equal thrusters `arm` [m] off the centre line: arm (F_port - F_stbd).
-
-        Positive turns clockwise seen from above: the port thruster ahead turns the vehicle to starboard.
-        Raises ModelError unless the arm is a positive length.
-        """
-        if not (isfinite(arm) and arm > 0):
-            raise ModelError(f"the arm of a thruster is {arm!r}; expected a positive length in metres")
-        return np.asarray(arm * (self.force(n_port) - self.force(n_stbd)))
-
     def to_json(self) -> dict[str, object]:
-        """The least that a map file holds: schema, form and the parameters of each direction."""
+        """The least that a map file holds; `a` of a direction is the square law's, null for another form."""
+        curves = {name: getattr(self, name) for name, _ in SIDES}
+        square = self.form == "square"
         return {
             "schema": THRUSTER_MAP.schema,
-            "forward": _square_json(self.form, self.forward),
-            "backward": _square_json(self.form, self.backward),
+            **{name: {"a": {"value": curve.a} if curve and square else None} for name, curve in curves.items()},
             "form": self.form,
-            "parameters": {"forward": _curve_json(self.forward), "backward": _curve_json(self.backward)},
+            "parameters": {
+                name: curve and {key: None if value is None else {"value": value} for key, value in vars(curve).items()}
+                for name, curve in curves.items()
+            },
             "n_unit": self.n_unit,
             **({} if self.n_range is None else {"n_range": list(self.n_range)}),
         }
@@ -122,20 +110,6 @@ class ThrusterMap:
         return cls.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
-def _square_json(form: str, curve: Curve | None) -> dict[str, object]:
-    """The contract's `forward` and `backward`: the square law's coefficient, null for another form."""
-    if curve is None or form != "square":
-        return {"a": None}
-    return {"a": {"value": curve.a}}
-
-
-def _curve_json(curve: Curve | None) -> dict[str, object] | None:
-    if curve is None:
-        return None
-    values = {"a": curve.a, "p": curve.p, "n_0": curve.n_0, "n_sat": curve.n_sat}
-    return {name: None if value is None else {"value": value} for name, value in values.items()}
-
-
 def _curve_from(entry: CurveEntry | None, codec: Codec, place: Place) -> Curve | None:
     if entry is None:
         return None
@@ -153,7 +127,6 @@ def _curve_from(entry: CurveEntry | None, codec: Codec, place: Place) -> Curve |
 
 
 def _positive(given: Given, codec: Codec, place: Place) -> float:
-    """A number above zero."""
     value = number_at(given, codec, place)
     if value <= 0.0:
         raise codec.refusal(place, f"found {value:g}, expected more than 0")

@@ -34,9 +34,8 @@ class Reduction:
 def reduce_series(records: list[Series]) -> Reduction:
     """One point for each reading of a table, one for each plateau of a raw series.
 
-    A record is a raw series when its non-zero commands are held over more than a handful of samples in
-    sequence, or when its measured speed is steady for most of the time.
-    """
+    A record is a raw series when its non-zero commands are held over more than a handful of samples in sequence, or
+    when its measured speed is steady for most of the time."""
     parts, dropped, notes = [], {"transient": 0, "drop_out": 0, "spike": 0, "too_short": 0}, []
     for number, record in enumerate(records):
         segments = constant_segments(record.n)
@@ -47,9 +46,7 @@ def reduce_series(records: list[Series]) -> Reduction:
         if typical <= HANDFUL and not measured:
             parts.append(_readings(record, number))
             continue
-        plateaus, counts, unsettled = _plateaus(record, number, steady if measured else segments, measured)
-        for name, value in counts.items():
-            dropped[name] += value
+        plateaus, unsettled = _plateaus(record, number, steady if measured else segments, measured, dropped)
         if unsettled:
             levels = ", ".join(f"{level:.4g}" for level in unsettled)
             notes.append(
@@ -66,9 +63,7 @@ def reduce_series(records: list[Series]) -> Reduction:
 def constant_segments(n: Floats) -> list[tuple[int, int]]:
     """Half-open index ranges in which the command, shape (N,), is held.
 
-    A measured speed carries noise: its size is taken from second differences, which a steady sweep does not
-    have.
-    """
+    A measured speed carries noise: its size is taken from second differences, which a steady sweep does not have."""
     if len(n) == 0:
         return []
     span = float(np.max(np.abs(n)))
@@ -127,7 +122,6 @@ def _between_changes(n: Floats, window: int, span: float) -> list[tuple[int, int
 
 
 def _level_throughout(n: Floats, span: float) -> bool:
-    """Whether both halves have one mean, and little scatter."""
     halves = np.array_split(n, 2)
     return abs(halves[0].mean() - halves[1].mean()) <= NOISY * span and float(np.std(n)) <= UNSTEADY * span
 
@@ -135,10 +129,8 @@ def _level_throughout(n: Floats, span: float) -> bool:
 def settled_from(force: Floats) -> tuple[int, bool]:
     """First sample of the steady part of a plateau, and whether it had settled at all.
 
-    MSER-5 (White 1997, Simulation 69:323): on means of five samples, the cut that gives the smallest standard
-    error of the mean of the rest. A cut at the latest place allowed (half of the record) means that it never
-    settled.
-    """
+    MSER-5 (White 1997, Simulation 69:323): on means of five samples, the cut that gives the smallest standard error of
+    the mean of the rest. A cut at the latest place allowed (half of the record) means that it never settled."""
     batch = 5
     count = len(force) // batch
     if count < 6:
@@ -176,9 +168,9 @@ def standard_error(force: Floats) -> float:
 
 
 def _plateaus(
-    record: Series, number: int, segments: list[tuple[int, int]], measured: bool
-) -> tuple[Points | None, dict[str, int], list[float]]:
-    counts = {"transient": 0, "drop_out": 0, "spike": 0, "too_short": 0}
+    record: Series, number: int, segments: list[tuple[int, int]], measured: bool, counts: dict[str, int]
+) -> tuple[Points | None, list[float]]:
+    """One point a plateau, and the commands at which thrust had not settled; `counts` what is left out."""
     if measured:
         counts["transient"] += len(record.n) - sum(stop - start for start, stop in segments)
     rows, unsettled = [], []
@@ -194,24 +186,19 @@ def _plateaus(
             cut = max(cut, settled_from(record.n[held])[0])
         counts["transient"] += cut
         held = held[cut:]
-        force = record.force[held]
-        level = _level(record.n, held)
-        if not settled:
-            unsettled.append(level)
-        when = float(np.mean(held if record.time is None else record.time[held]))
-        voltage = float("nan") if record.voltage is None else float(np.mean(record.voltage[held]))
-        rows.append((level, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), when, voltage))
+        n, force = _level(record.n, held), record.force[held]
+        unsettled += [] if settled else [n]
+        clock = np.mean(held if record.time is None else record.time[held])
+        volts = np.nan if record.voltage is None else np.mean(record.voltage[held])
+        rows.append((n, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), clock, volts))
     if not rows:
-        return None, counts, unsettled
-    table = np.array(rows, dtype=float)
+        return None, unsettled
+    level, mean, spread, count, stderr, when, voltage = np.array(rows, dtype=float).T
     points = replace(
-        Points.measured(table[:, 0], table[:, 1], table[:, 5], table[:, 6], number),
-        spread=table[:, 2],
-        count=table[:, 3].astype(np.int64),
-        stderr=table[:, 4],
-        raw=np.ones(len(table), dtype=bool),
-    )
-    return points, counts, unsettled
+        Points.measured(level, mean, when, voltage, number), spread=spread, count=count.astype(np.int64),
+        stderr=stderr, raw=np.ones(len(rows), dtype=bool),
+    )  # fmt: skip
+    return points, unsettled
 
 
 def _spikes(force: Floats) -> np.ndarray:
@@ -252,9 +239,9 @@ def _bridged(n: Floats, segments: list[tuple[int, int]], counts: dict[str, int])
 
 def _level(n: Floats, held: np.ndarray) -> float:
     """The command of a plateau; a measured speed within 0.5 % of full scale of zero is zero."""
-    level = float(np.mean(n[held]))
     if np.ptp(n[held]) == 0:
         return float(n[held[0]])
+    level = float(np.mean(n[held]))
     return 0.0 if abs(level) <= 0.005 * float(np.max(np.abs(n))) else level
 
 
@@ -266,11 +253,10 @@ def _readings(record: Series, number: int) -> Points:
     if size <= 1 or np.median(np.abs(np.diff(n))) * size > SLOW * np.ptp(n):
         return Points.measured(n, force, when, voltage, number)
     blocks = np.array_split(np.arange(len(n)), -(-len(n) // size))
-    means = (np.array([np.mean(column[block]) for block in blocks]) for column in (n, force, when))
-    level, thrust, middle = means
+    columns = (n, force, when) if voltage is None else (n, force, when, voltage)
+    level, thrust, middle, *volts = (np.array([np.mean(column[block]) for block in blocks]) for column in columns)
     return replace(
-        Points.measured(level, thrust, middle, None, number),
-        voltage=np.array([np.nan if voltage is None else np.mean(voltage[block]) for block in blocks]),
+        Points.measured(level, thrust, middle, volts[0] if volts else None, number),
         spread=np.array([np.std(force[block], ddof=1) if len(block) > 1 else np.nan for block in blocks]),
         count=np.array([len(block) for block in blocks], dtype=np.int64),
     )

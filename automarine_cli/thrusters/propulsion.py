@@ -1,9 +1,9 @@
-"""Thruster commands of a log -> yaw moment, or force, through a thruster map; knows of a run only what it needs."""
+"""Thruster commands of a log -> yaw moment, or force, through a thruster map."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Protocol, Self, TypeVar
+from math import isfinite
 
 import numpy as np
 
@@ -15,54 +15,17 @@ from automarine_cli.models.allocation import Allocation
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Source
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.runs.load import Campaign, load_runs, none_left, refused_by_strict
 from automarine_cli.runs.planar import read_planar
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.thrusters.map import ThrusterMap
 
 
-class Driven(Protocol):
-    """A run with thruster commands among its `extras`: `runs.run.Run`."""
+def thrust_of(run: Run, thrusters: ThrusterMap, arm: float) -> list[Floats]:
+    """Thrust [N] of each thruster of a run's motion by its commands.
 
-    @property
-    def name(self) -> str:
-        """Name of the run."""
-        ...
-
-    @property
-    def source(self) -> str:
-        """File that it is from."""
-        ...
-
-    @property
-    def dof(self) -> Dof:
-        """The motion that it is of."""
-        ...
-
-    @property
-    def extras(self) -> Mapping[str, Floats]:
-        """Logged columns by name, each (N,)."""
-        ...
-
-    def with_moment(
-        self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None,
-        commanded: CommandRange | None = None,
-    ) -> Self:  # fmt: skip
-        """The same run driven by another moment, of which single thrusters make the parts."""
-        ...
-
-
-RunLike = TypeVar("RunLike", bound=Driven)
-
-
-def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> RunLike:
-    """The run with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their commands; in
-    surge and heave with the force [N], whatever the arm.
-
-    A moment that is in the log gives way. Raises RunError for a run without `n_port` and `n_stbd`, and
-    ModelError for an arm that is no length or a direction that the map lacks.
-    """
+    Raises RunError for a run without these, and ModelError for an arm [m] that is no length or a direction that the map
+    lacks."""
     names = run.dof.thrusters
     lacking = [name for name in names if name not in run.extras]
     if lacking:
@@ -71,17 +34,25 @@ def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> 
             f"--thrusters needs; map the log's columns to {' and '.join(names)} with --columns, or leave "
             "--thrusters out"
         )
-    lever = arm if run.dof.levered else 1.0
     try:
-        moment = thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm) if run.dof.levered else None
-        thrust = [thrusters.force(run.extras[name]) for name in names]
+        if run.dof.levered and not (isfinite(arm) and arm > 0):
+            raise ModelError(f"the arm of a thruster is {arm!r}; expected a positive length in metres")
+        return [thrusters.force(run.extras[name]) for name in names]
     except ModelError as error:
         raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
-    if moment is None:
-        moment = np.asarray(sum(side * one for side, one in zip(run.dof.sides, thrust)))
-    shares = [side * lever * one for side, one in zip(run.dof.sides, thrust)]
-    given = thrusters.compared(names, [run.extras[name] for name in names])
-    return run.with_moment(moment, run.dof.units.forces[1], parts_of(shares, run.dof), given)
+
+
+def drive_run_by_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
+    """The run with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their commands, the
+    port one ahead to starboard; in surge and heave with the force [N], whatever the arm.
+
+    A moment that is in the log gives way. Raises RunError and ModelError as `thrust_of` does."""
+    dof, thrust = run.dof, thrust_of(run, thrusters, arm)
+    lever = arm if dof.levered else 1.0
+    moment = np.asarray(lever * sum(side * force for side, force in zip(dof.sides, thrust)))
+    shares = [side * lever * force for side, force in zip(dof.sides, thrust)]
+    commanded = thrusters.compared(dof.thrusters, [run.extras[name] for name in dof.thrusters])
+    return run.with_moment(moment, dof.units.forces[1], parts_of(shares, dof), commanded)
 
 
 def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
@@ -96,8 +67,7 @@ def moment_maker(
 ) -> Callable[[Run], Run] | None:
     """What makes the moment or force of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
 
-    None without a map: then the logs hold it. Raises SettingError where map or arm is given alone.
-    """
+    None without a map: then the logs hold it. Raises SettingError where map or arm is given alone."""
     given = map_and_arm(thrusters, arm, columns, dof)
     return None if given is None else partial(drive_run_by_thrusters, thrusters=given[0], arm=given[1])
 
@@ -129,31 +99,16 @@ def map_and_arm(
     return known, float(length)
 
 
-def with_moments(
-    runs: Sequence[Run], thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
-) -> tuple[Run, ...]:
-    """The runs driven through `thrusters`, or as they are; see `moment_maker`."""
-    drive = moment_maker(thrusters, arm, columns, dof)
-    return tuple(runs) if drive is None else tuple(drive(run) for run in runs)
-
-
 def load_planar(
-    logs: Logs,
-    columns: ColumnMap,
-    thrusters: Source | ThrusterMap | None = None,
-    arm: float | None = None,
-    *,
-    strict: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> Campaign:
+    logs: Logs, columns: ColumnMap, thrusters: Source | ThrusterMap | None = None, arm: float | None = None, *,
+    strict: bool = False, jobs: int = 1, progress: Progress = silent,
+) -> Campaign:  # fmt: skip
     """The runs of the logs, driven by forces ahead and abeam and a moment.
 
     `thrusters` and `arm` [m] make force and moment of the commands of two thrusters that push ahead. Raises LogError,
-    RunError and SettingError as the fits of one motion do.
-    """
+    RunError and SettingError as the fits of one motion do."""
     given = map_and_arm(thrusters, arm, columns, YAW)
-    campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=partial(read_planar))
+    campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=read_planar)
     good: list[Run] = []
     aside: list[SetAside] = []
     for run in campaign.runs:
@@ -170,31 +125,17 @@ def load_planar(
 
 
 def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
-    """The run driven by two equal thrusters `arm` [m] off the centre line, of its commands `n_port` and `n_stbd`.
-
-    Raises RunError for a run without them, ModelError for a direction that the map lacks.
-    """
-    lacking = [name for name in YAW.thrusters if name not in run.extras]
-    if lacking:
-        raise RunError(
-            f"{run.source}, run {run.name!r}: no thruster command {' or '.join(lacking)} in the log, which --thrusters "
-            f"needs; map the log's columns to {' and '.join(YAW.thrusters)} with --columns, or leave --thrusters out"
-        )
-    try:
-        thrust = np.stack([thrusters.force(run.extras[name]) for name in YAW.thrusters])
-    except ModelError as error:
-        raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
-    ahead, abeam, moment = Allocation.twin(arm).forces(thrust)
+    """The run driven by two equal thrusters `arm` [m] off the centre line; raises as `thrust_of` does."""
+    ahead, abeam, moment = Allocation.twin(arm).forces(np.stack(thrust_of(run, thrusters, arm)))
     extras = {**run.extras, SURGE.command: ahead, SWAY.command: abeam}
-    given = thrusters.compared(YAW.thrusters, [run.extras[name] for name in YAW.thrusters])
-    return replace(run.with_moment(moment, YAW.units.forces[1], commanded=given), extras=extras)
+    commanded = thrusters.compared(YAW.thrusters, [run.extras[name] for name in YAW.thrusters])
+    return replace(run.with_moment(moment, YAW.units.forces[1], commanded=commanded), extras=extras)
 
 
 def driven(run: Run) -> Run:
     """The run with a force of zero along each axis for which it has none, which its notes tell.
 
-    Raises RunError for a run without any command, or whose commands are all zero.
-    """
+    Raises RunError for a run without any command, or whose commands are all zero."""
     _ = run.command  # refused where there is none
     lacking = [dof for dof in (SURGE, SWAY) if dof.command not in run.extras]
     zero = {dof.command: np.zeros(len(run)) for dof in lacking}

@@ -17,6 +17,7 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.pipeline.result_files import THRUSTER_MAP
 from automarine_cli.pipeline.words import listed
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import runs_json
 from automarine_cli.thrusters.bollard_data import (
     Ints,
@@ -32,7 +33,6 @@ from automarine_cli.thrusters.fit import FEWEST_LEVELS, Analysis, FormScore, Sid
 from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.plateaus import Reduction, reduce_series
-from automarine_cli.thrusters.voltage import VoltageExponent, voltage_exponents
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
 CHANCE = 0.05  # that any of the thrusters of one make is told to differ
@@ -41,8 +41,7 @@ CHANCE = 0.05  # that any of the thrusters of one make is told to differ
 @dataclass(frozen=True)
 class Compared:
     """One thruster beside the others: its square law by direction, by how much its thrust differs from their median
-    [percent], the chance of a difference as large, and whether that is beyond chance; or `why` it has no map.
-    """
+    [percent], the chance of a difference as large, and whether that is beyond chance; or `why` it has no map."""
 
     name: str
     points: int
@@ -55,16 +54,15 @@ class Compared:
     why: str = ""
 
     def to_json(self) -> dict[str, object]:
-        """One entry under `by` of thrusters.json."""
         if self.why:
             return {"thruster": self.name, "why": self.why}
-        sides = {
-            side: {"a": law.to_json(), "differs_percent": self.percent.get(side), "p_value": self.p_value.get(side)}
-            for side, law in self.law.items()
-        }
         return {
             "thruster": self.name, "points": self.points, "form": self.form,
-            "rmse_percent_of_full_scale": self.rmse_percent, "differs": self.differs, **sides,
+            "rmse_percent_of_full_scale": self.rmse_percent, "differs": self.differs,
+            **{
+                side: {"a": law.to_json(), "differs_percent": self.percent.get(side), "p_value": self.p_value.get(side)}
+                for side, law in self.law.items()
+            },
         }  # fmt: skip
 
 
@@ -83,12 +81,9 @@ def compared(parts: Mapping[str, Analysis | str]) -> tuple[Compared, ...]:
             others = [law[side] for other, law in laws.items() if other != name and side in law]
             if side in laws[name] and others:
                 percent[side], chance[side] = _against(laws[name][side], others)
-        differs = any(p < CHANCE / tests for p in chance.values())
-        chosen = one.chosen
-        error = one.percent(chosen.rmse) or 0.0
-        found.append(
-            Compared(name, len(one.points), laws[name], percent, chance, differs, chosen.form.name, float(error))
-        )
+        differs, error = any(p < CHANCE / tests for p in chance.values()), float(one.percent(one.chosen.rmse) or 0.0)
+        of_form = (one.chosen.form.name, error)
+        found.append(Compared(name, len(one.points), laws[name], percent, chance, differs, *of_form))
     return tuple(found)
 
 
@@ -105,6 +100,93 @@ def _error(one: Estimate) -> float:
     return float((one.ci95[1] - one.ci95[0]) / (2.0 * special.ndtri(0.975)))
 
 
+PLACES = 20
+TOO_FAINT = 0.02  # thrust below this share of full scale is too near the dead band for a logarithm
+
+
+@dataclass(frozen=True)
+class VoltageExponent:
+    """p of F ~ V^p in one direction at fixed n: overall, between neighbouring steps, by n; drift of a."""
+
+    exponent: Estimate | None
+    between: tuple[tuple[float, float, float], ...]
+    places: tuple[tuple[float, float], ...]
+    coefficient: Estimate | None
+    drift_percent: float
+
+    def to_json(self) -> dict[str, object]:
+        return {
+            "thrust_at_fixed_n": self.exponent and self.exponent.to_json(),
+            "between": [{"from_V": low, "to_V": high, "exponent": value} for low, high, value in self.between],
+            "at_n": [{"n": n, "exponent": value} for n, value in self.places],
+            "a": self.coefficient and self.coefficient.to_json(),
+            "a_drift_percent": self.drift_percent,
+        }
+
+
+def voltage_exponent(voltages: Floats, sides: list[Side | None], laws: list[Estimate | None]) -> VoltageExponent | None:
+    """The exponent in one direction from its sides and square laws at rising voltages; None where one lacks."""
+    present = [side for side in sides if side is not None]
+    coefficients = np.array([law.value for law in laws if law is not None])
+    if not len(present) == len(coefficients) == len(voltages) or np.any(coefficients <= 0):
+        return None
+    log_v = np.log(voltages)
+    places = _places(present)
+    table = np.array([_at(side, places) for side in present])  # (steps, places)
+    full = max(float(np.max(side.thrust)) for side in present)
+    clear = np.all(table > TOO_FAINT * full, axis=0)
+    drift = 100.0 * (float(coefficients[-1] / coefficients[0]) - 1.0)
+    a_slope = _slope(log_v, np.log(coefficients)[:, None])
+    if np.count_nonzero(clear) < 2:
+        return VoltageExponent(None, (), (), a_slope, drift)
+    logs = np.log(table[:, clear])
+    between = np.diff(logs.mean(axis=1)) / np.diff(log_v)
+    pairs = tuple((float(low), float(high), float(p)) for low, high, p in zip(voltages, voltages[1:], between))
+    centred = log_v - log_v.mean()
+    each = centred @ logs / (centred @ centred)
+    at_n = tuple((float(n), float(p)) for n, p in zip(places[clear], each))
+    return VoltageExponent(_slope(log_v, logs), pairs, at_n, a_slope, drift)
+
+
+def _places(sides: list[Side]) -> Floats:
+    """Commands |n| to compare at: those measured at every voltage, else evenly over the range they share."""
+    everything = np.concatenate([side.magnitude for side in sides])
+    owner = np.repeat(np.arange(len(sides)), [len(side.magnitude) for side in sides])
+    level = levels_of(everything)
+    shared = [number for number in np.unique(level) if len(np.unique(owner[level == number])) == len(sides)]
+    # A measured speed meets itself by chance; a command is met nearly everywhere.
+    if len(shared) >= max(2, 0.5 * len(np.unique(level))):
+        return np.array([np.median(everything[level == number]) for number in shared])
+    low, high = max(side.magnitude.min() for side in sides), min(side.magnitude.max() for side in sides)
+    return np.linspace(low, high, PLACES) if high > low else np.empty(0)
+
+
+def _at(side: Side, places: Floats) -> Floats:
+    """Thrust [N] of one voltage at |n|, repeats averaged, straight lines between levels."""
+    level = levels_of(side.magnitude)
+    weight = np.bincount(level, side.weight)
+    n, force = np.bincount(level, side.magnitude) / np.bincount(level), np.bincount(level, side.weight * side.thrust)
+    return np.interp(places, n, force / weight)
+
+
+def _slope(x: Floats, y: Floats) -> Estimate | None:
+    """Slope of y, shape (steps, places), on x, shape (steps,), each place with its own level.
+
+    The voltage step is the unit: what moves one step moves all its places. With two steps only, the spread over places.
+    """
+    centred = x - x.mean()
+    slopes = centred @ y / (centred @ centred)
+    value = float(slopes.mean())
+    if len(x) >= 3:
+        mean = y.mean(axis=1)
+        rest = mean - mean.mean() - value * centred
+        stderr = float(np.sqrt(rest @ rest / (len(x) - 2) / (centred @ centred)))
+        return Estimate.from_stderr(value, stderr, len(x) - 2, "1")
+    if len(slopes) < 2:
+        return None
+    return Estimate.from_stderr(value, float(np.std(slopes, ddof=1) / np.sqrt(len(slopes))), len(slopes) - 1, "1")
+
+
 ONE_PULLED = (
     "One thruster is taken to have pulled in each test, as nothing else was said; if two pulled together, give "
     "--thrusters-per-test 2 (thrusters_per_test=2)."
@@ -115,8 +197,7 @@ ONE_PULLED = (
 class ThrusterFit(Shown):
     """The pooled analysis of one thruster, one for each voltage step, and how the data were treated.
 
-    `parts` are the fits of each thruster by itself where a column names them (`logs.by`), or why there is none.
-    """
+    `parts` are the fits of each thruster by itself where a column names them (`logs.by`), or why there is none."""
 
     logs: ThrusterLogs
     reduction: Reduction
@@ -130,148 +211,123 @@ class ThrusterFit(Shown):
 
     @property
     def map(self) -> ThrusterMap:
-        """The chosen map of one thruster."""
         return self.analysis.map
 
     @property
     def compared(self) -> tuple[Compared, ...]:
-        """Each thruster that a column names, beside the others."""
         return compared({name: one if isinstance(one, str) else one.analysis for name, one in self.parts.items()})
 
     @property
     def points(self) -> Points:
-        """Measured points of one thruster, tared and flagged."""
         return self.analysis.points
 
     def place(self, index: int) -> str:
-        """File and run of one point, for people."""
         return self.logs.records[int(self.points.record[index])].place
 
     def document(self, option: str) -> Document:
-        """Its result file, for a command that takes a map."""
         return json_document("thrusters.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
         """Content of thrusters.json (schema automarine/thruster-map/1)."""
-        analysis = self.analysis
-        result: dict[str, object] = {"schema": THRUSTER_MAP.schema, **_square_json(analysis)}
-        result["per_test"] = {
-            name: {"a": _estimate(scaled(analysis.square.get(name), self.thrusters_per_test))} for name, _ in SIDES
+        analysis, points, tare, reduction = self.analysis, self.points, self.tare, self.reduction
+        together = {side: scaled(analysis.square.get(side), self.thrusters_per_test) for side, _ in SIDES}
+        result: dict[str, object] = {
+            "schema": THRUSTER_MAP.schema,
+            **_square_json(analysis),
+            "per_test": {side: {"a": law and law.to_json()} for side, law in together.items()},
+            "thrusters_per_test": self.thrusters_per_test,
+            **_scores_json(analysis),
+            "n_unit": analysis.n_unit,
         }
-        result["thrusters_per_test"] = self.thrusters_per_test
-        result |= _scores_json(analysis)
-        result["n_unit"] = analysis.n_unit
-        if analysis.points.n_range is not None:
-            result["n_range"] = list(analysis.points.n_range)
-        tare, reduction = self.tare, self.reduction
+        if points.n_range is not None:
+            result["n_range"] = list(points.n_range)
         result["tare"] = {
             "value_N": tare.value, "stderr_N": tare.stderr, "readings": tare.readings, "drift_N": tare.drift,
             "subtracted": tare.subtracted,
         }  # fmt: skip
         result["points"] = {
-            "used": len(self.points), "plateaus": reduction.plateaus, "samples": reduction.samples,
+            "used": len(points), "plateaus": reduction.plateaus, "samples": reduction.samples,
             "samples_left_out": reduction.dropped, "rows_with_missing_values": self.logs.missing,
         }  # fmt: skip
-        result["flagged"] = [self._flagged_json(int(index)) for index in np.flatnonzero(self.points.flag != "")]
-        if np.any(np.isfinite(self.points.voltage)):
-            ends = np.nanmin(self.points.voltage), np.nanmax(self.points.voltage)
-            result["voltage_range_V"] = [float(volts) for volts in ends]
+        result["flagged"] = [
+            {
+                "file": record.source, "run": record.run, "n": float(points.n[i]), "force_N": float(points.force[i]),
+                "weight": float(points.weight[i]), "why": str(points.flag[i]),
+            }
+            for i in np.flatnonzero(points.flag != "")
+            for record in (self.logs.records[int(points.record[i])],)
+        ]  # fmt: skip
+        if np.any(np.isfinite(points.voltage)):
+            result["voltage_range_V"] = [float(np.nanmin(points.voltage)), float(np.nanmax(points.voltage))]
         if self.voltages:
             result["voltages"] = [
                 {"voltage_V": volts, **_square_json(one), **_scores_json(one)} for volts, one in self.voltages
             ]
-            result["voltage_exponent"] = {
-                name: None if found is None else found.to_json() for name, found in self.exponents.items()
-            }
+            result["voltage_exponent"] = {side: power and power.to_json() for side, power in self.exponents.items()}
         if self.parts:
             result["by"] = {"column": self.logs.by, "thrusters": [one.to_json() for one in self.compared]}
-        result["notes"] = list(self.notes)
-        result["runs"] = runs_json(self.logs.used, self.logs.set_aside)
-        return result
-
-    def _flagged_json(self, index: int) -> dict[str, object]:
-        points = self.points
-        record = self.logs.records[int(points.record[index])]
-        return {
-            "file": record.source, "run": record.run, "n": float(points.n[index]),
-            "force_N": float(points.force[index]), "weight": float(points.weight[index]),
-            "why": str(points.flag[index]),
-        }  # fmt: skip
+        return {**result, "notes": list(self.notes), "runs": runs_json(self.logs.used, self.logs.set_aside)}
 
 
 def scaled(estimate: Estimate | None, factor: float) -> Estimate | None:
-    """An estimate times a known number."""
     if estimate is None:
         return None
     low, high = estimate.ci95
     return Estimate(factor * estimate.value, factor * estimate.stderr, (factor * low, factor * high), estimate.unit)
 
 
-def _estimate(estimate: Estimate | None) -> dict[str, object] | None:
-    return None if estimate is None else estimate.to_json()
-
-
 def _square_json(analysis: Analysis) -> dict[str, object]:
     """`forward` and `backward`: equation 2's coefficient; null with a why where not measured."""
-    result: dict[str, object] = {}
-    for name, sign in SIDES:
-        count = int(np.count_nonzero(analysis.points.n * sign > 0))
-        entry: dict[str, object] = {
-            "a": _estimate(analysis.square.get(name)),
-            "points": count,
-            "levels": analysis.levels.get(name, 0),
+    return {
+        side: {
+            "a": (law := analysis.square.get(side)) and law.to_json(),
+            "points": int(np.count_nonzero(analysis.points.n * sign > 0)),
+            "levels": analysis.levels.get(side, 0),
+            **({"why": analysis.without[side]} if side in analysis.without else {}),
         }
-        if name in analysis.without:
-            entry["why"] = analysis.without[name]
-        result[name] = entry
-    return result
+        for side, sign in SIDES
+    }
 
 
 def _scores_json(analysis: Analysis) -> dict[str, object]:
     """The square law's scores, all forms side by side, the chosen one and why."""
-    law, chosen = analysis.law, analysis.chosen
+    chosen, percent = analysis.chosen, analysis.percent
+
+    def errors(score: FormScore, r2: float) -> dict[str, object]:
+        return {
+            "r2": r2, "rmse_N": score.rmse, "rmse_percent_of_full_scale": percent(score.rmse),
+            "rmse_all_points_N": analysis.over_all(score), "cv_rmse_N": score.cv_rmse,
+        }  # fmt: skip
+
+    forms = [
+        {
+            "form": score.form.name,
+            "equation": score.form.equation,
+            "parameters_per_direction": score.form.parameters,
+            "cv_rmse_N": score.cv_rmse,
+            "cv_rmse_percent_of_full_scale": percent(score.cv_rmse),
+            "rmse_N": score.rmse,
+            "rmse_percent_of_full_scale": percent(score.rmse),
+            "cv_mean_square_behind_best_N2": None if score.cv_rmse is None else score.behind,
+            "cv_mean_square_behind_best_stderr_N2": None if score.cv_rmse is None else score.behind_stderr,
+            "within_one_stderr_of_best": score.within_reach,
+            "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
+        }
+        for score in analysis.scores
+    ]
     return {
-        "r2": analysis.r2,
-        "rmse_N": law.rmse,
-        "rmse_percent_of_full_scale": analysis.percent(law.rmse),
-        "rmse_all_points_N": analysis.over_all(law),
-        "cv_rmse_N": law.cv_rmse,
+        **errors(analysis.law, analysis.r2),
         "full_scale_N": analysis.full_scale,
-        "forms": [_form_json(analysis, score) for score in analysis.selection.scores],
+        "forms": forms,
         "form": chosen.form.name,
-        "chosen_because": analysis.selection.because,
-        "chosen": {
-            "form": chosen.form.name,
-            "r2": analysis.chosen_r2,
-            "rmse_N": chosen.rmse,
-            "rmse_percent_of_full_scale": analysis.percent(chosen.rmse),
-            "rmse_all_points_N": analysis.over_all(chosen),
-            "cv_rmse_N": chosen.cv_rmse,
-        },
-        "parameters": {name: parameters_json(analysis.parameters.get(name)) for name, _ in SIDES},
+        "chosen_because": analysis.because,
+        "chosen": {"form": chosen.form.name, **errors(chosen, analysis.chosen_r2)},
+        "parameters": parameters_json(analysis.parameters),
     }
 
 
-def _form_json(analysis: Analysis, score: FormScore) -> dict[str, object]:
-    return {
-        "form": score.form.name,
-        "equation": score.form.equation,
-        "parameters_per_direction": score.form.parameters,
-        "cv_rmse_N": score.cv_rmse,
-        "cv_rmse_percent_of_full_scale": analysis.percent(score.cv_rmse),
-        "rmse_N": score.rmse,
-        "rmse_percent_of_full_scale": analysis.percent(score.rmse),
-        "cv_mean_square_behind_best_N2": None if score.cv_rmse is None else score.behind,
-        "cv_mean_square_behind_best_stderr_N2": None if score.cv_rmse is None else score.behind_stderr,
-        "within_one_stderr_of_best": score.within_reach,
-        "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
-    }
-
-
-STRONG = 0.2
-"""Share of the largest thrust from which readings tell whether a command always gives the same."""
-APART = 0.3
-"""Share of a thrust by which readings at one command differ where something else changed."""
+STRONG = 0.2  # share of the largest thrust from which readings tell whether a command always gives the same
+APART = 0.3  # share of a thrust by which readings at one command differ where something else changed
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
 
 
@@ -295,17 +351,9 @@ def fit_records(
     except FitError as refusal:
         raise _with_rest(refusal, logged, thrusters, loaded.rule) from None
     voltages, exponents, notes = _by_voltage(points, step, tare, n_unit, form, jobs, progress)
-    return ThrusterFit(
-        loaded,
-        reduction,
-        analysis,
-        tare,
-        thrusters,
-        voltages,
-        exponents,
-        (*apart, *reduction.notes, *unsorted, *_notes(points), *notes),
-        _by_part(loaded, thrusters, n_unit, form) if loaded.asked else {},
-    )
+    notes = (*apart, *reduction.notes, *unsorted, *_notes(points), *notes)
+    parts = _by_part(loaded, thrusters, n_unit, form) if loaded.asked else {}
+    return ThrusterFit(loaded, reduction, analysis, tare, thrusters, voltages, exponents, notes, parts)
 
 
 def _differ(loaded: ThrusterLogs, points: Points, thrusters: int, where: str) -> tuple[str, ...]:
@@ -356,8 +404,8 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
     asked for them, if that leaves fewer, which is then told."""
     if len(loaded.parts) < 2:
         return flag_contradictions(points, step), ()
-    number = {name: i for i, name in enumerate(("", *loaded.parts))}
-    part = np.array([number[record.part] for record in loaded.records])[points.record]
+    names = ("", *loaded.parts)
+    part = np.array([names.index(record.part) for record in loaded.records])[points.record]
     apart = flag_contradictions(points, part if step is None else part * (int(step.max()) + 1) + step)
     if loaded.asked:
         return apart, ()
@@ -374,7 +422,6 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
 
 
 def _by_part(loaded: ThrusterLogs, thrusters: int, n_unit: str, form: str | None) -> dict[str, ThrusterFit | str]:
-    """The fit of each thruster by itself, or why there is none."""
     found: dict[str, ThrusterFit | str] = {}
     for name in loaded.parts:
         try:
@@ -387,7 +434,6 @@ def _by_part(loaded: ThrusterLogs, thrusters: int, n_unit: str, form: str | None
 def _by_voltage(
     points: Points, step: Ints | None, tare: Tare, n_unit: str, form: str | None, jobs: int, progress: Progress
 ) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, VoltageExponent | None], tuple[str, ...]]:
-    """A map for each voltage step, and the exponents of thrust against voltage."""
     if step is None or step.max() == 0:
         return (), {}, ()
     stderr = tare.stderr if tare.subtracted else 0.0
@@ -395,23 +441,26 @@ def _by_voltage(
     judge = partial(_one_voltage, tare_stderr=stderr, n_unit=n_unit, form=form)
     found = ordered_map(judge, groups, jobs, progress=progress, stage="voltages")
     notes = [f"No map at this voltage: {one}." for one in found if isinstance(one, str)]
-    fits = [(volts, analysis) for volts, analysis, _ in (one for one in found if not isinstance(one, str))]
-    sides = [one[2] for one in found if not isinstance(one, str)]
-    laws = [{name: estimate.value for name, estimate in analysis.square.items()} for _, analysis in fits]
-    exponents = voltage_exponents(np.array([volts for volts, _ in fits]), sides, laws) if len(fits) > 1 else {}
+    fits = [one for one in found if not isinstance(one, str)]
+    volts = np.array([one[0] for one in fits])
+    exponents = {
+        name: voltage_exponent(
+            volts, [sides.get(name) for _, _, sides in fits], [fit.square.get(name) for _, fit, _ in fits]
+        )
+        for name, _ in (SIDES if len(fits) > 1 else ())
+    }
     powers = [found.exponent.value for found in exponents.values() if found and found.exponent]
     if powers and max(abs(power) for power in powers) > FELT:
         notes.append(
             f"Thrust at the same control signal grows with the voltage to the power {np.mean(powers):.2f}: "
             "the map over all voltages is a mean; for a known voltage use that voltage's map."
         )
-    return tuple(fits), exponents, tuple(notes)
+    return tuple((volts, analysis) for volts, analysis, _ in fits), exponents, tuple(notes)
 
 
 def _one_voltage(
     points: Points, *, tare_stderr: float, n_unit: str, form: str | None
 ) -> tuple[float, Analysis, dict[str, Side]] | str:
-    """Voltage, analysis and sides of one step, or why there is none."""
     volts = float(np.median(points.voltage))
     try:
         analysis, sides = analyse(points, None, tare_stderr, n_unit, form, f"{volts:.4g} V")
@@ -431,12 +480,10 @@ def _without_voltages(points: Points, step: Ints | None) -> tuple[str, ...]:
 
 def _notes(points: Points) -> tuple[str, ...]:
     """What a person should know of the points: exact zeros at a command may never have been measured."""
-    silent_points = (points.n != 0.0) & (points.force == 0.0) & (points.flag == "")
-    count = int(np.count_nonzero(silent_points))
-    if count == 0:
+    without_thrust = np.abs(points.n[(points.n != 0.0) & (points.force == 0.0) & (points.flag == "")])
+    if (count := len(without_thrust)) == 0:
         return ()
-    largest = float(np.max(np.abs(points.n[silent_points])))
     return (
         f"{count} point{'s have' if count > 1 else ' has'} exactly zero thrust at a command (up to |n| = "
-        f"{largest:.4g}): a dead band, or readings that were set to zero or never taken; they are kept.",
+        f"{without_thrust.max():.4g}): a dead band, or readings that were set to zero or never taken; they are kept.",
     )

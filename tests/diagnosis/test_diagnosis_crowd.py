@@ -10,7 +10,7 @@ from effect_contract import base_for, long_plans, measured, unmeasured
 
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.scores import score
-from automarine_cli.diagnosis.search import Round, Trial, add_effect, compensating, may_stand, one_instead, trial_of
+from automarine_cli.diagnosis.search import Round, Trial, add_effect, compensating, one_instead, trial_of
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.models.yaw_model import YawModel
 
@@ -48,11 +48,11 @@ def test_a_lag_of_the_thrust_takes_the_place_of_what_imitates_it() -> None:
     several = grown(study, base, delay, slow)
     scores = score(study, BASE, base.fit, ["input-delay", "sensor-lag", "thruster-lag"], 0)
     first = Round(base, scores, (grown(study, base, delay), grown(study, base, slow)), 0.0)
-    found, says = one_instead(study, several, first, each, may_stand)
+    found, says = one_instead(study, several, first, each)
     assert found.added == ("thruster-lag",) and found.model.terms[-1].values[1] == 1.0
     assert found.model.terms[-1].values[0] == pytest.approx(0.4, abs=0.05)
     assert says == "thruster-lag alone does as well as input-delay and sensor-lag together."
-    assert one_instead(study, found, first, each, may_stand) == (found, "")
+    assert one_instead(study, found, first, each) == (found, "")
 
 
 @pytest.mark.slow
@@ -63,7 +63,7 @@ def test_two_that_are_both_there_stay() -> None:
     both = grown(study, base, lag, bias)
     scores = score(study, BASE, base.fit, ["bias-moment", "thruster-lag", "input-delay"], 0)
     first = Round(base, scores, (grown(study, base, lag), grown(study, base, bias)), 0.0)
-    assert one_instead(study, both, first, each, may_stand) == (both, "")
+    assert one_instead(study, both, first, each) == (both, "")
     assert compensating(study, base, both) == ()
 
 

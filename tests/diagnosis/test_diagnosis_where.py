@@ -9,10 +9,10 @@ from automarine_cli.diagnosis.residual_regions import (
     STANDS_OUT,
     Column,
     columns,
-    direction,
     edges,
     find_where,
     gaps,
+    last_side,
     of_runs,
     of_samples,
     over_variables,
@@ -158,7 +158,7 @@ def test_bins_hold_equal_numbers_and_never_both_sides() -> None:
 
 def test_the_side_is_that_of_the_last_moment_that_pushed() -> None:
     study = study_of(campaign(TRUTH, 8, runs=4), TRUTH)
-    side = direction(study)
+    side = last_side(np.array([run.command for run in study.runs]))
     assert np.all(np.abs(side) == 1.0)
     assert side[3, 0] == 1.0 and side[3, -1] == -1.0  # a reversal
     assert np.all(side[2] == -1.0)  # a coast-down keeps its side

@@ -10,7 +10,7 @@ from repository import DATA
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.diagnosis.diagnose import diagnose_runs
-from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.study import log_density, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import beside_forecasts, fit_driven
@@ -22,7 +22,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.thrusters.propulsion import with_moments
+from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
 
 LAKE, BOLLARD = DATA / "yaw" / "kingfisher_lake", DATA / "thrusters" / "kingfisher_heron_bollard_raw.csv"
 pytestmark = pytest.mark.real_data(LAKE)
@@ -106,7 +106,8 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
     """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
     thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
     columns = read_column_map(column_map(tmp_path, COMMANDS))
-    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns, YAW)
+    campaign = load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW)
+    runs = [drive_run_by_thrusters(run, thrusters, ARM) for run in campaign.runs]
     assert {run.moment_unit for run in runs} == {"N m"}
     moving = np.zeros(len(runs), dtype=bool)
     course = make_course(runs, moving)
@@ -136,7 +137,7 @@ def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run
     assert 0.3 < values["input-delay.t_d"] < 0.7 and values["cross-coupling.c"] < -10.0
     kept = replace(study, runs=tuple(halves[1]))
     assert isinstance(base, InnovationsFit) and isinstance(fit, InnovationsFit)
-    assert kept.log_density(found, fit).sum() > kept.log_density(study.base, base).sum() + 10.0
+    assert log_density(kept, found, fit).sum() > log_density(kept, study.base, base).sum() + 10.0
     before, after = (
         next(one for one in kept.predictions(m, f) if one.horizon == 5.0).rmse()
         for m, f in ((study.base.with_theta(base.of_model), base), (found, fit))

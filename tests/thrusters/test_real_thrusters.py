@@ -46,7 +46,7 @@ def fit(tmp_path: Path, name: str, columns: str) -> ThrusterFit:
 
 
 def percent(result: ThrusterFit, form: str) -> float:
-    score = next(score for score in result.analysis.selection.scores if score.form.name == form)
+    score = next(score for score in result.analysis.scores if score.form.name == form)
     return 100.0 * score.rmse / result.analysis.full_scale
 
 
@@ -58,7 +58,7 @@ def test_t200_against_speed(tmp_path: Path) -> None:
     assert analysis.square["forward"].unit == "N/(rev/s)²"
     assert analysis.r2 == pytest.approx(0.9992, abs=5e-5)
     assert percent(result, "square") == pytest.approx(0.92, abs=0.005)
-    assert analysis.selection.chosen.form.name == "power"
+    assert analysis.chosen.form.name == "power"
     assert percent(result, "power") == pytest.approx(0.36, abs=0.005)
     for side, exponent in (("forward", 2.10), ("backward", 2.15)):
         assert analysis.parameters[side]["p"].value == pytest.approx(exponent, abs=0.005)
@@ -72,8 +72,8 @@ def test_t200_against_command(tmp_path: Path) -> None:
     assert [volts for volts, _ in result.voltages] == [10.0, 12.0, 14.0, 16.0, 18.0, 20.0]
     twelve = result.voltages[1][1]
     assert twelve.percent(twelve.law.rmse) == pytest.approx(4.3, abs=0.05)
-    assert twelve.selection.chosen.form.name == "dead-band-power"
-    assert twelve.percent(twelve.selection.chosen.rmse) == pytest.approx(0.4, abs=0.05)
+    assert twelve.chosen.form.name == "dead-band-power"
+    assert twelve.percent(twelve.chosen.rmse) == pytest.approx(0.4, abs=0.05)
     for found in result.exponents.values():
         assert found is not None
         steps = {(low, high): p for low, high, p in found.between}
@@ -94,7 +94,7 @@ def test_videoray_m5(tmp_path: Path, name: str, square: float, chosen: str, erro
     """Against command the square law is wrong by 4 to 25 % of full scale."""
     result = fit(tmp_path, name, COMMAND)
     assert percent(result, "square") == pytest.approx(square, abs=0.1)
-    assert result.analysis.selection.chosen.form.name == chosen
+    assert result.analysis.chosen.form.name == chosen
     assert percent(result, chosen) < error
 
 
@@ -103,7 +103,7 @@ def test_kingfisher_raw_series_saturates_ahead(tmp_path: Path) -> None:
     assert result.thrusters_per_test == 2 and result.reduction.plateaus == 20
     assert result.tare.readings == 1 and abs(result.tare.value) < 0.02
     assert result.points.force.max() == pytest.approx(20.67, abs=0.1)
-    assert result.analysis.selection.chosen.form.name == "power-saturation"
+    assert result.analysis.chosen.form.name == "power-saturation"
     forward, backward = result.map.forward, result.map.backward
     assert forward is not None and forward.n_sat == pytest.approx(0.717, abs=0.01)
     assert backward is not None and backward.n_sat is None

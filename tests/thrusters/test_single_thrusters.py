@@ -190,7 +190,7 @@ def allocated(count: int, seed: int, sign: float = 1.0) -> list[Run]:
 
 
 def given(run: Run) -> np.ndarray:
-    return MAP.moment(run.extras["n_port"], run.extras["n_stbd"], ARM)
+    return ARM * (MAP.force(run.extras["n_port"]) - MAP.force(run.extras["n_stbd"]))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

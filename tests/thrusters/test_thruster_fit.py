@@ -36,7 +36,7 @@ def test_equation_three_comes_back_from_its_own_data() -> None:
     assert analysis.square["forward"].value == pytest.approx(AHEAD, rel=EXACT)
     assert analysis.square["backward"].value == pytest.approx(ASTERN, rel=EXACT)
     assert analysis.square["forward"].value / analysis.square["backward"].value == pytest.approx(3.9405, abs=1e-4)
-    assert analysis.selection.chosen.form.name == "square"
+    assert analysis.chosen.form.name == "square"
     assert analysis.r2 == pytest.approx(1.0, abs=EXACT)
     assert analysis.map.force(150.0) == pytest.approx(5.89, abs=0.005)
     assert analysis.map.force(-150.0) == pytest.approx(-1.49, abs=0.005)
@@ -100,8 +100,8 @@ def test_mirrored_data_swap_the_directions() -> None:
     for here, there in (("forward", "backward"), ("backward", "forward")):
         assert one.square[here].value == pytest.approx(other.square[there].value, rel=EXACT)
         assert one.square[here].stderr == pytest.approx(other.square[there].stderr, rel=EXACT)
-    assert one.selection.chosen.form == other.selection.chosen.form
-    for mine, theirs in zip(one.selection.scores, other.selection.scores):
+    assert one.chosen.form == other.chosen.form
+    for mine, theirs in zip(one.scores, other.scores):
         assert mine.cv_rmse == pytest.approx(theirs.cv_rmse, rel=1e-6)
 
 
@@ -142,7 +142,7 @@ def test_cross_validation_finds_the_form_in_noise(name: str) -> None:
     n, force = series_of(*TRUTHS[name])
     noisy = force + 0.01 * np.max(np.abs(force)) * np.random.default_rng(7).standard_normal(len(n))
     analysis, _ = analyse(points(n, noisy), None, 0.0, "")
-    assert analysis.selection.chosen.form.name == name
+    assert analysis.chosen.form.name == name
     for side, truth in zip(("forward", "backward"), TRUTHS[name]):
         for key in FORMS[name].free:
             found = analysis.parameters[side][key].estimate
@@ -157,12 +157,12 @@ def test_twenty_points_refuse_four_parameters() -> None:
     for seed in range(12):
         noise = 0.4 * np.random.default_rng(seed).standard_normal(len(n))
         analysis, _ = analyse(points(n, np.where(n > 0, 30.0, 12.0) * n * np.abs(n) + noise), None, 0.0, "")
-        scores = {score.form.name: score for score in analysis.selection.scores}
+        scores = {score.form.name: score for score in analysis.scores}
         square, full = scores["square"], scores["dead-band-power-saturation"]
         assert full.rmse <= square.rmse
         assert full.cv_rmse is not None and square.cv_rmse is not None
         worse += full.cv_rmse > square.cv_rmse
-        chosen.append(analysis.selection.chosen.form.parameters)
+        chosen.append(analysis.chosen.form.parameters)
     assert worse >= 11
     assert max(chosen) <= 2
     assert chosen.count(1) >= 10
@@ -200,10 +200,10 @@ def test_left_out_levels_get_no_weight() -> None:
 def test_choice_is_explained_and_can_be_forced() -> None:
     n, force = series_of(*TRUTHS["power"])
     analysis, _ = analyse(points(n, force), None, 0.0, "", "dead-band")
-    assert analysis.selection.chosen.form.name == "dead-band"
-    assert "asked for" in analysis.selection.because and "power" in analysis.selection.because
+    assert analysis.chosen.form.name == "dead-band"
+    assert "asked for" in analysis.because and "power" in analysis.because
     free, _ = analyse(points(n, force), None, 0.0, "")
-    assert "one standard error" in free.selection.because
+    assert "one standard error" in free.because
     with pytest.raises(FitError, match="choose one of square, dead-band"):
         analyse(points(n, force), None, 0.0, "", "cubic")
 

@@ -6,10 +6,13 @@ import json
 import numpy as np
 import pytest
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.planning.vehicle import drive_of
+from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.forms import FORMS, Curve
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
 
 MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
 
@@ -22,9 +25,9 @@ def test_force_keeps_shape_and_sign() -> None:
 
 def test_port_ahead_turns_clockwise() -> None:
     """Equal and opposite commands: (a_f + a_b) l n^2; the same both ways with the sign turned."""
-    assert MAP.moment(100.0, -100.0, 0.5) == pytest.approx(0.5 * 3.2805)
-    assert MAP.moment(-100.0, 100.0, 0.5) == pytest.approx(-0.5 * 3.2805)
-    assert MAP.moment(80.0, 80.0, 0.5) == pytest.approx(0.0)
+    extras = {"n_port": np.array([100.0, -100.0, 80.0]), "n_stbd": np.array([-100.0, 100.0, 80.0])}
+    run = Run("a", "a.csv", np.arange(3.0), np.zeros(3), None, "", extras, dof=YAW)
+    assert drive_run_by_thrusters(run, MAP, 0.5).command == pytest.approx(0.5 * np.array([3.2805, -3.2805, 0.0]))
 
 
 def test_dead_band_and_saturation() -> None:
@@ -109,5 +112,3 @@ def test_not_an_object_missing_direction_and_bad_input() -> None:
         one_way.force(-1.0)
     with pytest.raises(ModelError, match="finite"):
         MAP.force(np.nan)
-    with pytest.raises(ModelError, match="arm"):
-        MAP.moment(1.0, 1.0, 0.0)

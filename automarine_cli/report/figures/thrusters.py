@@ -43,7 +43,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
 def _apart(result: ThrusterFit) -> bool:
     """Whether one map cannot serve all voltages: its error is over three times that of a map for each."""
     pooled = result.analysis.chosen.rmse
-    separate = np.sqrt(np.mean([one.selection.chosen.rmse**2 for _, one in result.voltages]))
+    separate = np.sqrt(np.mean([one.chosen.rmse**2 for _, one in result.voltages]))
     return bool(pooled > 3.0 * separate)
 
 
