@@ -213,8 +213,7 @@ def _effects_json(fit: whole_runs.OutputErrorFit) -> list[dict[str, object]]:
 
 
 def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Estimate]]:
-    """Estimates of the effects beside drag that a fit was asked to have, by effect and parameter; standard errors of
-    zero are of what is not fitted."""
+    """Estimates of the effects beside drag, by effect and parameter; standard errors of what is not fitted are zero."""
     found, model = {}, fit.model
     for term in model.terms:
         if term.own:
@@ -346,7 +345,9 @@ def _fit_steps(
     data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))
     rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
-    start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
+    table = rough.inertia["3"]  # where noise made it negative, the middle of the sizes
+    inertia = table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
+    start = (inertia, rough.drag["1"].drag[0], rough.drag["3"].drag[1])
     name = dof.symbols.constant
     constant = {model: fit.estimates[name].value for model, fit in rough.drag.items() if dof.has_constant}
     both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
@@ -370,12 +371,6 @@ def _fit_steps(
     return YawFit(
         unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, known=known
     )
-
-
-def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
-    """The paper's inertia of model 3; where noise made it negative, the middle of the sizes."""
-    table = rough.inertia["3"]
-    return table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
 
 
 def _fit_model(

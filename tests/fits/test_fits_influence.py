@@ -9,8 +9,8 @@ from made_runs import mirrored
 
 from automarine_cli.fits.half_turns import half_turn_data, step_problem
 from automarine_cli.fits.linear_mixed import Block, RunEffects
-from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed
-from automarine_cli.fits.whole_runs import covariance_of_changes, degrees_of_freedom, left_out_changes, run_covariance
+from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
+from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 
@@ -91,7 +91,7 @@ def test_a_parameter_at_its_bound_does_not_move() -> None:
 def test_jackknife_of_means_is_the_error_of_the_mean() -> None:
     values = np.random.default_rng(3).standard_normal(40)
     without = (values.sum() - values) / 39 - values.mean()
-    assert covariance_of_changes(without[:, None])[0, 0] == pytest.approx(values.var(ddof=1) / 40)
+    assert jackknife(without[:, None])[0, 0] == pytest.approx(values.var(ddof=1) / 40)
 
 
 def lines(steep: np.ndarray) -> MixedFit:
