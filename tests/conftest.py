@@ -12,6 +12,7 @@ for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, befor
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import figures
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import HealthCheck, settings
@@ -42,14 +43,21 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def strict_figures() -> Iterator[None]:
-    """A figure that cannot be drawn is a warning to a user, and here fails whatever asked for it."""
+    """A figure that cannot be made is a warning to a user, and here fails whatever asked for it; see `figures.py`."""
 
     def taken(folder: ResultFolder, attempt: Attempt[object]) -> object:
         assert not attempt[1], attempt[1]
         return attempt[0]
 
-    with pytest.MonkeyPatch.context() as patch:
+    with figures.empty(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(ResultFolder, "taken", taken)
+        yield
+
+
+@pytest.fixture(scope="module")
+def drawn_figures() -> Iterator[None]:
+    """For modules that look at figures."""
+    with figures.drawn():
         yield
 
 

@@ -21,7 +21,7 @@ from automarine_cli.pipeline.words import listed, printable
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
-    from automarine_cli.results.steps import Step
+    from automarine_cli.report.campaign_page import Step
 
 KINDS = {
     "thrusters": "thruster tests", "steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs",
@@ -157,8 +157,7 @@ def read_campaign(path: Path) -> Campaign:
     Raises SettingError with the key's path for an unknown key, a wrong value, or a question that is still open, and
     LogError for a column rule that makes no sense.
     """
-    from automarine_cli.logs import ColumnMap, column_rules
-    from automarine_cli.logs.columns import columns_of, database, joins
+    from automarine_cli.logs.columns import column_map
     from automarine_cli.report.campaign_file import OPEN, SCHEMA, open_questions
 
     data, name = read_mapping(path), printable(path.name)
@@ -181,11 +180,9 @@ def read_campaign(path: Path) -> Campaign:
         _refuse_gaps(sections)
     except SettingError as problem:
         raise SettingError(f"{name}: {problem}") from None
-    columns = ColumnMap(
-        column_rules(top.get("columns", {}), name), {}, "", database(top.get("can", {}), path),
-        columns_of(top.get("columns_of", ()), name), joins(sections["logs"].get("join", ()), f"{name}: logs"),
-    )  # fmt: skip
-    return Campaign(path, sections, columns)
+    tables = {key: top[key] for key in ("columns", "columns_of", "can") if key in top}
+    join = {"join": sections["logs"].get("join", ())}
+    return Campaign(path, sections, column_map({**tables, "logs": join}, name, path.parent))
 
 
 def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:

@@ -70,7 +70,7 @@ class Command(click.Command):
     """A command of the terminal that Python calls as a function: the first of its settings alone, others by name.
 
     Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
-    `each` is a map on the processes asked for. `report` names the modules that show the result (none: `finish` does
+    `each` is a map on the processes asked for. `report` names the module that shows the result (none: `finish` does
     it). A command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow
     from others and refuses what contradicts, before logs are looked for; `finish` ends the command on the terminal.
     """
@@ -189,8 +189,8 @@ class Command(click.Command):
             }  # fmt: skip
             asked = {key: value for key, value in execution.items() if key in self.takes}
             result = self.function(**settings, **asked)
-            for module in self.report.split():
-                import_module(f"automarine_cli.report.{module}")
+            if self.report:
+                import_module(f"automarine_cli.report.{self.report}")
             if folder is not None:
                 from automarine_cli.report.sections import sections
 
@@ -310,7 +310,7 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
     """A setting as the function takes it. Raises SettingError for a value of the wrong kind."""
     name = str(param.name)
     if param.reads == "logs":
-        from automarine_cli.logs.parquet import as_logs
+        from automarine_cli.logs.find import as_logs
 
         return as_logs(value, name)
     if param.reads == "file":
@@ -332,8 +332,7 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
 
 def _document(value: object, name: str) -> Any:
     """A place, or the file that a result stands for; what we made ourselves is left as it is."""
-    from automarine_cli.pipeline.records import Document
-    from automarine_cli.results.shown import Shown
+    from automarine_cli.pipeline.records import Document, Shown
 
     if isinstance(value, Shown):
         return value.document(name)

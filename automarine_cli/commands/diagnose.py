@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 
 
-@command("diagnose", report="planar_diagnosis_report thruster_diagnosis", by_effects=True)
+@command("diagnose", report="diagnosis_report", by_effects=True)
 @options.logs
 @options.model
 @options.hold_out
@@ -41,7 +41,7 @@ def diagnose(
     """
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
+    from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
 
     names, execution = given_columns(columns), {"strict": strict, "progress": progress}
     schema = schema_in(model)
@@ -133,7 +133,7 @@ def _of_a_map(
 ) -> "ThrusterDiagnosis":
     """Diagnose a thruster map on bollard tests; without `hold_out` a quarter of the levels is held out."""
     from automarine_cli.diagnosis.thruster_map import diagnose_thrusters
-    from automarine_cli.results.kinds import THRUSTER_MAP
+    from automarine_cli.pipeline.result_files import THRUSTER_MAP
     from automarine_cli.thrusters.bollard_data import load_thruster_logs, thrusters_pulling
     from automarine_cli.thrusters.map import ThrusterMap
 
@@ -155,7 +155,7 @@ def _of_a_map(
 def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
     """Refuse what a kind of model has no use for."""
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.results.kinds import PLANAR_MODEL, THRUSTER_MAP
+    from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
     from automarine_cli.runs.channels import AUTO
 
     name, schema = settings["model"].name, schema_in(settings["model"])

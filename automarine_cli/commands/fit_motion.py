@@ -87,7 +87,9 @@ def _fit(
     from automarine_cli.fits.whole_runs import OutputErrorFit
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
-    from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
+    from automarine_cli.runs.half_turn import half_turns
+    from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
+    from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.propulsion import moment_maker
 
     if tail is not None and fit_to == WHOLE_RUNS:
@@ -100,25 +102,23 @@ def _fit(
     beforehand = Known.of(known).named(names_in(dof, own), signed=(dof.parameter("constant"), *own))
     column_map = given_columns(columns)
     drive = moment_maker(thrusters, arm, column_map, dof)
-    campaign = load_half_turns(
-        logs, column_map, drive, dof=dof, trim=trim, strict=strict, progress=progress, jobs=jobs
-    )  # fmt: skip
-    limits = list(campaign.limits)
+    campaign = load_runs(logs, column_map, dof=dof, strict=strict, progress=progress, jobs=jobs)
+    runs = [run if drive is None else drive(run) for run in campaign.runs]
+    turns, not_turned = half_turns(runs, trim)
 
     def whole_runs() -> list[Any]:
-        loaded = load_runs(logs, column_map, dof=dof, progress=progress, jobs=jobs)
-        limits[:] = loaded.limits
-        return [trim.of_whole(run if drive is None else drive(run)) for run in loaded.runs]
+        return [trim.of_whole(run) for run in runs]
 
     def fit_models(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
 
     with told_beside(campaign.set_aside):
         fit = identify_turns(
-            dof, campaign.turns, campaign.not_turned, whole_runs, "half-turns" if fit_to == "steps" else fit_to,
+            dof, turns, not_turned, whole_runs, "half-turns" if fit_to == "steps" else fit_to,
             beforehand, fit_models, channels, tail_start, names,
         )  # fmt: skip
-    warnings = [*campaign.warnings, *(limit.warning for limit in limits if limit.dof is dof), *fit.warnings]
+    limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
+    warnings = [*command_warnings(runs), *limits, *fit.warnings]
     fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=tuple(warnings))
     if strict and fit.set_aside:
         raise refused_by_strict(fit.set_aside[0])

@@ -18,9 +18,9 @@ from automarine_cli.errors import AutomarineError, OutputError, SettingError, To
 from automarine_cli.pipeline.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from automarine_cli.pipeline.result_files import RunFile
+    from automarine_cli.report.campaign_page import Step
     from automarine_cli.report.campaign_run import CampaignOutcome, CampaignRun, Campaigns, StepOutcome
-    from automarine_cli.results.files import RunFile
-    from automarine_cli.results.steps import Step
 
 RESULTS = "results"
 """The folder beside the campaign file that takes the results of who names none."""
@@ -29,7 +29,7 @@ NO_PAGE = "no step has a result to show"
 
 
 def _steps() -> tuple[str, ...]:
-    from automarine_cli.results.steps import STEP_NAMES
+    from automarine_cli.report.campaign_page import STEP_NAMES
 
     return STEP_NAMES
 
@@ -133,8 +133,8 @@ def _run(
     file that makes no sense and OutputError.
     """
     from automarine_cli.pipeline.results_folder import refuse_unfit
+    from automarine_cli.report.campaign_page import REPORT, STEP_NAMES, STEPS
     from automarine_cli.report.campaign_run import CampaignRun, StepOutcome, warnings_of, with_results
-    from automarine_cli.results.steps import REPORT, STEP_NAMES, STEPS
 
     campaign = read_campaign(path)
     refuse_unfit(out)
@@ -196,9 +196,8 @@ def _do(
 def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
     """The result file."""
     from automarine_cli.pipeline.manifest import MANIFEST, sha256
+    from automarine_cli.pipeline.result_files import RUN, THRUSTER_MAP, RunFile, StepDone
     from automarine_cli.report.campaign_run import cautions
-    from automarine_cli.results.files import RunFile, StepDone
-    from automarine_cli.results.kinds import RUN, THRUSTER_MAP
 
     entries = []
     for step, outcome in zip(steps, outcomes):
@@ -219,9 +218,9 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
     from automarine_cli.logs import with_joined
     from automarine_cli.pipeline.manifest import Input, given_as, why_made_again
     from automarine_cli.pipeline.records import json_text, to_mapping
+    from automarine_cli.pipeline.result_files import RUN
     from automarine_cli.pipeline.results_folder import result_folder
     from automarine_cli.report.campaign_page import make_report
-    from automarine_cli.results.kinds import RUN
     from automarine_cli.runs.load import has_bytes
 
     logs = with_joined(campaign.every_log(), campaign.columns)

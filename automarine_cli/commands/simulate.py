@@ -10,8 +10,8 @@ from automarine_cli.commands.command import argument, command, option
 
 if TYPE_CHECKING:
     from automarine_cli.pipeline.progress import Progress
-    from automarine_cli.report.simulation_tables import PlanarSimulation, Simulation
-    from automarine_cli.simulation.specification import PlanarSpecification, Specification
+    from automarine_cli.report.simulation_tables import Simulation
+    from automarine_cli.simulation.specification import AnySpecification
 
 
 @command("simulate", report="simulation_tables", figures=False)
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @options.overwrite
 @option("--seed", type=click.IntRange(min=0), metavar="N", help="Instead of the specification's seed.")
 @options.together(options.jobs, options.as_json, options.verbosity)
-def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> "Simulation | PlanarSimulation":
+def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> "Simulation":
     """A pool campaign with known truth, made from a specification.
 
     The specification says what vehicle is tested, what acts on it that a model may not know of, what the logger
@@ -34,13 +34,10 @@ def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> 
     Example:
       automarine simulate sample_runs/campaign.toml -o out/campaign
     """
-    from automarine_cli.report.simulation_tables import PlanarSimulation, Simulation
-    from automarine_cli.simulation.campaign import make_campaign, make_planar
-    from automarine_cli.simulation.specification import PlanarSpecification
+    from automarine_cli.report.simulation_tables import Simulation
+    from automarine_cli.simulation.campaign import make_campaign
 
     spec = _read(specification)
-    if isinstance(spec, PlanarSpecification):
-        return PlanarSimulation(spec, seed, make_planar(spec, seed))
     return Simulation(spec, seed, make_campaign(spec, seed, jobs=jobs, progress=progress))
 
 
@@ -53,13 +50,12 @@ def _with_seed(settings: dict[str, Any]) -> dict[str, Any]:
 simulate.complete = _with_seed
 
 
-def _read(specification: Any) -> "Specification | PlanarSpecification":
-    """The specification in a file, of one motion or of motion in the plane. Raises SettingError."""
+def _read(specification: Any) -> "AnySpecification":
+    """The specification in a file. Raises SettingError."""
     if not isinstance(specification, Path):
         return specification
     from automarine_cli.pipeline.records import read_mapping
     from automarine_cli.pipeline.words import printable
-    from automarine_cli.simulation.specification import is_planar, planar_specification_from, specification_from
+    from automarine_cli.simulation.specification import specification_from
 
-    mapping, name = read_mapping(specification), printable(specification.name)
-    return planar_specification_from(mapping, name) if is_planar(mapping) else specification_from(mapping, name)
+    return specification_from(read_mapping(specification), printable(specification.name))

@@ -87,7 +87,7 @@ def _cut(
 ) -> "SlicedLog | SetAside":
     """The runs of one log as files, or why it was set aside."""
     from automarine_cli.logs import read_log
-    from automarine_cli.logs.formats import stem_of
+    from automarine_cli.logs.find import stem_of
     from automarine_cli.report.slice_tables import Between, Cut, SlicedLog
     from automarine_cli.runs.load import unreadable
     from automarine_cli.runs.slices import find_slices

@@ -11,11 +11,10 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.planar_structure import CHANNELS, PLACES, rough_velocities
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import VALIDATION
 from automarine_cli.quantities import Floats
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import VALIDATION
-from automarine_cli.results.shown import Shown
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 

@@ -12,11 +12,21 @@ import numpy as np
 from scipy import special
 
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
+from automarine_cli.pipeline.result_files import (
+    DIAGNOSIS,
+    MODELS,
+    THRUSTER_MAP,
+    VALIDATION,
+    DiagnosisFile,
+    ModelFile,
+    ResultKind,
+    ResultRecord,
+    ThrusterFile,
+    ValidationFile,
+)
 from automarine_cli.pipeline.words import listed, printable
-from automarine_cli.results.estimate import Estimate, Given
-from automarine_cli.results.files import DiagnosisFile, ModelFile, ResultRecord, ThrusterFile, ValidationFile
-from automarine_cli.results.kinds import DIAGNOSIS, MODELS, THRUSTER_MAP, VALIDATION, ResultKind
 
 DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"
 LEVEL = 0.05
@@ -208,7 +218,7 @@ def of_validation(file: ValidationFile, models: Sequence[str]) -> Contents:
     """What a validation says of the model that the fit preferred: its errors, to be compared run by run."""
     number_ = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
     unit, each = file.dof.units.shown, file.models[number_].runs
-    samples = {run: f"{run} ({log.samples} samples)" for run, log in file.logs.items()}
+    samples = {run: f"{run} ({log['samples']} samples)" for run, log in file.logs.items()}
     found: dict[str, Mapping[str, float | None]] = {
         "free run rmse": {run: one.rmse for run, one in each.items()},
         "restarted rmse": {run: one.restarted for run, one in each.items()},

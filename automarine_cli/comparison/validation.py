@@ -39,12 +39,11 @@ from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import VALIDATION
-from automarine_cli.results.shown import Shown
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import VALIDATION
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.checks import without_undriven
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 
 MEANING = {

@@ -19,10 +19,9 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, Source, json_document, read_plain
+from automarine_cli.pipeline.records import Document, Shown, Source, json_document, read_plain
+from automarine_cli.pipeline.result_files import TUNING
 from automarine_cli.quantities import Floats
-from automarine_cli.results.kinds import TUNING
-from automarine_cli.results.shown import Shown
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run

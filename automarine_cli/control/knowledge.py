@@ -13,6 +13,7 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import Source, read_plain
+from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid
@@ -20,7 +21,6 @@ from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.prior_results import NO_RIVALS, NOISE_DEG, SCATTER, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect
 from automarine_cli.quantities import Floats
-from automarine_cli.results.kinds import DIAGNOSIS
 from automarine_cli.thrusters.map import ThrusterMap
 
 LATE = ("input-delay", "thruster-lag", "sensor-lag")

@@ -17,16 +17,15 @@ from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design, Target, present_gains
 from automarine_cli.control.vehicles import Bend
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, Source, read_plain
+from automarine_cli.pipeline.records import Document, Shown, Source, read_plain
+from automarine_cli.pipeline.result_files import TUNING
 from automarine_cli.pipeline.results_folder import Attempt, attempted
 from automarine_cli.planning.limits import Goal, Limits, Moments
 from automarine_cli.planning.plan import Plan, make_plan
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.kinds import TUNING
-from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.propulsion import map_and_arm
 

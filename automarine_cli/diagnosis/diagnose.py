@@ -34,12 +34,10 @@ from automarine_cli.fits.innovations import channel_noises, channels_json
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
-from automarine_cli.pipeline.records import Document, json_document
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import DIAGNOSIS
-from automarine_cli.results.shown import Shown
+from automarine_cli.pipeline.records import Document, Shown, json_document
+from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 
 DRIVEN_S, STEPPED_S = 3e-4, 1e-4
 """Seconds for each reading and effect of a diagnosis of driven runs, and of others, on a machine of 2020; roughly."""

@@ -5,11 +5,11 @@ import numpy as np
 from automarine_cli.diagnosis.search import Trial, gain_exponent
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.cautions import covariance_json, valid_range
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.models.store import StoredModels, model_json
-from automarine_cli.results.estimate import Estimate
 
 
 def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, object]:

@@ -27,6 +27,7 @@ from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAI
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
@@ -37,13 +38,10 @@ from automarine_cli.models.planar import derivative, parameters_of
 from automarine_cli.models.planar_store import StoredPlanar, planar_json
 from automarine_cli.models.tied import Tied
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.pipeline.records import Document, json_document
+from automarine_cli.pipeline.records import Document, Shown, json_document
+from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import DIAGNOSIS
-from automarine_cli.results.shown import Shown
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 
 SMALL = 0.02
 """Share of its usual size at which an actuator effect is as good as none."""

@@ -28,13 +28,13 @@ from automarine_cli.diagnosis.scores import (
 )
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, discover
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 
 LEVEL = 0.005
 """Share of campaigns with nothing missing in which something may still be claimed."""

@@ -18,13 +18,12 @@ from automarine_cli.diagnosis.verdict import (
     stretch,
 )
 from automarine_cli.errors import FitError, RunError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.stepwise import NamedRival
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import DIAGNOSIS
-from automarine_cli.results.shown import Shown
-from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.run import SetAside, runs_json
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
 from automarine_cli.thrusters.family import (
     ASYMMETRY,

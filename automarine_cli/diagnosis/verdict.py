@@ -14,13 +14,13 @@ from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.search import MOST_EFFECTS, STANDS, WEAK, Found, Trial, clear, obstacle
 from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.dofs import Dof
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import estimate_of, varying_terms
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.results.files import ModelFile
+from automarine_cli.pipeline.result_files import ModelFile
 from automarine_cli.thrusters.map import ThrusterMap
 
 FRAMES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
@@ -193,12 +193,10 @@ class Target:
     """One simulator or paper.
 
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
-    effects it has terms for, `laws` those of their laws beside the first (None: all), `carries_with` what it carries
-    where that hangs on the settings, `varying` whether also effects that differ from run to run; `why` not, by effect,
-    and `instead` the option that helps. `si` whether moments must be newton metres; `uses` the settings that mean
-    something; `motions` those whose models it takes.
-    `lacks` are laws of effects that it does not carry though it carries the effect, and why.
-    `planar` is how it takes surge, sway and yaw together, if it does.
+    effects it has terms for, `carries_with` what it carries where that hangs on the settings, `lacks` laws of them that
+    it does not, and why; `varying` whether also effects that differ from run to run; `why` not, by effect, and
+    `instead` the option that helps. `si` whether moments must be newton metres; `uses` the settings that mean
+    something; `motions` those whose models it takes, `planar` how it takes surge, sway and yaw together, if it does.
     """
 
     name: str
@@ -208,7 +206,6 @@ class Target:
     write: Callable[[Any], Written]
     frames: tuple[str, ...] = ("NED", "ENU")
     carries: frozenset[str] = frozenset(DRAG)
-    laws: frozenset[tuple[str, int]] | None = frozenset()
     lacks: Mapping[tuple[str, int], str] = field(default_factory=dict)
     si: bool = True
     uses: frozenset[str] = frozenset()

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 from automarine_cli import __version__, effects
 from automarine_cli.effects.learned import PREFIX
+from automarine_cli.estimate import Given
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
 from automarine_cli.exports.export import in_enu, in_newton_metres
 from automarine_cli.models.yaw_model import Term
+from automarine_cli.pipeline.result_files import AddedEffect, Covariance, ModelEntry, Parent, ValidRange
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.estimate import Given
-from automarine_cli.results.files import AddedEffect, Covariance, ModelEntry, Parent, ValidRange
 
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
 NO_RANGE = "The file does not tell which {forces} were fitted; fit again with this version of automarine."
@@ -154,7 +154,6 @@ TARGET = Target(
     source="Mitchell et al. (2019), doi 10.1145/3287560.3287596",
     forms={"markdown": ".md"},
     carries=frozenset({*effects.built_in(), PREFIX}),
-    laws=None,
     varying=True,
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),

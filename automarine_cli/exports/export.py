@@ -31,12 +31,12 @@ from automarine_cli.models.store import file_and_models, motion_of
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.manifest import manifest_of, sha256
 from automarine_cli.pipeline.records import Source, read_plain
+from automarine_cli.pipeline.result_files import PLANAR_MODEL
+from automarine_cli.pipeline.result_files import THRUSTER_MAP as MAP
 from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
-from automarine_cli.results.kinds import PLANAR_MODEL
-from automarine_cli.results.kinds import THRUSTER_MAP as MAP
 from automarine_cli.thrusters.map import ThrusterMap
 
 WHY_NAMED = {"thruster-lag": "it acts in the thrusters; --to thrusters has --lag for it"}
@@ -297,23 +297,13 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
     if term.name.startswith(PREFIX) and PREFIX in carried:
         return ""
     if term.name in carried:
-        law = effect.law(term.values)
-        if (term.name, law) in target.lacks:
-            return target.lacks[term.name, law]
-        known = not law or target.laws is None or (term.name, law) in target.laws or effect.varies(term.values)
-        return "" if known else f"its law {_law_name(term)!r} remembers earlier commands"
+        return target.lacks.get((term.name, effect.law(term.values)), "")
     named = WHY_NAMED | dict(target.why)
     if dof.has_constant and term.name == "bias-moment":
         return WHY_CONSTANT
     if term.name in named:
         return named[term.name]
     return f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
-
-
-def _law_name(term: Term) -> str:
-    """What the term's law is called."""
-    effect = effects.get(term.name)
-    return next(p.choices[effect.law(term.values)] for p in effect.parameters if p.choices)
 
 
 def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:

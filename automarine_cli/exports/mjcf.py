@@ -124,7 +124,6 @@ TARGET = Target(
     forms={"joint": ".xml"},
     frames=("ENU", "NED"),
     carries=frozenset(CARRIES),
-    laws=None,
     lacks=LACKS,
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
     write=write,

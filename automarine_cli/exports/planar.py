@@ -4,7 +4,7 @@ Ours: M nu' + C(nu) nu + D nu = tau with every drag positive where it resists; (
 In ENU v and r, Y and N count the other way: an entry changes sign where it joins one of these with u or X.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,10 +119,3 @@ def rigid_of(subject: PlanarSubject) -> Inertia:
                 f"added inertia in {subject.origin.file}"
             )
     return Inertia(mass, mass, turning)
-
-
-MEANING: Mapping[str, str] = {
-    **{f"{f}_{v}": "linear drag" for f, v in zip(FORCES, VELOCITIES)},
-    **{f"{f}_{v}{v}": "quadratic drag" for f, v in zip(FORCES, VELOCITIES)},
-}
-"""What a derivative is, for comments; all others couple."""

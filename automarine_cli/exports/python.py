@@ -1,158 +1,204 @@
-"""Plain Python: one file with numpy, readable in one go, that simulates the model.
+"""Plain Python: one file with numpy that simulates the model.
 
-The equation is ours, effects included, by classical Runge-Kutta on sub-steps. Source: `automarine effects NAME` has
-the equation of each effect; `python_terms` has it as the file writes it. In the templates {x} and {v} stand for the
-letters of position and rate, {F} for that of force or moment, {force} for its word, {given} for the logged one.
+The file holds the effects' own methods, copied from the library with all that they call, and a loop of classical
+Runge-Kutta steps around them. In the templates {x} and {v} stand for the letters of position and rate, {given} for the
+command as logged.
 """
 
-from textwrap import indent
+import ast
+import inspect
+import sys
+from collections.abc import Iterable
+from types import ModuleType
 
 from automarine_cli import effects
-from automarine_cli.effects.base import Parameter
+from automarine_cli.effects import base, inputs, laws
+from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, head, number, plain
-from automarine_cli.exports.planar import MEANING, PlanarSubject
-from automarine_cli.exports.python_terms import LAWS, LINES, STATES, Lines, curve_constants, curve_lines
+from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.planar import VELOCITIES
 from automarine_cli.models.yaw_model import Term
 
 STEP = 0.02  # s: the longest step of the integrator
-SHARE = 0.25  # of a propeller's time constant, where that is shorter
-WIDE = 90  # characters of a line that is still read at a glance
+METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}
+"""What of an effect acts; all else describes it."""
+CARRIES = [name for name in effects.built_in() if not (effects.get(name).columns or effects.get(name).fed)]
+"""Effects that need no logged column."""
 
-FILE = '''{head}import numpy as np
+FILE = '''{head}from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from types import SimpleNamespace
+from typing import ClassVar
 
+import numpy as np
+
+Floats = np.ndarray
 {constants}
+
+{runtime}
+
+TERMS = [
+{terms}]
+
 
 def simulate(time, {given}, {x}0=0.0, {v}0=0.0{more}):
     """{title} as it is read [{base_unit}] and {speed} [{base_unit}/s] at `time` [s] under `{given}` [{unit}], all (N,).
 
     {given}[i] holds from time[i] to time[i + 1]; before time[0] there is none.{columns}
     """
-'''
-BODY = """    time, {given} = np.asarray(time, float), np.asarray({given}, float)
+    time, begin = np.asarray(time, float), np.full((1, 1), {x}0, float)
+    steps = np.maximum(1, np.ceil(np.diff(time) / {step})).astype(int)
+    node = np.append(0, np.cumsum(steps))  # of each sample
+    sample = np.repeat(np.arange(len(steps)), steps)  # of each step
+    length = (np.diff(time) / steps)[sample]
+    clock = np.append(0.0, np.cumsum(length))
+    signals = {signals}
+    force = np.asarray({given}, float)[None, None, sample]
+    terms = [(effect, tuple(np.full((1, 1, 1), value) for value in values)) for effect, values in TERMS]
+    none = np.zeros((1, 1))
+    for effect, values in terms:
+        commands = Commands(force, clock[None, None, :-1], length[None, None], none, none + time[0], signals)
+        force = effect.deliver(commands, values)
+    movers = [(effect, tuple(value[..., 0] for value in values)) for effect, values in terms]
 
-    def slope(t, state, {F}):
-{slope}
-    state = np.array([{state}])
-    found = [state]
-    for i in range(len(time) - 1):
-        steps = max(1, int(np.ceil((time[i + 1] - time[i]) / {step})))
-        h = (time[i + 1] - time[i]) / steps
-        for t in time[i] + h * np.arange(steps):
-            {F} = {command}
-            a = slope(t, state, {F})
-            b = slope(t + h / 2, state + h / 2 * a, {F})
-            c = slope(t + h / 2, state + h / 2 * b, {F})
-            state = state + h / 6 * (a + 2 * b + 2 * c + slope(t + h, state + h * c, {F}))
-        found.append(state)
-    {x}, {v} = np.array(found).T[:2]
-{reading}    return {x}, {v}
-"""
+    def slope(i, t, y):
+        stored, left = [], list(y[2:])
+        for effect, _ in movers:
+            stored.append(tuple(left[: len(effect.states)]))
+            left = left[len(effect.states) :]
+        held = {{name: column[..., i] for name, column in signals.items()}}
+        water = sum(effect.water_rate(own, values) for (effect, values), own in zip(movers, stored))
+        state = State(y[0], begin, y[1], y[1] - water, force[..., i], t + none, held)
+        total, rates = state.delivered, []
+        for (effect, values), state.stored in zip(movers, stored):
+            total = total + effect.moment(state, values)
+            rates += effect.derivatives(state, state.stored, values) if state.stored else ()
+        return np.array([y[1], total / {inertia}, *rates])
+
+    y = np.array([begin, none + {v}0, *[none] * sum(len(effect.states) for effect, _ in movers)])
+    states = [y]
+    for i, (t, h) in enumerate(zip(clock, length)):
+        a = slope(i, t, y)
+        b = slope(i, t + h / 2, y + h / 2 * a)
+        c = slope(i, t + h / 2, y + h / 2 * b)
+        y = y + h / 6 * (a + 2 * b + 2 * c + slope(i, t + h, y + h * c))
+        states.append(y)
+    {x}, {v} = np.array(states)[:, :2, 0, 0].T
+    for effect, values in terms:
+        {x} = np.broadcast_to(effect.read({x}, clock[None, None], values), (1, 1, len(clock)))[0, 0]
+    return {x}[node], {v}[node]
+'''
 
 
 def write(subject: YawSubject) -> Written:
     """The text of the file."""
-    terms, values, own = subject.model.terms, subject.values, letters(subject)
-    inertia = subject.dof.symbols.inertia.upper()  # I_R, M_U, M_W
-    written = [lines_of(subject, term) for term in terms]
-    more = ["n"] * ("thruster-lag" in values) + ["water"] * ("water-swirl" in values)
+    terms, dof, own = subject.model.terms, subject.dof, subject.dof.symbols
+    inertia = own.inertia.upper()  # I_R, M_U, M_W
     logged = [name for term in terms for name in effects.get(term.name).needs]
-    laws = [(term.name, effects.get(term.name).law(term.values)) for term in terms]
-    more += [name for law in laws for name in STATES.get(law, ())]
-    lag, *_, fall = values.get("thruster-lag", (STEP / SHARE, 1.0))
-    lag *= min(1.0, fall)
-    top = own | {
-        "head": commented(head(subject, equation(subject), ()), "#"),
+    moments = (term.name for term in terms if effects.get(term.name).place.value == "moment")
+    equation = " ".join([f"{own.inertia} {own.velocity}' = {subject.force}", *map(subject.equation_of, moments)])
+    text = {
+        **dof.vocabulary,
+        "head": commented(head(subject, equation, ()), "#"),
+        "inertia": inertia,
         "constants": f"{inertia} = {number(subject.model.inertia)}  # {subject.unit}: rigid and added together\n"
         + "".join(constants(subject, term) for term in terms),
-        "title": own["position"].capitalize(),
+        "runtime": runtime([effects.get(term.name) for term in terms]),
+        "terms": "".join(f"    ({maker(effects.get(t.name))}, {arguments(subject, t)}),\n" for t in terms),
+        "title": dof.words.position.capitalize(),
+        "given": dof.words.force if own.force == subject.force else own.force,
         "unit": subject.model.moment_unit,
         "more": ", **columns" if logged else "",
         "columns": f" So does columns[{logged[0]!r}][i]." if logged else "",
+        "signals": "{name: np.asarray(column)[None, sample] for name, column in columns.items()}" if logged else "{}",
+        "step": number(STEP),
     }
-    body = own | {
-        "slope": indent("\n".join(slope_of(subject, inertia, written, more)) + "\n", " " * 8),
-        "state": ", ".join([f"{own['x']}0", f"{own['v']}0", *["0.0"] * len(more)]),
-        "step": number(min(STEP, SHARE * lag)),
-        "command": command(subject),
-        "reading": "".join(f"    {line}\n" for lines in written for line in lines.reading),
-    }
-    return Written(FILE.format_map(top) + BODY.format_map(body))
+    return Written(FILE.format_map(text))
 
 
-def letters(subject: YawSubject) -> dict[str, str]:
-    """What stands in the templates; force or moment as logged has its own letter, or where that is taken its word."""
-    own, force = subject.dof.symbols.force, subject.force
-    return {**subject.dof.vocabulary, "F": force, "given": subject.dof.words.force if own == force else own}
-
-
-def slope_of(subject: YawSubject, inertia: str, written: list[Lines], more: list[str]) -> list[str]:
-    """The right-hand side: the states `more` stand beside position and rate; the moments in one line or one a term."""
-    words, x, v, force = subject.dof.words, subject.dof.symbols.position, subject.dof.symbols.velocity, subject.force
-    slopes = [v, f"{words.force} / {inertia}", *(f"{name}_dot" for name in more)]
-    water = f" - water  # the {words.speed} through water that moves as well"
-    moments = [lines.moment for lines in written if lines.moment]
-    total = [" ".join([f"{words.force} = {force}", *moments])]
-    if len(total[0]) >= WIDE:
-        total = [f"{words.force} = (", *(f"    {moment}" for moment in (force, *moments)), ")"]
-    return [
-        f"{', '.join([x, v, *more])} = state",
-        f"s = {v}{water if 'water' in more else '  # the water stands'}",
-        *(line for lines in written for line in lines.command),
-        *total,
-        *(line for lines in written for line in lines.state),
-        f"return np.array([{', '.join(slopes)}])",
+def runtime(chosen: Iterable[Effect]) -> str:
+    """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
+    classes = [type(effect) for effect in chosen]
+    own = {kind.__module__ for kind in classes} - {Learned.__module__}
+    modules: list[ModuleType] = [
+        inputs,
+        base,
+        laws,
+        sys.modules[Learned.__module__],
+        *(sys.modules[name] for name in sorted(own)),
     ]
+    found = {name: part for module in modules for name, part in definitions(module).items()}
+    needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}
+    while new:
+        needed |= new
+        new = {name for known in new for name in found[known][1] if name in found} - needed
+    return "\n\n\n".join(source for name, (source, _) in found.items() if name in needed)
 
 
-def equation(subject: YawSubject) -> str:
-    """The sum of moments in words of the effects."""
-    moments = [term.name for term in subject.model.terms if effects.get(term.name).place.value == "moment"]
-    own = subject.dof.symbols
-    first = f"{own.inertia} {own.velocity}' = {subject.force}"
-    return " ".join([first, *map(subject.equation_of, moments)])
+def definitions(module: ModuleType) -> dict[str, tuple[str, set[str]]]:
+    """The source of all that a module defines, by name, with the names that stand in it; of an effect what acts."""
+    lines, found = inspect.getsource(module).splitlines(), dict[str, tuple[str, set[str]]]()
+    for node in ast.parse("\n".join(lines)).body:
+        decorators = getattr(node, "decorator_list", [])
+        parts: list[ast.stmt] = [node]
+        if isinstance(node, ast.ClassDef) and not decorators:  # an effect
+            parts = [part for part in node.body if METHODS & set(_bound(part))]
+        source = "\n\n".join("\n".join(lines[part.lineno - 1 : part.end_lineno]) for part in parts)
+        if parts != [node]:
+            source = f"{lines[node.lineno - 1]}\n{source or '    pass'}"
+        source = "\n".join([*(lines[one.lineno - 1] for one in decorators), source])
+        inner = {name.id for part in (*parts, *getattr(node, "bases", ())) for name in ast.walk(part)
+                 if isinstance(name, ast.Name)}  # fmt: skip
+        found |= dict.fromkeys(_bound(node), (source, inner))
+    return found
 
 
-def lines_of(subject: YawSubject, term: Term) -> Lines:
-    """The lines of one term with the names of its constants in them."""
-    effect = effects.get(term.name)
-    if isinstance(effect, Learned):
-        return curve_lines(term.values, effect.variable).filled(letters(subject))
-    lines = LAWS.get((term.name, effect.law(term.values)), LINES[term.name])
-    # a name that is a symbol of the motion stands in the lines by what it is
-    names = {p.name.strip("{}"): constant(subject, term, p) for p in effects.get(term.name).parameters}
-    return lines.filled({**letters(subject), **names})
+def _bound(node: ast.stmt) -> list[str]:
+    """Names that a statement defines."""
+    if isinstance(node, ast.ClassDef | ast.FunctionDef):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    return [name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)]
 
 
-def command(subject: YawSubject) -> str:
-    """The moment held over a sub-step from t to t + h."""
-    given = letters(subject)["given"]
-    if "input-delay" not in subject.values:
-        return f"{given}[i]"
-    (term,) = (term for term in subject.model.terms if term.name == "input-delay")
-    late = constant(subject, term, effects.get(term.name).parameters[0])
-    return f"np.append({given}, 0.0)[np.searchsorted(time, t + h / 2 - {late}, 'right') - 1]"
+def maker(effect: Effect) -> str:
+    """What makes an effect in the file; a learned curve is told what it runs over."""
+    if not isinstance(effect, Learned):
+        return f"{type(effect).__name__}()"
+    own = effect.variable
+    read = own.code or (f"state.position % {own.turn!r}" if own.turn else f"state.signals[{own.name!r}]")
+    variable = f"SimpleNamespace(read=lambda state: {read}, sized={own.sized}, turn={own.turn!r})"
+    return f'type("Curve", (Learned,), {{"variable": {variable}}})()'
 
 
 def constants(subject: YawSubject, term: Term) -> str:
-    """One line for each parameter that counts: name, value, unit and meaning. Choices of law are in the equation."""
+    """One line for each parameter that counts: name, value, unit and meaning."""
     effect = effects.get(term.name)
-    if isinstance(effect, Learned):
-        return curve_constants(term.values, effect.variable)
-    lines = zip(effect.parameters, effect.card(subject.dof, subject.model.moment_unit).parameters, term.values)
+    cards = effect.card(subject.dof, subject.model.moment_unit).parameters
     return "".join(
-        f"{constant(subject, term, p)} = {number(value)}  # {plain(told.unit)}: {plain(told.meaning)}\n"
-        for p, told, value in lines
-        if not p.choices and effect.counts(p, term.values)
+        f"{name} = {number(value)}  # {plain(card.unit)}: {plain(card.meaning)}\n"
+        for name, card, value in zip(names(subject, term), cards, term.values)
+        if name
     )
 
 
-def constant(subject: YawSubject, term: Term, parameter: Parameter) -> str:
-    """The constant's name: K_RR of the drags, THRUST_LOSS_B of others."""
-    name = parameter.name_in(subject.dof)
-    own = parameter.name != name  # a symbol of the motion
-    return (name if own else f"{term.name}_{name}").replace("-", "_").upper()
+def names(subject: YawSubject, term: Term) -> list[str]:
+    """The constant of each parameter: K_RR of the drags, THRUST_LOSS_B of others; empty for one that stands as a number
+    among the values: a choice of law, and what counts under no such law, or makes a learned curve."""
+    effect, found = effects.get(term.name), []
+    for parameter, name in zip(effect.parameters, effect.names_in(subject.dof)):
+        is_number = isinstance(effect, Learned) or parameter.choices or not effect.counts(parameter, term.values)
+        own = name if parameter.name != name else f"{term.name}_{name}"  # a symbol of the motion needs no more
+        found.append("" if is_number else own.replace("-", "_").upper())
+    return found
+
+
+def arguments(subject: YawSubject, term: Term) -> str:
+    """The values of a term as a tuple; an effect that may differ from run to run gets none of a run's own."""
+    values = [name or number(value) for name, value in zip(names(subject, term), term.values)]
+    return f"({', '.join([*values, *['0.0'] * effects.get(term.name).per_run])},)"
 
 
 PLANAR_FILE = '''{head}import numpy as np
@@ -226,8 +272,9 @@ def write_planar(subject: PlanarSubject) -> Written:
     for name, places, value in subject.drags():
         along = VELOCITIES[places[-1]]
         size = f" * abs({VELOCITIES[places[1]]})" if len(places) == 3 else ""
+        meaning = "coupling" if {*places} != {places[0]} else "linear drag" if len(places) == 2 else "quadratic drag"
         sums[places[0]].append(f"{name.upper()}{size} * {along}")
-        constants.append(f"{name.upper()} = {number(value)}  # {MEANING.get(name, 'coupling')}")
+        constants.append(f"{name.upper()} = {number(value)}  # {meaning}")
     for i, value in enumerate(subject.constant.tolist()):
         if value:
             sums[i].append(f"- {'XYN'[i]}_0")
@@ -258,8 +305,7 @@ TARGET = Target(
     says="one file of Python and numpy with simulate()",
     source="automarine effects NAME",
     forms={"simulate": ".py"},
-    carries=frozenset({*LINES, PREFIX}),
-    laws=frozenset(LAWS),
+    carries=frozenset({*CARRIES, PREFIX}),
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),
     write=write,

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import SWITCH
 from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import HalfTurn
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import averaged_over, make_course
 from automarine_cli.fits import cautions, driven, whole_runs
 from automarine_cli.fits.half_turns import StepData, half_turn_data
@@ -18,14 +19,11 @@ from automarine_cli.fits.innovations import InnovationsFit, channel_noises, chan
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.paper import FEWEST_A_WAY, VelocityErrorFit, fit_velocity_error, nested_test
 from automarine_cli.models.store import model_json
-from automarine_cli.pipeline.records import Document, json_document
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.shown import Shown
+from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -340,7 +338,7 @@ def _fit_steps(
     tail: float | None,
 ) -> YawFit:
     unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
-    chosen = choose_channels([turn.step.run for turn in turns], dof, channels)
+    chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
     turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
     data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))

@@ -18,6 +18,7 @@ from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, least_noise
 from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
 from automarine_cli.fits import linear_mixed
@@ -26,9 +27,8 @@ from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import SWITCH, Outcome, natural_of, search_of
 from automarine_cli.models.allocation import Vehicle
 from automarine_cli.pipeline.records import to_mapping
+from automarine_cli.pipeline.result_files import Sensor
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import Sensor
 from automarine_cli.runs.channels import ChannelChoice, ChannelVerdict
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run

@@ -19,12 +19,12 @@ from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response, velocity_error
 from automarine_cli.models.yaw_model import base_roles, main_drag, steady_rate
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 
 WITH_CONSTANT, C = "3+c", "c"  # the reading of Table 1 with a constant moment, and what it is called there
 FEWEST_A_WAY = 3  # runs each way from which on it is asked whether drag differs

@@ -12,6 +12,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, free_run
 from automarine_cli.fits.driven import (
@@ -38,12 +39,9 @@ from automarine_cli.fits.whole_runs import OutputErrorFit, prefer, rough_model, 
 from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel
 from automarine_cli.models.planar_store import planar_json, units
 from automarine_cli.models.tied import Tied
-from automarine_cli.pipeline.records import Document, json_document
+from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.shown import Shown
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 
 STEP = 0.25  # step [s] of the balance from which the yaw model starts

@@ -12,6 +12,7 @@ from scipy import special
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.half_turns import MOST_OFFSET, StepData, density, instant, step_problem
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
@@ -38,7 +39,6 @@ from automarine_cli.fits.mixed_model import (
 )
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
 

@@ -10,10 +10,9 @@ from typing import Literal
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
+from automarine_cli.pipeline.result_files import PLAN, PlanFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
-from automarine_cli.results.files import PlanFile
-from automarine_cli.results.kinds import PLAN
 from automarine_cli.simulation.checks import at_least_zero, between, positive
 
 SCHEMA = "automarine/link-campaign/1"

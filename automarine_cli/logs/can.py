@@ -183,10 +183,9 @@ def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
 def messages_of(columns: ColumnMap) -> list[Any]:
     """Every message of the DBC that a column map names, as cantools knows it. Raises LogError for what is none."""
     library = needed("cantools", "can", columns.source or "the column map", "DBC files")
-    path = Path(columns.dbc)
-    name = printable(path.name)
+    name = printable(Path(columns.dbc).name)
     try:
-        return list(library.database.load_file(path, database_format="dbc", strict=False).messages)
+        return list(library.database.load_file(columns.dbc, database_format="dbc", strict=False).messages)
     except OSError as problem:
         raise LogError(
             f"{columns.source or 'the column map'}: can.dbc is {name}, which cannot be opened ({problem.strerror}); "

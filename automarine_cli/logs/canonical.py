@@ -166,6 +166,18 @@ _WORDS: Mapping[str, Sequence[str]] = {
 }
 
 
+_CALLED = {
+    "n": "control signal",
+    **{dof.command: dof.words.full_force for dof in DOFS.values()},
+    **{name: f"{mount} thruster command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)},
+}
+
+
+def called(quantity: str) -> str:
+    """Return a quantity in words."""
+    return _CALLED.get(quantity, quantity.replace("_", " "))
+
+
 def names_of(quantity: str) -> tuple[str, ...]:
     """Canonical column names of one quantity."""
     return tuple(name for name, canonical in CANONICAL.items() if canonical.quantity == quantity)

@@ -3,6 +3,7 @@
 Calendar and clock times of a column become seconds: ISO 8601, dates such as 03.05.2024, bare clock times.
 """
 
+import contextlib
 import re
 from dataclasses import dataclass, replace
 from typing import Any
@@ -59,19 +60,18 @@ def numbers(array: pa.ChunkedArray, decimal: str = ".") -> pa.ChunkedArray | Non
 
 
 def first_not_a_number(array: pa.ChunkedArray, decimal: str = ".") -> tuple[int, str]:
-    """Index and text of the first cell that keeps a text column from being numbers."""
-    for start in range(0, len(array), 65536):
-        for i, cell in enumerate(array.slice(start, 65536).to_pylist()):
-            text = decoded(cell)
-            if not is_missing(text) and not is_number(text, decimal):
-                return start + i, text
+    """Return index and text of the first cell that keeps a text column from being numbers."""
+    for i, cell in enumerate(array):
+        text = decoded(cell.as_py())
+        if not is_missing(text) and not is_number(text, decimal):
+            return i, text
     return 0, decoded(array[0].as_py())
 
 
 DAY, HOUR = 86400.0, 3600.0
 _SHAPE = (
-    r"^(?:(?P<one>\d{1,4})(?P<dot>[./-])(?P<two>\d{1,2})[./-](?P<three>\d{1,4})(?:[T,]? +|T))?"
-    r"(?P<first>\d{1,2}):(?P<second>\d{2})(?::(?P<third>\d{2}))?(?P<part>[.,]\d+)?(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?$"
+    r"^(?:(?P<date>\d{1,4}[./-]\d{1,2}[./-]\d{1,4})(?:[T,]? +|T))?"
+    r"(?P<clock>\d{1,2}:\d{2}(?::\d{2})?(?:[.,]\d+)?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?$"
 )
 KINDS = {
     "iso": "timestamps",
@@ -93,7 +93,7 @@ class Stamps:
 
 
 def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps | None:
-    """The times of a column, typed or text; None where a cell is none.
+    """Return the times of a column, typed or text; None where a cell is none.
 
     Day or month first: as `day_first` says, else as the dates show (a number above 12, a clock that rises, a night
     passed without a gap); dots are day first where nothing speaks against it. A clock goes on past midnight.
@@ -109,31 +109,32 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
     found = pc.extract_regex(cells, _SHAPE)
     if pc.any(pc.and_(pc.is_valid(cells), pc.is_null(found))).as_py():
         return None
-    part = {name: _column(found, name) for name in ("first", "second", "third", "one", "two", "three")}
-    clock, again = _clock(found, part)
-    dated = np.isfinite(part["one"])
-    if not dated.any():
-        return Stamps(_past_midnight(clock, again), "clock")
-    if not dated[np.isfinite(clock)].all():
+    date, clock, half = (pc.struct_field(found, name) for name in ("date", "clock", "half"))
+    seconds, again = _clock(clock, half)
+    dated = pc.not_equal(date, "")
+    if not pc.any(dated).as_py():
+        return Stamps(_past_midnight(seconds, again), "clock")
+    if not pc.all(dated).as_py():
         return None
-    if part["one"][dated].min() > 31:  # a year
-        days = _days(part["one"], part["two"], part["three"])
-        return None if days is None else Stamps(days * DAY + clock, "year first")
-    ways = {True: (part["two"], part["one"]), False: (part["one"], part["two"])}
-    good = {}
-    for first, (month, day) in ways.items():
-        days = _days(part["three"], month, day) if day_first in (None, first) else None
-        if days is not None:
-            good[first] = Stamps(days * DAY + clock, "day first" if first else "month first")
+    import pandas as pd  # here, as clocks in seconds need none of it
+
+    days = pc.replace_substring_regex(date, "[.-]", "/")
+    year = "%y" if pc.all(pc.match_substring_regex(days, r"/\d\d$")).as_py() else "%Y"
+    good: dict[bool | None, Stamps] = {}
+    for first, form in ((None, "%Y/%m/%d"), (True, f"%d/%m/{year}"), (False, f"%m/%d/{year}")):
+        kind = {None: "year first", True: "day first", False: "month first"}[first]
+        if first is None or day_first in (None, first):
+            with contextlib.suppress(ValueError):
+                since = pd.to_datetime(days.to_pandas(), format=form) - pd.Timestamp(0)
+                good[first] = Stamps(since.dt.total_seconds().to_numpy() + seconds, kind)
     if len(good) < 2:
         return next(iter(good.values()), None)
-    dots = "." in pc.unique(pc.struct_field(found, "dot")).to_pylist()
-    chosen = _rising(good) or (good[True] if dots else None)
+    chosen = _rising(good) or (good[True] if pc.any(pc.match_substring(date, ".")).as_py() else None)
     return replace(good[True], open=True) if chosen is None else chosen
 
 
 def first_not_a_stamp(array: pa.ChunkedArray, day_first: bool | None) -> tuple[int, str]:
-    """Index and text of the first cell that keeps a column from being times."""
+    """Return index and text of the first cell that keeps a column from being times."""
     for start in range(0, len(array), 65536):
         part = array.slice(start, 65536)
         if read_stamps(part, day_first) is None:
@@ -143,9 +144,9 @@ def first_not_a_stamp(array: pa.ChunkedArray, day_first: bool | None) -> tuple[i
     return 0, decoded(array[0].as_py())  # dates or zones given in some cells and not in others
 
 
-def _rising(ways: dict[bool, Stamps]) -> Stamps | None:
+def _rising(ways: dict[bool | None, Stamps]) -> Stamps | None:
     """The only reading whose clock rises, or the only one that passes midnight without a gap; None where both do."""
-    steps = {first: np.diff(one.seconds[np.isfinite(one.seconds)]) for first, one in ways.items()}
+    steps = {first: np.diff(stamps.seconds[np.isfinite(stamps.seconds)]) for first, stamps in ways.items()}
     for good in (lambda step: (step >= 0).all(), lambda step: step.max(initial=0.0) < HOUR):
         fits = [first for first, step in steps.items() if good(step)]
         if len(fits) == 1:
@@ -153,23 +154,19 @@ def _rising(ways: dict[bool, Stamps]) -> Stamps | None:
     return None
 
 
-def _column(found: Any, name: str) -> Floats:
-    """One group of the pattern as numbers, NaN where it is not there."""
-    text = pc.struct_field(found, name)
-    number = pc.cast(pc.if_else(pc.equal(text, ""), pa.scalar(None, pa.string()), text), pa.float64())
-    return np.asarray(number.to_numpy())
-
-
-def _clock(found: Any, part: dict[str, Floats]) -> tuple[Floats, float]:
+def _clock(clock: Any, half: Any) -> tuple[Floats, float]:
     """Seconds since midnight of every cell, and after how many they begin again; 20:15.4 is minutes and seconds."""
-    fraction = pc.struct_field(found, "part")
-    text = pc.if_else(pc.equal(fraction, ""), "0", pc.replace_substring(fraction, ",", "."))
-    rest = np.asarray(pc.cast(text, pa.float64()).to_numpy())
-    if np.isnan(part["third"]).all() and (rest > 0).any():
-        return 60.0 * part["first"] + part["second"] + rest, HOUR
-    half = pc.utf8_lower(pc.struct_field(found, "half")).to_numpy()
-    hours = np.where(np.isin(half, ["a", "p"]), part["first"] % 12 + 12.0 * (half == "p"), part["first"])
-    return HOUR * hours + 60.0 * part["second"] + np.nan_to_num(part["third"]) + rest, DAY
+    import pandas as pd
+
+    text = pc.replace_substring(clock, ",", ".")
+    short = pc.equal(pc.count_substring(text, ":"), 1)
+    hourly = bool(pc.all(short).as_py() and pc.any(pc.match_substring_regex(text, r"\.0*[1-9]")).as_py())
+    filled = pc.binary_join_element_wise("0:" if hourly else "", text, "" if hourly else ":00", "")
+    cells = pc.if_else(short, filled, text).to_pandas()
+    seconds = pd.to_timedelta(cells, errors="coerce").dt.total_seconds().to_numpy()
+    halves = pc.utf8_lower(half).to_numpy()
+    seconds = np.where(np.isin(halves, ["a", "p"]), seconds % (DAY / 2) + DAY / 2 * (halves == "p"), seconds)
+    return seconds, HOUR if hourly else DAY
 
 
 def _past_midnight(clock: Floats, again: float) -> Floats:
@@ -178,22 +175,6 @@ def _past_midnight(clock: Floats, again: float) -> Floats:
     seconds = clock.copy()
     seconds[known] += again * np.cumsum(np.diff(clock[known], prepend=clock[known][:1]) < -again / 2)
     return seconds
-
-
-def _days(year: Floats, month: Floats, day: Floats) -> Floats | None:
-    """Days since 1970, NaN where there is no date; None where one is in no calendar."""
-    known = np.isfinite(year)
-    years = np.where(year[known] < 100, year[known] + 2000, year[known]).astype(int)
-    months, days = month[known].astype(int), day[known].astype(int)
-    if not ((months >= 1) & (months <= 12) & (days >= 1)).all():
-        return None
-    first = (years - 1970).astype("datetime64[Y]").astype("datetime64[M]") + (months - 1)
-    dates = first.astype("datetime64[D]") + (days - 1)
-    if (dates.astype("datetime64[M]") != first).any():
-        return None
-    found = np.full(len(year), np.nan)
-    found[known] = dates.astype(np.int64)
-    return found
 
 
 def _seconds(array: pa.ChunkedArray) -> Floats:

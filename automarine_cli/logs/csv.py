@@ -97,7 +97,7 @@ def _content(path: Path, name: str) -> bytes:
     except (gzip.BadGzipFile, zlib.error):
         raise LogError(f"{name}: the gzip data is damaged inside; copy the file again") from None
     if len(data) > limit:
-        raise LogError(too_well_packed(name))
+        raise too_well_packed(name)
     return data
 
 
@@ -169,7 +169,7 @@ def _head(data: bytes, name: str, text: str) -> _Head:
     delimiter = _delimiter(header, sample)
     names = tuple(cell.strip() for cell in _cells(header, delimiter))
     if len(names) > MOST_COLUMNS:
-        raise LogError(too_many_columns(f"{name}, row {line}", len(names)))
+        raise too_many_columns(f"{name}, row {line}", len(names))
     if any(names) and all(is_number(cell) or not cell for cell in names):
         raise LogError(
             f"{name}, row {line}: found numbers ({quoted(header)}), expected column names; "

@@ -1,24 +1,54 @@
-"""Arguments of the command line become the log files they mean, in an order that never changes."""
+"""Arguments of a command become the logs that they mean, in an order that never changes; the formats of these."""
 
 import glob
+import hashlib
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from automarine_cli.errors import LogError
+from automarine_cli.logs.can import CANDUMP
+from automarine_cli.logs.can import FORMAT as CAN
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import LogFile, format_of, suffix_of, suffixes
+from automarine_cli.logs.csv import FORMAT as CSV
+from automarine_cli.logs.dataflash import FORMAT as DATAFLASH
+from automarine_cli.logs.formats import Format, LogFile
+from automarine_cli.logs.parquet import FORMAT as PARQUET
+from automarine_cli.logs.ros import FORMAT as ROS
+from automarine_cli.logs.tlog import FORMAT as TELEMETRY
+from automarine_cli.logs.ulog import FORMAT as ULOG
 from automarine_cli.pipeline.words import printable, quoted
 
+FORMATS = (CAN, CANDUMP, CSV, DATAFLASH, PARQUET, ROS, TELEMETRY, ULOG)
+FORMAT_OF = {suffix: form for form in FORMATS for suffix in form.suffixes}
+ENDINGS = ", ".join(sorted(FORMAT_OF))
 Logs = Sequence[str | Path | LogFile]  # Files, directories and globs, or logs found already
+TABLES = "a file, a folder, a glob, a DataFrame, columns by name ({'time_s': ...}), or a list of these"
+
+
+def suffix_of(name: str) -> str | None:
+    """Return the longest ending of a file name that is a log's (case does not matter), or None."""
+    return max(filter(name.lower().endswith, FORMAT_OF), key=len, default=None)
+
+
+def stem_of(name: str) -> str:
+    """Return a file name without the ending of its format."""
+    return name[: len(name) - len(suffix_of(name) or "")]
+
+
+def format_of(name: str) -> Format | None:
+    return FORMAT_OF.get(suffix_of(name) or "")
 
 
 def find_logs(arguments: Logs) -> list[LogFile]:
-    """The logs meant by files, directories (searched recursively) and globs; each file once.
+    """Return the logs meant by files, directories (searched recursively) and globs; each file once.
 
     In name order, the files of a folder before the folders in it, whatever the order of the arguments: a shell
     sorts by the rules of the user's language, and results must not depend on that.
@@ -37,20 +67,18 @@ def find_logs(arguments: Logs) -> list[LogFile]:
 
 
 def whole_logs(files: Sequence[LogFile], columns: ColumnMap) -> tuple[LogFile, ...]:
-    """The logs without the files that `columns` joins to others of them."""
-    if not columns.join:
-        return tuple(files)
-    joined = {_key(path) for file in files for path in _beside(file, columns)}
-    return tuple(file for file in files if _key(file.path) not in joined)
+    """Return the logs without the files that `columns` joins to others of them."""
+    joined = {_key(path) for file in files for path in _joined_to(file, columns)}
+    return tuple(file for file in files if not joined or _key(file.path) not in joined)
 
 
 def with_joined(files: Sequence[LogFile], columns: ColumnMap) -> list[LogFile]:
-    """The logs and the files that `columns` joins to them, each file once."""
-    return find_logs([*files, *(LogFile(path, printable(path.name), False) for file in files
-                                for path in _beside(file, columns))]) if columns.join else list(files)  # fmt: skip
+    """Return the logs and the files that `columns` joins to them, each file once."""
+    joined = [LogFile(path, printable(path.name), False) for file in files for path in _joined_to(file, columns)]
+    return find_logs([*files, *joined]) if columns.join else list(files)
 
 
-def _beside(file: LogFile, columns: ColumnMap) -> list[Path]:
+def _joined_to(file: LogFile, columns: ColumnMap) -> list[Path]:
     """The files joined to a log, none where one is missing: whoever reads it says so."""
     try:
         return list(columns.beside(file.path))
@@ -59,7 +87,6 @@ def _beside(file: LogFile, columns: ColumnMap) -> list[Path]:
 
 
 def _key(path: Path) -> str:
-    """What tells one file, whatever way it was named."""
     return str(path.parent.resolve() / path.name)
 
 
@@ -75,30 +102,27 @@ def _place(log: LogFile) -> list[tuple[bool, str]]:
 
 def _meant_by(argument: str) -> list[LogFile]:
     path = Path(argument)
-    endings = ", ".join(sorted(suffixes()))
     if path.is_dir():
-        logs = list(_inside(path))
-        if not logs:
-            raise LogError(f"{quoted(argument)}: no logs in this directory; give files that end in {endings}")
-        return logs
+        if logs := list(_inside(path)):
+            return logs
+        raise LogError(f"{quoted(argument)}: no logs in this directory; give files that end in {ENDINGS}")
     if os.path.lexists(path):
         if suffix_of(path.name) is None:
-            raise LogError(f"{quoted(path.name)}: unknown log format; give a file that ends in {endings}")
+            raise LogError(f"{quoted(path.name)}: unknown log format; give a file that ends in {ENDINGS}")
         return [LogFile(path, printable(path.name), named=True)]
     if glob.has_magic(argument):
-        return _matching(argument, endings)
+        return _matching(argument)
     raise LogError(f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in")
 
 
 def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
     """Logs under a directory; links to directories and hidden files or folders are left out."""
     prefix = folder.resolve().name if prefix is None else prefix
-    for here, folders, files in os.walk(folder, onerror=_refuse_closed):
+    for top, folders, files in os.walk(folder, onerror=_refuse_closed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        above = Path(here)
-        inner = [*([prefix] if prefix else []), *above.relative_to(folder).parts]
+        inner = [*([prefix] if prefix else []), *Path(top).relative_to(folder).parts]
         for name in sorted(files):
-            if not name.startswith(".") and _begins_as_a_log(path := above / name):
+            if not name.startswith(".") and _begins_as_a_log(path := Path(top) / name):
                 yield LogFile(path, printable("/".join([*inner, name])), named=False)
 
 
@@ -120,10 +144,8 @@ def _refuse_closed(problem: OSError) -> NoReturn:
     )
 
 
-def _matching(pattern: str, endings: str) -> list[LogFile]:
-    """Logs that match a glob, named from its first folder with a wildcard on; links to folders are not
-    followed.
-    """
+def _matching(pattern: str) -> list[LogFile]:
+    """Logs that match a glob, named from its first folder with a wildcard on; links to folders are not followed."""
     parts = Path(pattern).parts
     first = next(i for i, part in enumerate(parts) if glob.has_magic(part))
     fixed = Path(*parts[:first])
@@ -141,7 +163,7 @@ def _matching(pattern: str, endings: str) -> list[LogFile]:
         elif suffix_of(path.name) is not None:
             logs.append(LogFile(path, printable(inner.as_posix()), named=False))
     if not logs:
-        raise LogError(f"{quoted(pattern)}: no logs match; give files that end in {endings}")
+        raise LogError(f"{quoted(pattern)}: no logs match; give files that end in {ENDINGS}")
     return logs
 
 
@@ -149,10 +171,9 @@ def _told_apart(logs: list[LogFile]) -> list[LogFile]:
     """Files of one name get the folders above them in front until all names differ."""
     for _ in range(64):
         times = Counter(log.name for log in logs)
-        twice = {name for name, count in times.items() if count > 1}
-        if not twice:
+        if len(times) == len(logs):
             break
-        logs = [_with_folder(log) if log.name in twice else log for log in logs]
+        logs = [_with_folder(log) if times[log.name] > 1 else log for log in logs]
     return logs
 
 
@@ -160,3 +181,51 @@ def _with_folder(log: LogFile) -> LogFile:
     parts = log.path.resolve().parts
     depth = log.name.count("/") + 2
     return replace(log, name=printable("/".join(parts[-depth:]))) if depth <= len(parts) else log
+
+
+def as_logs(given: object, name: str) -> Logs:
+    """Return logs as a command takes them: places as they are, each table in memory (pandas, pyarrow, polars, columns
+    by name) as one log, called `name` and its number, or as the key says where tables are given by name. Raises
+    LogError for what is neither."""
+    return tuple(_logs(given, name))
+
+
+def _logs(given: object, name: str) -> Iterator[str | Path | LogFile]:
+    if isinstance(given, str | Path | LogFile):
+        yield given
+    elif _is_table(given):
+        yield _log(given, name)
+    elif isinstance(given, Mapping) and given and all(map(_is_table, given.values())):
+        for key, table in given.items():
+            yield _log(table, str(key))
+    elif isinstance(given, Sequence) and not isinstance(given, bytes):
+        for number, part in enumerate(given, 1):
+            yield from _logs(part, f"{name}_{number:0{len(str(len(given)))}d}")
+    else:
+        raise LogError(f"{name}: found {type(given).__name__}; give {TABLES}")
+
+
+def _is_table(given: object) -> bool:
+    if isinstance(given, Mapping):
+        return bool(given) and not any(isinstance(part, str | Path) or _is_table(part) for part in given.values())
+    if not hasattr(given, "__arrow_c_stream__"):
+        return False
+    import pandas as pd  # here, as logs that are files need none of it
+
+    return not isinstance(given, pd.Series)
+
+
+def _log(given: object, name: str) -> LogFile:
+    """A table as a log. Its place is its content, so that a table given twice is one log."""
+    import pandas as pd
+
+    content = pa.BufferOutputStream()
+    try:
+        pq.write_table(pa.table(pd.DataFrame(dict(given)) if isinstance(given, Mapping) else given), content)
+    except (pa.ArrowException, ValueError, TypeError) as problem:
+        raise LogError(
+            f"{name}: no table of columns of numbers ({printable(str(problem.args[0])).rstrip('.')}); "
+            "give columns of one length, each of numbers, times or texts"
+        ) from None
+    data = content.getvalue().to_pybytes()
+    return LogFile(Path("memory", hashlib.sha256(data).hexdigest()), printable(name), True, data)

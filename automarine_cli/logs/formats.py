@@ -1,23 +1,20 @@
-"""What log files are, and the registry of their formats: every `Format` in a module of this folder is one.
+"""What log files are, and what a format makes of one: a `RawLog`.
 
 To add a format, write one file here with a function `read(path, name, columns) -> RawLog` and
-`FORMAT = Format("what people call it", (".suffix",), read)`; nothing else is needed. A file of several streams,
-each on its own clock, becomes one table by `streams.on_one_clock`; a library that not everybody has is imported
-within `read`, by `streams.needed`. `tests/helpers/reader_contract.py` picks the format up.
+`FORMAT = Format("what people call it", (".suffix",), read)`, and name it in `FORMATS` of `find.py`. A file of several
+streams, each on its own clock, becomes one table by `streams.on_one_clock`; a library that not everybody has is
+imported within `read`, by `streams.needed`. `tests/helpers/reader_contract.py` picks the format up.
 """
 
-import importlib
-import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-import automarine_cli.logs as folder
+from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.pipeline.records import Document, Source
 
@@ -38,7 +35,6 @@ class LogFile:
 
     @property
     def source(self) -> Source:
-        """What its bytes are read from."""
         return self.path if self.content is None else Document(self.name, self.content)
 
 
@@ -75,6 +71,14 @@ class RawLog:
     holds: tuple[str, ...] = ()
     origin: Origin = LOGGED
 
+    def place(self, name: str) -> int | None:
+        """Return the number of the column of this name, or other name; None for none."""
+        name = name if name in self.names else self.also.get(name, name)
+        return self.names.index(name) if name in self.names else None
+
+    def is_numeric(self, index: int) -> bool:
+        return bool(pa.types.is_floating(self.arrays[index].type))
+
 
 @dataclass(frozen=True)
 class Format:
@@ -92,47 +96,13 @@ class Format:
 
 
 def most_unpacked(path: Path) -> int:
-    """The most bytes that a packed file may unpack to: what grows more is made to fill the memory."""
+    """Return the most bytes that a packed file may unpack to: what grows more is made to fill the memory."""
     return max(MOST_UNPACKED, MOST_TIMES * path.stat().st_size)
 
 
-def too_well_packed(name: str) -> str:
-    """The sentence for a file that would unpack to more."""
-    return f"{name}: unpacks to more than {MOST_TIMES} times its size, which no log does; check its content"
+def too_well_packed(name: str) -> LogError:
+    return LogError(f"{name}: unpacks to more than {MOST_TIMES} times its size, which no log does; check its content")
 
 
-def too_many_columns(where: str, count: int) -> str:
-    """The sentence for a table that is wider than any log."""
-    return f"{where}: found {count} columns, expected at most {MOST_COLUMNS}; check separators and line ends"
-
-
-@cache
-def formats() -> tuple[Format, ...]:
-    """All formats, in the name order of their modules."""
-    modules = sorted(module.name for module in pkgutil.iter_modules(folder.__path__))
-    loaded = (importlib.import_module(f"{folder.__name__}.{name}") for name in modules if name != "formats")
-    return tuple(found for module in loaded for found in vars(module).values() if isinstance(found, Format))
-
-
-@cache
-def suffixes() -> tuple[str, ...]:
-    """All file name endings that are logs, longest first."""
-    return tuple(sorted((s for f in formats() for s in f.suffixes), key=lambda s: (-len(s), s)))
-
-
-def suffix_of(name: str) -> str | None:
-    """The known ending of a file name (case does not matter), or None."""
-    lower = name.lower()
-    return next((s for s in suffixes() if lower.endswith(s)), None)
-
-
-def stem_of(name: str) -> str:
-    """A file name without the ending of its format."""
-    suffix = suffix_of(name)
-    return name if suffix is None else name[: -len(suffix)]
-
-
-def format_of(name: str) -> Format | None:
-    """The format of a file name, or None."""
-    suffix = suffix_of(name)
-    return next((f for f in formats() if suffix in f.suffixes), None)
+def too_many_columns(where: str, count: int) -> LogError:
+    return LogError(f"{where}: found {count} columns, expected at most {MOST_COLUMNS}; check separators and line ends")

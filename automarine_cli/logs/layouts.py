@@ -15,8 +15,8 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, motion_of
 from automarine_cli.logs.columns import OLDEST, ColumnMap, ColumnRule, ColumnsOf, Join, column_rules, matches
-from automarine_cli.logs.find import whole_logs
-from automarine_cli.logs.formats import LogFile, stem_of
+from automarine_cli.logs.find import stem_of, whole_logs
+from automarine_cli.logs.formats import LogFile
 from automarine_cli.logs.reader import whole_log
 from automarine_cli.logs.recognise import Recognised, Span, directed, is_called, is_share, recognise, spans
 from automarine_cli.logs.table import few_words, means_thruster_test, splitting

@@ -22,6 +22,7 @@ from automarine_cli.logs.canonical import (
     TIMESTAMP,
     UNITS,
     VELOCITIES,
+    called,
     likely_column,
     names_of,
     unit_in,
@@ -187,18 +188,13 @@ def recognise(quantity: str, names: Sequence[str], seen: Mapping[str, Span]) -> 
     span = seen[source]
     found = _JUDGES.get(quantity, _plain)(quantity, source, span)
     if own is None and not found.open and not exact:
-        return replace(found, open=f'is this the {_in_words(quantity)}? Then write "{source}"')
+        return replace(found, open=f'is this the {called(quantity)}? Then write "{source}"')
     return found
 
 
 def is_called(quantity: str, names: Sequence[str]) -> bool:
     """Whether a column is called by a canonical name or a word for the quantity."""
     return any(name in names_of(quantity) or _named_exactly(quantity, name) for name in names)
-
-
-def _in_words(quantity: str) -> str:
-    mounts = {name: f"{mount} command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)}
-    return {"n": "control signal", **mounts}.get(quantity, quantity.replace("_", " "))
 
 
 def words_of(name: str) -> list[str]:

@@ -1,7 +1,7 @@
 """What every log becomes, whatever its format: `LogTable`; its columns of words; and what a command asks of it."""
 
 import re
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence, Set
+from collections.abc import Container, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,7 @@ from automarine_cli.logs.canonical import (
     LABELS,
     MODE,
     RUN,
+    called,
     driven,
     likely_canonical,
     likely_column,
@@ -81,7 +82,7 @@ class LogTable:
 
     @property
     def run(self) -> NDArray[np.str_] | None:
-        """The name of each row's run, shape (N,), or None where the file is one run."""
+        """Return the name of each row's run, shape (N,), or None where the file is one run."""
         return None if self.run_code is None else np.array(self.run_names)[self.run_code]
 
     def __len__(self) -> int:
@@ -98,10 +99,10 @@ def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | lis
     """
     rows = slice(first, stop)
     found: dict[str, Floats | list[str]] = {}
-    for quantity in dict.fromkeys(one.quantity for one in CANONICAL.values()):
+    for quantity in dict.fromkeys(canonical.quantity for canonical in CANONICAL.values()):
         if quantity in table.columns:
-            name, values = _name_of(quantity, table), table.columns[quantity][rows]
-            plain = values / CANONICAL[name].factor()
+            name = _name_of(quantity, table)
+            plain = table.columns[quantity][rows] / CANONICAL[name].factor()
             found[name] = np.round(plain, DECIMALS) if "_deg" in name else plain
     for name, values in table.extras.items():
         if name not in CANONICAL and name not in LABELS:
@@ -139,115 +140,76 @@ def _quoted(text: str) -> str:
 
 MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean
 LONGEST_RUN_NAME = 100  # characters; every row of a log carries the name of its run
-
-
-def run_names(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
-    """The names of the runs in the order in which they begin, and for each row which it is; None without a column
-    of them. Raises LogError with the row for a run without a name, or with one that is too long.
-    """
-    found = _named(raw, columns, source, RUN, "no run named; expected the name or number of the run in every row.")
-    if found is None:
-        return None
-    for i, name in enumerate(found.names):
-        if len(name) > LONGEST_RUN_NAME:
-            row = int(np.flatnonzero(found.code == i)[0])
-            raise LogError(
-                f"{source}, row {raw.rows[row]}, column {printable(columns.source_of(RUN))}: found {quoted(name)} of "
-                f"{len(name)} characters, expected the name of a run of at most {LONGEST_RUN_NAME}. "
-                "Shorten it, or check which column names the runs"
-            )
-    return found
-
-
-def parts(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
-    """What each row is of, by the column that the map names with `by`: thrusters in one table; None without one.
-
-    Raises LogError with the row where the column is empty.
-    """
-    why = "nothing named; expected a name in every row, because the column map splits the table by this column."
-    return _named(raw, columns, source, BY, why)
-
-
-def _named(raw: RawLog, columns: ColumnMap, source: str, label: str, why: str) -> Labels | None:
-    index = _place(raw, columns, label)
-    if index is None:
-        return None
-    array = raw.arrays[index]
-    if array.null_count:
-        row = raw.rows[int(np.flatnonzero(pc.is_null(array).to_numpy())[0])]
-        raise LogError(f"{source}, row {row}, column {printable(raw.names[index])}: {why} Complete the column")
-    return _labels(array)
-
-
+REQUIRED = {
+    RUN: "no run named; expected the name or number of the run in every row",
+    BY: "nothing named; expected a name in every row, because the column map splits the table by this column",
+}
 RUN_WORDS = {"run", "trial", "test", "session", "series", "experiment"}
 PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label", "id"}
 
 
+def split_by(raw: RawLog, columns: ColumnMap, source: str, label: str) -> Labels | None:
+    """Return what the column `label` names in each row: RUN the runs, BY the parts of a table, such as thrusters; None
+    without that column. Raises LogError with the row where it is empty, or the name of a run is too long."""
+    index = raw.place(columns.source_of(label))
+    if index is None:
+        return None
+    array, column = raw.arrays[index], printable(raw.names[index])
+    if array.null_count:
+        row = raw.rows[int(np.flatnonzero(pc.is_null(array).to_numpy())[0])]
+        raise LogError(f"{source}, row {row}, column {column}: {REQUIRED[label]}. Complete the column")
+    labels = _labels(array)
+    long = next((i for i, name in enumerate(labels.names) if len(name) > LONGEST_RUN_NAME), None)
+    if label == RUN and long is not None:
+        row, name = int(np.flatnonzero(labels.code == long)[0]), labels.names[long]
+        raise LogError(
+            f"{source}, row {raw.rows[row]}, column {column}: found {quoted(name)} of {len(name)} characters, expected "
+            f"the name of a run of at most {LONGEST_RUN_NAME}. Shorten it, or check which column names the runs"
+        )
+    return labels
+
+
 def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
-    """Columns of words that may name runs or parts of a table: of FEWEST_ROWS rows a name and more, two to
+    """Return columns of words that may name runs or parts of a table: of FEWEST_ROWS rows a name and more, two to
     MOST_NAMES names; none of those in `taken`."""
     found = {}
     for name, array in zip(raw.names, raw.arrays):
         words = not (pa.types.is_floating(array.type) or pa.types.is_timestamp(array.type))
         if not name or name in taken or not words or array.null_count or raw.holds:
             continue
-        distinct = pc.count_distinct(array).as_py()
-        if 2 <= distinct <= min(MOST_NAMES, len(array) // FEWEST_ROWS):
+        if 2 <= pc.count_distinct(array).as_py() <= min(MOST_NAMES, len(array) // FEWEST_ROWS):
             found[printable(name)] = _labels(array)
     return found
 
 
 def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
-    """The line of a column map for the first column of a few words that is called like what it names: the thrusters of
-    a bollard test, or runs; {} for none."""
+    """Return the line of a column map for the first column of a few words that is called like what it names: the
+    thrusters of a bollard test, or runs; {} for none."""
     key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
     return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
 
 
 def states(raw: RawLog, columns: ColumnMap) -> dict[str, Labels]:
-    """Mode and arming, whichever the file tells."""
-    places = {name: _place(raw, columns, name) for name in (MODE, ARMED)}
+    """Return mode and arming, whichever the file tells."""
+    places = {name: raw.place(columns.source_of(name)) for name in (MODE, ARMED)}
     return {name: _labels(raw.arrays[place]) for name, place in places.items() if place is not None}
 
 
-def _place(raw: RawLog, columns: ColumnMap, name: str) -> int | None:
-    wanted = columns.source_of(name)
-    wanted = raw.also.get(wanted, wanted)
-    return raw.names.index(wanted) if wanted in raw.names else None
-
-
 def _labels(array: pa.ChunkedArray) -> Labels:
-    values, words = _codes(array)
-    edges = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1, [len(values)]])
-    begun = values[edges[:-1]].tolist()  # looked at once for each stretch of rows, of which there are few
-    named = [words(value) for value in begun]
-    places = {name: i for i, name in enumerate(dict.fromkeys(name for name in named if name is not None))}
-    code = np.array([-1 if name is None else places[name] for name in named], dtype=np.int64)  # 7 and 7.0 are one name
-    return Labels(tuple(places), np.repeat(code, np.diff(edges)))
-
-
-def _codes(array: pa.ChunkedArray) -> tuple[NDArray[Any], Callable[[Any], str | None]]:
-    """Numbers, (N,), and the name that each stands for, None where nothing is named."""
-    if pa.types.is_floating(array.type):
-        return array.to_numpy(), lambda value: None if value != value else _word(value)
-    encoded = array if pa.types.is_dictionary(array.type) else pc.dictionary_encode(array)
-    coded: Any = encoded.unify_dictionaries().combine_chunks()
+    coded: Any = pc.dictionary_encode(array).unify_dictionaries().combine_chunks()
     coded = coded if isinstance(coded, pa.Array) else coded.chunk(0)
-    names = [_word(value) for value in coded.dictionary.to_pylist()]
-    return pc.fill_null(coded.indices, -1).to_numpy(), lambda value: None if value < 0 else names[value]
+    words = [_word(value) for value in coded.dictionary.to_pylist()]
+    places = {
+        name: i for i, name in enumerate(dict.fromkeys(word for word in words if word is not None))
+    }  # 7 and 7.0 are one name
+    code = np.array([-1 if word is None else places[word] for word in [*words, None]], dtype=np.int64)
+    return Labels(tuple(places), code[pc.fill_null(coded.indices, -1).to_numpy()])
 
 
-def _word(value: object) -> str:
-    if isinstance(value, float) and value.is_integer():
-        return str(int(value))
+def _word(value: object) -> str | None:
+    if isinstance(value, float):
+        return None if value != value else str(int(value)) if value.is_integer() else str(value)
     return printable(decoded(value) if isinstance(value, bytes) else str(value))
-
-
-_CALLED = {
-    "n": "control signal",
-    **{dof.command: dof.words.full_force for dof in DOFS.values()},
-    **{name: f"{mount} thruster command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)},
-}
 
 
 def require(table: LogTable, quantities: Sequence[str]) -> None:
@@ -256,33 +218,41 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
     Raises LogError that lists the columns found and says what to write in the `--columns` file.
     """
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
-    if lacking:
-        raise LogError(_sentence(table, lacking))
+    if not lacking:
+        return
+    missing = f"{table.source}: no {_and([called(quantity) for quantity in lacking])}"
+    if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
+        raise LogError(f"{missing}; {table.origin.why_not}")
+    guesses = {quantity: guess for quantity in lacking if (guess := _guess(table, quantity)) is not None}
+    hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
+    if guesses:
+        lines = " and ".join(_line(quantity, guess) for quantity, guess in guesses.items())
+        hint = (
+            f"If {_and([*map(quoted, guesses.values())])} {'is' if len(guesses) == 1 else 'are'} meant, write {lines}"
+        )
+    holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
+    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
+    raise LogError(
+        f"{missing}; found the columns {listed(table.names)}{holds}; expected {'; '.join(map(_expected, lacking))}. "
+        + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
+        + (_meant_for(table, lacking) or f"{hint} under [columns] in a file and give it with --columns FILE.toml")
+    )
 
 
 def require_motion(table: LogTable) -> None:
     """Refuse a table that is no log of its motion: time, position (or velocity, which can be summed up), and a moment
     or force or every thruster command."""
     dof = table.dof
-    measured = dof.position
-    if dof.position not in table.columns:
-        by_name = _guess(table, dof.position) is None and _guess(table, dof.velocity) is not None
-        measured = dof.velocity if is_velocity_only(table) or by_name else dof.position
-    if is_commanded(table):
-        require(table, ("time", measured))
-    elif any(quantity in table.columns for quantity in dof.thrusters):
-        require(table, ("time", measured, *dof.thrusters))
-    else:
-        require(table, ("time", measured, dof.command))
-
-
-def is_commanded(table: LogTable) -> bool:
-    """Whether the table holds what drives its motion: a moment or force, or every thruster command."""
-    return table.dof.command in table.columns or driven(table.dof, table.columns.keys())
+    by_name = _guess(table, dof.position) is None and _guess(table, dof.velocity) is not None
+    velocity = dof.position not in table.columns and (is_velocity_only(table) or by_name)
+    commands: tuple[str, ...] = (dof.command,)
+    if dof.command not in table.columns and any(side in table.columns for side in dof.thrusters):
+        commands = dof.thrusters
+    require(table, ("time", dof.velocity if velocity else dof.position, *commands))
 
 
 def is_velocity_only(table: LogTable) -> bool:
-    """Whether the table holds the velocity of its motion but not the position."""
+    """Return whether the table holds the velocity of its motion but not the position."""
     return table.dof.position not in table.columns and table.dof.velocity in table.columns
 
 
@@ -292,54 +262,30 @@ def require_thruster(table: LogTable) -> None:
 
 
 def is_thruster_test(table: LogTable) -> bool:
-    """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
+    """Return whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
     return means_thruster_test(table.columns.keys(), table.names, table.dof)
 
 
 def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
-    """The same of a log of a motion that holds these quantities in columns of these names."""
+    """Return the same of a log of a motion that holds these quantities in columns of these names."""
     commanded = dof.command in held or driven(dof, held)
     if dof.position in held or (dof.velocity in held and commanded):
         return False
-    free = [name for name in names if name and (name not in CANONICAL or name == "time")]
+    free = _free(names)
     return "force" in held or (likely_column("force", free) is not None and likely_column(dof.position, free) is None)
-
-
-def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
-    what = _and([_CALLED.get(quantity, quantity.replace("_", " ")) for quantity in lacking])
-    expected = "; ".join(_expected(quantity) for quantity in lacking)
-    guesses = [(quantity, _guess(table, quantity)) for quantity in lacking]
-    sure = [(quantity, guess) for quantity, guess in guesses if guess is not None]
-    if sure:
-        lines = " and ".join(_line(q, guess) for q, guess in sure)
-        names = _and([quoted(guess) for _, guess in sure])
-        hint = f"If {names} {'is' if len(sure) == 1 else 'are'} meant, write {lines}"
-    else:
-        hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
-    if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
-        return f"{table.source}: no {what}; {table.origin.why_not}"
-    holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
-    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
-    return (
-        f"{table.source}: no {what}; found the columns {listed(table.names)}{holds}; expected {expected}. "
-        + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
-        + (_meant_for(table, lacking) or f"{hint} under [columns] in a file and give it with --columns FILE.toml")
-    )
 
 
 def _line(quantity: str, column: str) -> str:
     """The line of a column map for a column; pulses to thrusters rest at 1500 us."""
     key, name = likely_canonical(quantity, column), printable(column)
-    if quantity in COMMANDS and unit_in(column) == "us":
-        return f'{key} = {{ from = "{name}", subtract = 1500 }}'
-    return f'{key} = "{name}"'
+    pulses = quantity in COMMANDS and unit_in(column) == "us"
+    return f'{key} = {{ from = "{name}", subtract = 1500 }}' if pulses else f'{key} = "{name}"'
 
 
 def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     """What the table is instead, and the command that reads it; empty where its columns make no whole log."""
     if set(lacking) == {"time"}:
         return ""
-
     held = {CANONICAL[name].quantity for name in table.names if name in CANONICAL}
     for dof in motions_in(held):
         return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
@@ -353,9 +299,12 @@ def _expected(quantity: str) -> str:
 
 
 def _guess(table: LogTable, quantity: str) -> str | None:
-    """The column that may be meant: none with a meaning already, except a `time` of plain numbers."""
-    free = [name for name in table.names if name and (name not in CANONICAL or name == "time")]
-    return likely_column(quantity, free)
+    return likely_column(quantity, _free(table.names))
+
+
+def _free(names: Sequence[str]) -> list[str]:
+    """The columns without a meaning of their own; a `time` of plain numbers has none."""
+    return [name for name in names if name and (name not in CANONICAL or name == "time")]
 
 
 def _and(words: Sequence[str]) -> str:

@@ -22,8 +22,8 @@ from automarine_cli.models import planar
 from automarine_cli.models.store import number_at, values_of
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Codec, Source, read_plain, told
+from automarine_cli.pipeline.result_files import PLANAR_MODEL
 from automarine_cli.pipeline.words import LONGEST, printable
-from automarine_cli.results.kinds import PLANAR_MODEL
 
 PARAMETERS = ("parameters",)
 UNITS = {"force_unit": "N", "moment_unit": "N m"}

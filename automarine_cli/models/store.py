@@ -8,12 +8,11 @@ from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError
+from automarine_cli.estimate import Given
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
 from automarine_cli.pipeline.records import Codec, Place, Source, key_of, read_plain, told
+from automarine_cli.pipeline.result_files import MODELS, AddedEffect, ModelEntry, ModelFile
 from automarine_cli.pipeline.words import printable
-from automarine_cli.results.estimate import Given
-from automarine_cli.results.files import AddedEffect, ModelEntry, ModelFile
-from automarine_cli.results.kinds import MODELS
 
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows

@@ -363,3 +363,28 @@ def _toml_value(value: object) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(entry) for entry in value) + "]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")  # as TOML wants that one
+
+
+class Shown:
+    """Base of result classes, which show themselves in Python; their `@dataclass` needs `repr=False`."""
+
+    sections_of: ClassVar[Any]
+    """Gives `report.sections.Sections` of a result; set there."""
+
+    def __repr__(self) -> str:
+        return str(self.sections_of(self).text())
+
+    def _repr_html_(self) -> str:
+        return str(self.sections_of(self).html())
+
+    def to_frame(self) -> Any:
+        """Return the numbers as a `pandas.DataFrame`, one row a parameter, run or score."""
+        return self.sections_of(self).frame()
+
+    def plot(self, figure: str | None = None) -> Any:
+        """Draw a `matplotlib.figure.Figure`, by default the first. Raises SettingError with the names there are."""
+        return self.sections_of(self).figure(figure)
+
+    def document(self, option: str) -> Document:
+        """Return the file that stands for this result where an option of that name wants one. Raises TypeError."""
+        raise TypeError(f"a {type(self).__name__} is no {option}; give the result of a fit, or a file")

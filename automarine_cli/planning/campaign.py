@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.comparison.rollouts import roll
 from automarine_cli.errors import SettingError
+from automarine_cli.estimate import Estimate
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.planning.candidates import (
@@ -58,7 +59,6 @@ from automarine_cli.planning.prior_results import (
 )
 from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head_start, pairs_of, splits, with_effect
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.specification import SCHEMA
 
 FAR = 1.5

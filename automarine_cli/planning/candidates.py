@@ -9,19 +9,16 @@ import numpy as np
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.planning.limits import Limits
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.run_groups import Commands, Resistance, moment_text, time_to_turn
+from automarine_cli.simulation.run_groups import Commands, moment_text, time_to_turn
 
 POWER_LAW = 1.5
 """Power against thrust of a propeller at rest in the water: P = F^1.5/sqrt(2 rho A) by momentum theory (Rankine)."""
-TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)
-"""Lengths of steps that are tried, as shares of how far they may turn."""
-LOW = 0.1
-"""Smallest moment that is tried, as a share of the largest; levels between go by the root, as yaw rates do."""
+TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)  # lengths of steps that are tried, as shares of how far they may turn
+LOW = 0.1  # smallest moment that is tried, as a share of the largest; levels between go by the root, as yaw rates do
 RAMP_S, REST_S, STAIRS = 40.0, 60.0, 20
 COAST_CONSTANTS, COAST_S = 6.0, (5.0, 20.0)
 """A coast-down lasts so many of the vehicle's time constants at full moment, within these bounds [s]."""
-LONGEST_S = 120.0
-"""No run is driven for longer: who would wait for it can repeat it."""
+LONGEST_S = 120.0  # no run is driven for longer: who would wait for it can repeat it
 HALF_TURN_MARGIN = 1.1
 """A step meant for a fit to half-turns passes them by this factor, so that less thrust than usual does too."""
 
@@ -43,7 +40,6 @@ class Candidate:
 
     @property
     def motion(self) -> float:
-        """Time in motion [s]; a rest record has none."""
         return 0.0 if self.kind == "rest" else self.driven
 
     @property
@@ -52,7 +48,6 @@ class Candidate:
         return float(sum(seconds for _, seconds in self.commands))
 
     def at(self, *, start_heading: float, clock: float) -> "Candidate":
-        """Move the run to another start heading [degrees] and time [s] of the campaign's clock."""
         return replace(self, start_heading=start_heading, clock=clock)
 
 
@@ -85,7 +80,6 @@ def mirrors(found: Sequence[Candidate]) -> list[int]:
 
 
 def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
-    """Make the step that turns as far as steps may."""
     return _step(model, moment, _furthest(limits))
 
 
@@ -103,8 +97,7 @@ def _furthest(limits: Limits) -> float:
 
 def _seconds(model: YawModel, moment: float, degrees: float) -> float:
     """Time to turn so far from rest, by inertia and drag, on a tenth of a second."""
-    drag = Resistance(model.inertia, *model.drag(), dof=model.dof)
-    return max(round(time_to_turn(radians(degrees), moment, drag), 1), 0.5)
+    return max(round(time_to_turn(radians(degrees), moment, model), 1), 0.5)
 
 
 def _step(model: YawModel, moment: float, degrees: float) -> Candidate:
@@ -190,7 +183,6 @@ class Supply:
     largest: float
 
     def current(self, moment: float) -> float:
-        """Current [A] while `moment` acts."""
         return self.idle + self.full * (abs(moment) / self.largest) ** POWER_LAW
 
     def drawn(self, candidate: Candidate, still: float) -> float:
@@ -200,7 +192,6 @@ class Supply:
 
 
 def wait_after(candidate: Candidate, limits: Limits) -> float:
-    """Return how long the water needs after a run [s]."""
     return limits.pool.wait_after_long_turn_s if candidate.turns else limits.pool.wait_s
 
 
@@ -233,7 +224,6 @@ class Slot:
 
     @property
     def name(self) -> str:
-        """Name of its log."""
         return f"{self.number:02d}_{self.candidate.label}"
 
     def ends(self, rest: float) -> float:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import Dof
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import driven_problem, starts_near
@@ -33,7 +34,6 @@ from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW, Batch, make_batch

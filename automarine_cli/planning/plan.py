@@ -9,14 +9,13 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, Source, to_mapping
+from automarine_cli.pipeline.records import Document, Shown, Source, to_mapping
+from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.planning.campaign import Campaign, plan_campaign
 from automarine_cli.planning.candidates import Slot, Supply
 from automarine_cli.planning.limits import Limits, read_limits
 from automarine_cli.planning.prior_results import PriorResults, read_prior_results
 from automarine_cli.planning.vehicle import Drive, consumption, drive_of
-from automarine_cli.results.kinds import PLAN
-from automarine_cli.results.shown import Shown
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.propulsion import map_and_arm

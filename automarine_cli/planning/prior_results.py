@@ -9,9 +9,11 @@ import numpy as np
 from automarine_cli import effects
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import Source, read_plain, told
+from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.information import (
     ANGLE,
@@ -23,8 +25,6 @@ from automarine_cli.planning.information import (
     relative_directions,
 )
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate, Given
-from automarine_cli.results.kinds import DIAGNOSIS
 
 NOISE_DEG, SCATTER = 1.0, 0.03
 """Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""

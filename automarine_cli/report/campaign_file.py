@@ -15,12 +15,11 @@ from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
 from automarine_cli.logs.layouts import NEEDED, Layout, places_of
 from automarine_cli.logs.recognise import Recognised, pulses
 from automarine_cli.logs.table import splitting
-from automarine_cli.pipeline.records import everything, in_words, to_mapping, toml_line
+from automarine_cli.pipeline.records import Shown, everything, in_words, to_mapping, toml_line
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, number
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.shown import Shown
+from automarine_cli.runs.run import runs_json
 from automarine_cli.runs.survey import Placed, Survey
 
 SCHEMA = "automarine/campaign/1"

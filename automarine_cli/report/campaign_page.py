@@ -1,7 +1,7 @@
-"""A campaign's report: what its step folders hold as one document for a person, in Markdown and as a page.
+"""A campaign: its steps as data, what the folders of their results say, and the report of all as one page.
 
-What a step found stands as its command wrote it (Markdown, tables, figures); here are the summary at the top, and what
-only all steps together tell.
+What a step found stands as its command wrote it (Markdown, tables, figures); here are a line a step at the top, and
+what only all steps together tell.
 """
 
 import re
@@ -9,38 +9,96 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import OutputError
 from automarine_cli.fits.innovations import sentences_of
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
-from automarine_cli.pipeline.results_folder import file_stems
-from automarine_cli.pipeline.words import listed
-from automarine_cli.report.diagnosis_report import escape
-from automarine_cli.report.page import page
-from automarine_cli.report.sections import Sections, sections
-from automarine_cli.report.tables import Table, interval, number
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import (
+from automarine_cli.pipeline.result_files import (
+    CHECK,
+    DIAGNOSIS,
+    MODELS,
+    PLANAR_MODEL,
+    THRUSTER_MAP,
+    TUNING,
+    VALIDATION,
     CheckFile,
     DiagnosisFile,
+    Given,
     ModelFile,
     PlanarFile,
+    ResultKind,
     ResultRecord,
     RunFile,
-    Score,
     StepDone,
     ThrusterFile,
     TuningFile,
     ValidationFile,
 )
-from automarine_cli.results.steps import STEPS, folder_of
+from automarine_cli.pipeline.results_folder import file_stems
+from automarine_cli.pipeline.words import listed
+from automarine_cli.report.page import page
+from automarine_cli.report.sections import Sections, bullets, sections
+from automarine_cli.report.sections import document as markdown
+from automarine_cli.report.tables import Table, escape, interval, number
 
 FILES = ("report.html", "report.md")
+REPORT = "report"
 SHOWN_OPEN, MOST_SHOWN = 6, 40  # runs whose validation figure stands open, and that are in the page at all
 MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
-NEXT = "What to run next"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
+
+    `logs` are kinds of logs: those of the first tuple of which there are any are taken, or all logs where there is no
+    section. `models` are files of results before it, of which it takes the first that is there.
+    """
+
+    name: str
+    folder: str
+    kind: ResultKind[Any]
+    section: str = ""
+    logs: tuple[tuple[str, ...], ...] = ()
+    models: tuple[str, ...] = ()
+
+    @property
+    def command(self) -> str:
+        """The command that it runs."""
+        return self.kind.writer
+
+    @property
+    def always(self) -> bool:
+        """Whether every campaign has it."""
+        return self.section in ("", "thrusters", YAW.name)
+
+
+def folder_of(dof: Dof, step: str) -> str:
+    """Name the folder of "validation" or "diagnosis" of a motion; yaw, which every campaign has, needs no name."""
+    return step if dof is YAW else f"{dof.name}_{step}"
+
+
+def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
+    """The steps of one motion, or of surge, sway and yaw together."""
+    after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
+    models = (f"{motion}/{fit.file}",)
+    yield Step(f"fit-{motion}", motion, fit, motion, fitted)
+    yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
+    everything = tuple(kind for kinds in fitted for kind in kinds)
+    yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
+
+
+STEPS = (
+    Step("check", "check", CHECK),
+    Step("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
+    *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
+    Step("tune", "tune", TUNING, "tune", models=(f"diagnosis/{DIAGNOSIS.file}", f"yaw/{MODELS[YAW.name].file}")),
+)
+STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
 
 Kept = TypeVar("Kept", bound=ResultRecord, covariant=True)
@@ -114,8 +172,8 @@ class Report:
 
     def to_json(self) -> dict[str, object]:
         """Give what is in it: schema automarine/report/1."""
-        told, missing = list(self.steps.found), self.steps.missing
-        return {"schema": "automarine/report/1", "files": list(self.files), "steps": told, "missing": missing}
+        found, missing = list(self.steps.found), self.steps.missing
+        return {"schema": "automarine/report/1", "files": list(self.files), "steps": found, "missing": missing}
 
 
 @sections.register
@@ -130,7 +188,8 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     Raises OutputError if there is none at all.
     """
     steps = read_steps(folder)
-    title = title or usual_title(steps)
+    of = (dof.name for dof in DOFS.values() if any(step.dof is dof for step in steps.found.values()))
+    title = title or f"{' and '.join(of)} identification".capitalize()
     text = document(steps, title, ran.cautions if ran else (), ran.steps if ran else ())
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
 
@@ -161,35 +220,147 @@ def alternatives(dof: Dof) -> dict[str, str]:
 
 
 def document(steps: Steps, title: str, cautions: Sequence[str] = (), done: Sequence[StepDone] = ()) -> str:
-    """The whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
+    """Write the whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
 
     `cautions` are sentences about what does not fit together between the thruster tests and the vehicle; `done` is
     what `run` says of its steps.
     """
-    sections = {
-        "Thruster map": _thrusters(steps, cautions),
+    parts = {
+        "Thruster map": _embedded(steps, "thrusters"),
         **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof)},
-        **dict(_together(steps)),
-        "Tune": _tuning(steps),
+        "Planar model": _embedded(steps, PLANAR.name, "planar_runs"),
+        "Planar validation": _validation(steps, "planar_validation"),
+        "Planar diagnosis": _embedded(steps, "planar_diagnosis"),
+        "Tune": _embedded(steps, "tune"),
         "Logs": _logs(steps),
         "Runs set aside": _set_aside(steps),
-        NEXT: _next(steps),
         "How this was made": _made(steps),
     }
-    parts = [f"# {escape(title)}", *refusals(done), *summary(steps), missing_sentence(steps, done)]
-    for heading, blocks in sections.items():
-        parts += [f"## {heading}", *blocks] if blocks else []
-    return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
+    lines = headlines(steps)
+    return markdown(
+        f"# {escape(title)}",
+        *(f"**{step.step} was refused:** {escape(step.refused)}" for step in done if step.refused),
+        *(f"**{escape(refusal)}**" for step in steps.found.values() if (refusal := _refusal(step.file))),
+        Table.of("", [{"step": name, "result": line} for name, line in lines.items()]) if lines else None,
+        bullets(escape(f"Caution: {line}") for line in cautions),
+        missing_sentence(steps, done),
+        *(block for heading, blocks in parts.items() if blocks for block in (f"## {heading}", *blocks)),
+    )
 
 
-def usual_title(steps: Steps) -> str:
-    """The title of who gives none: the motions of which there is something."""
-    motions = [
-        dof.name
-        for dof in DOFS.values()
-        if any(name in steps.found for name in (dof.name, folder_of(dof, "validation"), folder_of(dof, "diagnosis")))
-    ]
-    return f"{' and '.join(motions or [YAW.name])} identification".capitalize()
+def _refusal(file: ResultRecord) -> str:
+    """Why a model must not be used; empty where it may, and for results of other kinds."""
+    if isinstance(file, ValidationFile):
+        return file.use.refusal
+    return file.prediction.refusal if isinstance(file, ModelFile | PlanarFile) else ""
+
+
+def headlines(steps: Steps) -> dict[str, str]:
+    """Say what each result is in a few words, by the name of its step: first that a model must not be used, where so;
+    models with what a diagnosis named."""
+    lines = {}
+    for step in STEPS:
+        if (result := steps.found.get(step.folder)) is not None:
+            line = _HEADLINES[type(result.file)](result, steps)
+            lines[step.name] = "not usable: " * bool(_refusal(result.file)) + line
+    return lines
+
+
+def _of_check(step: StepResult[CheckFile], _: Steps) -> str:
+    file, used, aside = step.file, step.file.runs.used, len(step.file.runs.set_aside)
+    idle = sum(run.step is None for run in file.yaw_runs)
+    parts = [f"{file.logs} log{'s' * (file.logs != 1)}", f"{used} run{'s' * (used != 1)}"]
+    return ", ".join([*parts, *[f"{idle} without a half-turn"] * bool(idle), *[f"{aside} set aside"] * bool(aside)])
+
+
+def _of_thrusters(step: StepResult[ThrusterFile], _: Steps) -> str:
+    file = step.file
+    laws = {"forward": file.forward.a, "backward": file.backward.a} if file.form == "square" else {}
+    values = [f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None]
+    if (chosen := file.chosen) is None:
+        return f"{file.form} law{''.join(values)}"
+    error = number(chosen.rmse_percent_of_full_scale, 2)
+    return f"{chosen.form} law{''.join(values)}, R² {number(chosen.r2)}, error {error} % of full scale"
+
+
+def _of_model(step: StepResult[ModelFile], steps: Steps) -> str:
+    """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
+    file, keys = step.file, {step.dof.symbols.quadratic_print: step.dof.symbols.quadratic}
+    before = dict(file.main_parameters())
+    lacks = steps.get(folder_of(step.dof, "diagnosis"), DiagnosisFile)
+    base = lacks.file.base if lacks is not None and added_by(lacks) else {}
+    after = {name: base[keys.get(name, name)].after for name in before if keys.get(name, name) in base}
+    if len(after) < len(before):
+        return f"model {file.preferred}: {_values(before)}"
+    alone = ", ".join(number(given.value) for given in before.values())
+    return f"model {file.preferred} with {added_by(lacks)}: {_values(after)} (without: {alone})"
+
+
+def _of_planar(step: StepResult[PlanarFile], _: Steps) -> str:
+    masses = {name: given for name, given in step.file.parameters.items() if name in MASSES}
+    return f"{step.file.structure}: {_values(masses)}" if masses else step.file.structure
+
+
+def _of_validation(step: StepResult[ValidationFile], steps: Steps) -> str:
+    """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
+    file, unit = step.file, step.dof.units.key
+    planar = file.motion == PLANAR.name
+    model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
+    score, used = file.models[model], file.runs.used
+    fit = steps.found.get(PLANAR.name if planar else step.dof.name)
+    seen = {entry.sha256 for entry in _logs_of(fit)} & {entry.sha256 for entry in _logs_of(step)}
+    fitted = f" ({len(seen)} logs were fitted)" if seen else " not fitted" if _logs_of(fit) else ""
+    low, high = score.ci95 or (None, None)
+    error = f"{number(score.rmse, 3)}{f' [{number(low, 3)}, {number(high, 3)}]' if score.ci95 else ''} {unit} free run"
+    over = f"{used} run{'s' * (used != 1)}{fitted}"
+    if planar:
+        return f"heading {error} over {over}"
+    lacks = added_by(steps.get(folder_of(step.dof, "diagnosis"), DiagnosisFile))
+    best = f" (best: model {file.best}, {number(file.models[file.best].rmse, 3)})" if model != file.best else ""
+    again, noise = number(score.restarted, 3), number(file.noise_floor, 2)
+    said = f"model {model}: {error}{best}, {again} {unit} restarted, noise {noise} {unit}, over {over}"
+    return f"without {lacks}, {said}" if lacks else said
+
+
+def _of_diagnosis(step: StepResult[DiagnosisFile], _: Steps) -> str:
+    gap, unit = step.file.gap.fitted_runs, step.file.unit
+    names = ", ".join(effect.name for effect in step.file.effects)
+    verdict = step.file.verdict.replace("-", " ") + (f": {names}" if names else "")
+    return f"{verdict}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"
+
+
+def _of_tuning(step: StepResult[TuningFile], _: Steps) -> str:
+    return f"{step.file.verdict.replace('-', ' ')} for {step.file.target}"
+
+
+_HEADLINES: dict[type[ResultRecord], Any] = {
+    CheckFile: _of_check, ThrusterFile: _of_thrusters, ModelFile: _of_model, PlanarFile: _of_planar,
+    ValidationFile: _of_validation, DiagnosisFile: _of_diagnosis, TuningFile: _of_tuning,
+}  # fmt: skip
+MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
+
+
+def added_by(step: StepResult[DiagnosisFile] | None) -> str:
+    """What a diagnosis of a motion named and added to its model."""
+    if step is None or step.file.verdict != "named" or step.file.of_thrusters:
+        return ""
+    return " and ".join(effect.name for effect in step.file.effects)
+
+
+def _logs_of(step: StepResult[Any] | None) -> list[Any]:
+    inputs = step.manifest.inputs if step is not None and step.manifest is not None else ()
+    return [entry for entry in inputs if entry.role == "log"]
+
+
+def _values(given: Mapping[str, Given]) -> str:
+    return ", ".join(f"{name} {_interval(value)}" for name, value in given.items())
+
+
+def _interval(given: Given) -> str:
+    """A number with its interval and unit; alone where the file has none."""
+    if given.estimate is None:
+        return number(given.value)
+    return f"{interval(given.estimate)} {given.unit}".rstrip()
 
 
 def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
@@ -197,22 +368,14 @@ def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
     within = "" if dof is YAW else f" in {dof.name}"
     yield f"{dof.name.capitalize()} model", _model(steps, dof)
     yield f"Validation{within}", _validation(steps, folder_of(dof, "validation"))
-    yield f"Diagnosis{within}", _diagnosis(steps, folder_of(dof, "diagnosis"))
-
-
-def _together(steps: Steps) -> Iterator[tuple[str, list[str]]]:
-    """The sections of surge, sway and yaw together."""
-    if (step := steps.get("planar", PlanarFile)) is not None:
-        shown = "Of each run the heading with predictions"
-        yield "Planar model", [step.text("planar.md"), picture(step, "planar_runs", shown)]
-    yield "Planar validation", _validation(steps, "planar_validation")
-    yield "Planar diagnosis", _diagnosis(steps, "planar_diagnosis")
+    yield f"Diagnosis{within}", _embedded(steps, folder_of(dof, "diagnosis"))
 
 
 def picture(step: StepResult[ResultRecord], stem: str, alt: str = "") -> str:
     """The line that shows a figure of a step; nothing if it was not drawn."""
     kinds = [kind for kind in ("png", "svg") if (step.folder / f"{stem}.{kind}").is_file()]
-    return f"![{escape(alt or alternatives(step.dof)[stem])}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
+    alt = alt or alternatives(step.dof).get(stem, stem)
+    return f"![{escape(alt)}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
 
 
 def fold(summary: str, *blocks: str) -> list[str]:
@@ -220,53 +383,54 @@ def fold(summary: str, *blocks: str) -> list[str]:
     return [f"<details><summary>{summary}</summary>", *blocks, "</details>"]
 
 
-def _thrusters(steps: Steps, cautions: Sequence[str]) -> list[str]:
-    if (step := steps.get("thrusters", ThrusterFile)) is None:
+def _embedded(steps: Steps, folder: str, *figures: str) -> list[str]:
+    """The page of a step without its title, headings one level lower, pictures by their place from here."""
+    if (step := steps.found.get(folder)) is None:
         return []
-    body = re.sub(r"\A# .*\n", "", step.text("thrusters.md"))
-    return [picture(step, "thrusters"), body, _bullets([escape(f"Caution: {line}") for line in cautions])]
+    pages = sorted(path.name for path in step.folder.glob("*.md"))
+    text = re.sub(r"\A# .*\n", "", step.text(pages[0]) if pages else "")
+    text = re.sub(r"^## ", "### ", text, flags=re.MULTILINE)
+    shown = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
+    alts = alternatives(step.dof)
+    return [
+        shown.sub(lambda found: picture(step, found[2], alts.get(found[2], found[1])), text),
+        *(picture(step, stem) for stem in figures),
+    ]
 
 
 def _model(steps: Steps, dof: Dof) -> list[str]:
     if (step := steps.get(dof.name, ModelFile)) is None:
         return []
-    names = added_by(steps.get(folder_of(dof, "diagnosis"), DiagnosisFile))
-    blocks = (
-        [f"This is the model without {names}, which the diagnosis added: the final numbers are at the top."]
-        if names
-        else []
-    )
-    blocks.append(escape(step.file.preferred_because))
-    if step.file.ratio is not None:
-        length, own = escape(interval(step.file.ratio.known(f"{step.name}: {dof.ratio_key}"))), dof.symbols
-        blocks.append(
-            f"The {dof.words.inertial_length} {own.inertia}/{own.quadratic_print} is {length} {dof.units.base}, "
-            f"whatever the unit of the {dof.words.force}."
+    file, symbols, blocks = step.file, dof.symbols, list[str]()
+    if names := added_by(steps.get(folder_of(dof, "diagnosis"), DiagnosisFile)):
+        added = (
+            f"This is the model without {escape(names)}, which the diagnosis added: the final numbers are at the top."
         )
-    blocks += [escape(line) for line in sentences_of(step.file.channels, dof)]
-    if step.file.buoyancy is not None:
-        blocks.append(escape(step.file.buoyancy.says))
+        blocks.append(added)
+    blocks.append(escape(file.preferred_because))
+    if file.ratio is not None:
+        length = escape(interval(file.ratio.known(f"{step.name}: {dof.ratio_key}")))
+        blocks.append(
+            f"The {dof.words.inertial_length} {symbols.inertia}/{symbols.quadratic_print} is {length} "
+            f"{dof.units.base}, whatever the unit of the {dof.words.force}."
+        )
+    blocks += [escape(line) for line in sentences_of(file.channels, dof)]
+    blocks.append(escape(str(file.buoyancy.get("says", ""))))
     tables = [re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")]
     noted = "\n".join(tables)
-    warnings = [escape(line) for line in step.file.warnings]
-    blocks += [*tables, _bullets([f"Warning: {line}" for line in warnings if line not in noted])]
+    warnings = [line for line in map(escape, file.warnings) if line not in noted]
     figures = ("drag", "inertia", dof.steps_key, "collapse", "whole_runs")
     shown = [picture(step, stem) for stem in figures]
-    return [*blocks, "### Figures of the fit", *shown]
+    return [*blocks, *tables, bullets(f"Warning: {line}" for line in warnings), "### Figures of the fit", *shown]
 
 
 def _validation(steps: Steps, folder: str) -> list[str]:
     if (step := steps.get(folder, ValidationFile)) is None:
         return []
     words, names = step.dof.words, list(step.file.logs)
-    shown = [
-        picture(
-            step,
-            f"validation_{stem}",
-            f"Run {one}: measured and simulated {words.position}, their difference, the {words.force}",
-        )
-        for one, stem in islice(zip(names, file_stems(names)), MOST_SHOWN)
-    ]
+    alt = f"measured and simulated {words.position}, their difference, the {words.force}"
+    stems = islice(zip(names, file_stems(names)), MOST_SHOWN)
+    shown = [picture(step, f"validation_{stem}", f"Run {name}: {alt}") for name, stem in stems]
     blocks = [step.text("validation.md"), "### Run by run", *shown[:SHOWN_OPEN]]
     if shown[SHOWN_OPEN:]:
         blocks += fold(f"{len(shown) - SHOWN_OPEN} more runs", *shown[SHOWN_OPEN:])
@@ -275,41 +439,10 @@ def _validation(steps: Steps, folder: str) -> list[str]:
     return blocks
 
 
-def _diagnosis(steps: Steps, folder: str) -> list[str]:
-    if (step := steps.found.get(folder)) is None:
-        return []
-    body, _ = _without_next(step)
-    body = re.sub(r"\A# .*\n", "", body)
-    body = re.sub(r"^## ", "### ", body, flags=re.MULTILINE)
-
-    def shown(found: re.Match[str]) -> str:
-        return picture(step, found[1]) if found[1] in alternatives(step.dof) else ""
-
-    return [re.sub(r"^!\[.*\]\((\w+)\.\w+\)$", shown, body, flags=re.MULTILINE)]
-
-
-def _without_next(step: StepResult[ResultRecord]) -> tuple[str, str]:
-    """The page of the diagnosis without, and only, what it says to run next."""
-    text = step.text("diagnosis.md")
-    found = re.search(rf"^## {NEXT}\n(.*?)(?=^## |\Z)", text, flags=re.MULTILINE | re.DOTALL)
-    return (text.replace(found[0], ""), found[1]) if found else (text, "")
-
-
-def _tuning(steps: Steps) -> list[str]:
-    if (step := steps.get("tune", TuningFile)) is None:
-        return []
-    text = re.sub(r"^(!\[.*\])\((\w+\.\w+)\)$", r"\1(tune/\2)", step.text("tuning.md"), flags=re.MULTILINE)
-    return [re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", text), flags=re.MULTILINE)]
-
-
 def _logs(steps: Steps) -> list[str]:
     if (step := steps.get("check", CheckFile)) is None or not (body := step.text("check.md")):
         return []
-    used, count = step.file.runs.used, step.file.logs
-    return [
-        f"{count} log{'s' * (count != 1)} with {used} run{'s' * (used != 1)} or thruster tests checked.",
-        *_listed("Every run", body, "check/check.md"),
-    ]
+    return _folded("Every run", body, "check/check.md")
 
 
 def _set_aside(steps: Steps) -> list[str]:
@@ -323,30 +456,6 @@ def _set_aside(steps: Steps) -> list[str]:
         "", ("log", "run", "why", "left out of"), tuple((*key, ", ".join(names)) for key, names in rows.items())
     )
     return [table.to_markdown()]
-
-
-def _next(steps: Steps) -> list[str]:
-    """What the diagnoses ask for, and warnings of preferred models that ask for runs."""
-    fits = [fit for name in DOFS if (fit := steps.get(name, ModelFile)) is not None]
-    of_others = re.compile(r"Model (\d) ")
-    said = [
-        escape(line)
-        for fit in fits
-        for line in fit.file.warnings
-        if re.search(r"\badd\b", line, flags=re.IGNORECASE)
-        and not ((other := of_others.match(line)) and other[1] != fit.file.preferred)
-    ]
-    diagnoses = [step for step in steps.found.values() if isinstance(step.file, DiagnosisFile)]
-    blocks = [_bullets(said), *(_without_next(step)[1] for step in diagnoses)]
-    lines = [block.strip() for block in blocks if block.strip()]
-    if lines:
-        return ["\n".join(lines)]
-    without = "" if diagnoses else "; a diagnosis would say what these runs cannot show"
-    return [f"No further runs are suggested{without}."]
-
-
-def _bullets(lines: Sequence[str]) -> str:
-    return "\n".join(f"- {line}" for line in lines)
 
 
 def _made(steps: Steps) -> list[str]:
@@ -364,7 +473,7 @@ def _made(steps: Steps) -> list[str]:
         Table("", header, tuple(rows)).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
         "`automarine verify` on each folder says whether anything in it has changed.",
-        *_listed("Every input and its SHA-256", _files(known), "manifest.json"),
+        *_folded("Every input and its SHA-256", _files(known), "manifest.json"),
     ]
 
 
@@ -378,7 +487,7 @@ def _files(known: Sequence[tuple[StepResult[ResultRecord], Manifest]]) -> str:
     return Table("", ("folder", "as", "file", "SHA-256"), tuple(rows)).to_markdown()
 
 
-def _listed(summary: str, table: str, place: str) -> list[str]:
+def _folded(summary: str, table: str, place: str) -> list[str]:
     """A long table folded away; of a very long one only where it stands."""
     return fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
 
@@ -389,69 +498,6 @@ def _settings(options: Mapping[str, object]) -> str:
     plain = {key: value for key, value in told.items() if not isinstance(value, (dict, list)) and value is not True}
     flags = [key for key, value in told.items() if value is True and key != "figures"]
     return ", ".join([*(f"{key} {value}" for key, value in plain.items()), *flags]) or "none"
-
-
-MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
-
-
-def summary(steps: Steps) -> Iterator[str]:
-    """A paragraph a motion: what is not to be used first, and the numbers of the final model; nothing where there is
-    only a look at the logs."""
-    for dof in DOFS.values():
-        yield from _paragraph(steps, dof)
-    yield from _paragraph_together(steps)
-
-
-def _paragraph(steps: Steps, dof: Dof) -> Iterator[str]:
-    """The paragraph of one motion; that of yaw tells of the thrusters too."""
-    model = steps.get(dof.name, ModelFile)
-    judged = steps.get(folder_of(dof, "validation"), ValidationFile)
-    lacks = steps.get(folder_of(dof, "diagnosis"), DiagnosisFile)
-    tested = steps.get("thrusters", ThrusterFile) if dof is YAW else None
-    parts = [_unusable(one) for one in (model, judged) if one is not None]
-    within = "" if dof is YAW else f"In {dof.name}, "
-    found = [_law(model, lacks) if model else "", _thrust(tested) if tested else ""]
-    said = within + "; ".join(one for one in found if one)
-    parts.append(f"{said[:1].upper()}{said[1:]}." if any(found) else "")
-    if model is not None and model.file.buoyancy is not None:
-        parts.append(escape(model.file.buoyancy.says))
-    parts += [_predicts(judged, model, added_by(lacks)), _verdict(lacks)]
-    if any(parts):
-        yield " ".join(filter(None, parts))
-
-
-def _unusable(step: StepResult[ModelFile] | StepResult[PlanarFile] | StepResult[ValidationFile]) -> str:
-    """That a model is of no use, in bold."""
-    use = step.file.use if isinstance(step.file, ValidationFile) else step.file.prediction
-    return f"**{escape(use.refusal)}**" if use.refusal else ""
-
-
-def _paragraph_together(steps: Steps) -> Iterator[str]:
-    """The same of surge, sway and yaw together."""
-    parts = []
-    lacks = steps.get("planar_diagnosis", DiagnosisFile)
-    if (model := steps.get("planar", PlanarFile)) is not None:
-        fitted = {name: one.estimate for name, one in model.file.parameters.items() if name in MASSES}
-        before = {name: one for name, one in fitted.items() if one is not None}
-        found = [_bold(name, _after(lacks, name) or one) for name, one in before.items()]
-        parts += [_unusable(model)]
-        parts.append(f"Surge, sway and yaw together: {escape(model.file.structure)}, with {listed(found)}.")
-        parts += [escape(line) for line in model.file.prediction.says[:1] if model.file.prediction.of_use]
-    if (judged := steps.get("planar_validation", ValidationFile)) is not None:
-        score, used = judged.file.models[judged.file.best], judged.file.runs.used
-        if score.rmse is not None:
-            parts.append(
-                f"Driven by the commands of {used} run{'s' * (used != 1)} it misses the heading by "
-                f"**{number(score.rmse, 3)}** degrees rms over whole runs."
-            )
-    parts.append(_verdict(lacks))
-    if any(parts):
-        yield " ".join(filter(None, parts))
-
-
-def refusals(done: Sequence[StepDone]) -> Iterator[str]:
-    """A line for each step that was refused: why."""
-    return (f"**{one.step} was refused:** {escape(one.refused)}" for one in done if one.refused)
 
 
 def missing_sentence(steps: Steps, done: Sequence[StepDone]) -> str:
@@ -471,109 +517,3 @@ def missing_sentence(steps: Steps, done: Sequence[StepDone]) -> str:
         why = escape(why) or ("that step was not run" if len(lack) == 1 else "those steps were not run")
         said.append(f"{lacking[0].upper()}{lacking[1:]}: {why}.")
     return " ".join(said)
-
-
-def _law(step: StepResult[ModelFile], lacks: StepResult[DiagnosisFile] | None) -> str:
-    """Law and parameters of the final model: with what was missing, where a diagnosis named it."""
-    file, own = step.file, step.dof.symbols
-    keys = {own.quadratic_print: own.quadratic}
-    place = f"{step.name}: models.{file.preferred}"
-    before = {name: given.known(f"{place}.{name}") for name, given in file.main_parameters()}
-    linear, quadratic = f"{own.linear} {own.velocity}", f"{own.quadratic_print} |{own.velocity}| {own.velocity}"
-    law = {"1": f" {linear}", "2": f" {quadratic} + {linear}", "3": f" {quadratic}"}.get(file.preferred, "")
-    model = f"model {escape(file.preferred)} (drag{law})"
-    final = {name: _after(lacks, keys.get(name, name)) for name in before}
-    if not any(final.values()):
-        return f"{model} fits {file.runs.used} runs best, with {_values(before)}"
-    added = {name: one for name, one in final.items() if one is not None}
-    alone = " and ".join(number(one.value) for one in before.values())
-    return (
-        f"with {added_by(lacks)} added, {model} has {_values(added)} (without, the fit to {file.runs.used} runs gives "
-        f"{alone})"
-    )
-
-
-def added_by(step: StepResult[DiagnosisFile] | None) -> str:
-    """What a diagnosis of a motion named and added to its model."""
-    if step is None or step.file.verdict != "named" or step.file.of_thrusters:
-        return ""
-    return " and ".join(escape(effect.name) for effect in step.file.effects)
-
-
-def _after(step: StepResult[DiagnosisFile] | None, key: str) -> Estimate | None:
-    """A parameter of the model with what was missing, where that was named."""
-    moved = step.file.base.get(key) if step is not None and added_by(step) else None
-    return None if moved is None else moved.after.estimate
-
-
-def _values(found: Mapping[str, Estimate]) -> str:
-    said = " and ".join(_bold(name, one) for name, one in found.items())
-    loose = [name for name, one in found.items() if not _determined(one)]
-    return f"{said}; these runs do not determine {' and '.join(loose)}" if loose else said
-
-
-def _determined(estimate: Estimate) -> bool:
-    """Whether an interval is narrower than its number, and so tells it from zero."""
-    low, high = estimate.ci95
-    return low * high > 0 and high - low <= 2 * abs(estimate.value)
-
-
-def _bold(name: str, estimate: Estimate) -> str:
-    """A parameter with its interval, in bold where the runs determine it."""
-    said = f"{name} = {escape(interval(estimate))}"
-    return f"{f'**{said}**' if _determined(estimate) else said} {estimate.unit}".rstrip()
-
-
-def _thrust(step: StepResult[ThrusterFile]) -> str:
-    file = step.file
-    if file.form == "square":
-        laws = ((file.forward.a, "ahead"), (file.backward.a, "astern"))
-        sides = [f"{number(a.value)} {side}" for a, side in laws if a is not None]
-        return f"one thruster gives F = a |n| n with a = {' and '.join(sides)} N/n²" if sides else ""
-    equation = next((one.equation for one in file.forms if one.form == file.form), file.form)
-    chosen = file.chosen.rmse_percent_of_full_scale if file.chosen else None
-    errors = [number(one, 2) for one in (chosen, file.rmse_percent_of_full_scale)]
-    return f"one thruster gives {escape(equation)} to {errors[0]} % of full scale (the square law to {errors[1]} %)"
-
-
-def _predicts(step: StepResult[ValidationFile] | None, fitted: StepResult[ModelFile] | None, added: str) -> str:
-    """How far the model that was fitted is from runs, without what was `added` to it since."""
-    if step is None:
-        return ""
-    file, words = step.file, step.dof.words
-    model, used = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best, file.runs.used
-    score, best = file.models[model], file.models[file.best]
-    runs = f"{used} run{'s' * (used != 1)}{_seen(step, fitted)}"
-    driven = f"{f'Without {added}, driven' if added else 'Driven'} by the commands of {runs}, model {escape(model)}"
-    if score.rmse is None:
-        return f"{driven} diverges."
-    again, error = score.restarted, _bracketed(score) if added else f"**{_bracketed(score)}**"
-    restarted = f", by {number(again, 3)} {words.units} when restarted within them" if again is not None else ""
-    better = f" (best is model {escape(file.best)} with {_bracketed(best)})" if best is not score else ""
-    return (
-        f"{driven} misses the {words.position} by "
-        f"{error} {words.units} rms over whole runs{better}{restarted}, where the noise is "
-        f"{number(file.noise_floor, 3)}."
-    )
-
-
-def _bracketed(score: Score) -> str:
-    """The free-run error with its interval over runs, where there is one."""
-    value = number(score.rmse, 3)
-    return f"{value} \\[{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}\\]" if score.ci95 else value
-
-
-def _seen(step: StepResult[ValidationFile], fitted: StepResult[ModelFile] | None) -> str:
-    """Whether the logs of the validation had been fitted, by their content."""
-    if fitted is None or fitted.manifest is None or step.manifest is None:
-        return ""
-    known = {entry.sha256 for entry in fitted.manifest.inputs if entry.role == "log"}
-    again = [entry for entry in step.manifest.inputs if entry.role == "log" and entry.sha256 in known]
-    if again:
-        return f" ({len(again)} of the logs had been fitted)"
-    return " that was not fitted" if step.file.runs.used == 1 else " that were not fitted"
-
-
-def _verdict(step: StepResult[DiagnosisFile] | None) -> str:
-    """What a diagnosis says first on its own page."""
-    return "" if step is None else re.sub(r"\A# .*\n+", "", step.text("diagnosis.md")).partition("\n\n")[0].strip()

@@ -1,41 +1,16 @@
 """What `run` shows of a campaign: a row a step with its result in a few words, and cautions that only the campaign as a
 whole gives; of several campaigns a row each."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from automarine_cli.dofs import DOFS
-from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.manifest import manifest_of
-from automarine_cli.pipeline.records import to_mapping
+from automarine_cli.pipeline.records import Shown, to_mapping
+from automarine_cli.pipeline.result_files import RunFile, ThrusterFile, VoltagePower
+from automarine_cli.report.campaign_page import REPORT, STEPS, Steps, headlines, read_steps
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.files import (
-    CheckFile,
-    DiagnosisFile,
-    ModelFile,
-    PlanarFile,
-    RunFile,
-    ThrusterFile,
-    TuningFile,
-    ValidationFile,
-    VoltagePower,
-)
-from automarine_cli.results.kinds import (
-    CHECK,
-    DIAGNOSIS,
-    MODELS,
-    PLANAR_MODEL,
-    THRUSTER_MAP,
-    TUNING,
-    VALIDATION,
-    ResultKind,
-)
-from automarine_cli.results.shown import Shown
-from automarine_cli.results.steps import REPORT, STEPS, folder_of
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end
 
@@ -160,20 +135,12 @@ def _(result: Campaigns) -> Sections:
 def with_results(out: Path, steps: tuple[StepOutcome, ...]) -> tuple[StepOutcome, ...]:
     """Add to the steps what the results in their folders in `out` say."""
     there = {step.step for step in steps if step.did in ("done", "kept")}
-    says = {step.name: says_of(step.kind, out / step.folder) for step in STEPS if step.name in there}
-    for motion, dof in DOFS.items():
-        fit, validation, diagnosis = (
-            next(step for step in STEPS if step.folder == folder)
-            for folder in (motion, folder_of(dof, "validation"), folder_of(dof, "diagnosis"))
-        )
-        if fit.name not in says or diagnosis.name not in says:
-            continue
-        judged = DIAGNOSIS.read(out / diagnosis.folder / DIAGNOSIS.file)
-        if final := of_final(fit.kind.read(out / fit.folder / fit.kind.file), judged):
-            says[fit.name] = final
-            if validation.name in says:
-                without = ", ".join(effect.name for effect in judged.effects)
-                says[validation.name] = f"without {without}, {says[validation.name]}"
+    folders = {step.folder for step in STEPS if step.name in there}
+    try:
+        results = read_steps(out).found
+    except AutomarineError:
+        return steps
+    says = headlines(Steps({folder: step for folder, step in results.items() if folder in folders}))
     return tuple(replace(step, says=says.get(step.step, "")) for step in steps)
 
 
@@ -182,90 +149,6 @@ def warnings_of(out: Path, steps: tuple[StepOutcome, ...]) -> tuple[str, ...]:
     there = {step.step for step in steps if step.did in ("done", "kept")}
     manifests = {step.name: manifest_of(out / step.folder) for step in STEPS if step.name in there}
     return tuple(f"{name}: {said}" for name, manifest in manifests.items() if manifest for said in manifest.warnings)
-
-
-def of_check(file: CheckFile) -> str:
-    """How many logs and runs, and how many of them serve nothing."""
-    used, aside = file.runs.used, len(file.runs.set_aside)
-    idle = sum(run.step is None for run in file.yaw_runs)
-    said = f"{file.logs} log{'s' * (file.logs != 1)}, {used} run{'s' * (used != 1)}" + (
-        f", {idle} without a half-turn" if idle else ""
-    )
-    return said + (f", {aside} set aside" if aside else "")
-
-
-def of_thrusters(file: ThrusterFile) -> str:
-    """The law, and how well it fits."""
-    if (chosen := file.chosen) is None:
-        return ""
-    error = number(chosen.rmse_percent_of_full_scale, 2)
-    return f"{chosen.form} law, R² {number(chosen.r2)}, error {error} % of full scale"
-
-
-def of_model(file: ModelFile) -> str:
-    """The preferred model and its parameters; first that it is not usable, where so."""
-    values = [f"{name} {number(given.value)}" for name, given in file.main_parameters()]
-    return f"{_unusable(file)}model {file.preferred}: {', '.join(values)}"
-
-
-def of_final(file: ModelFile, found: DiagnosisFile) -> str:
-    """The model with what a diagnosis named, its parameters without that behind; empty where nothing was named."""
-    keys = {file.dof.symbols.quadratic_print: file.dof.symbols.quadratic}
-    moved = {name: found.base.get(keys.get(name, name)) for name, _ in file.main_parameters()}
-    if found.verdict != "named" or found.of_thrusters or not all(moved.values()):
-        return ""
-    values = [f"{name} {number(one.after.value)}" for name, one in moved.items() if one is not None]
-    alone = ", ".join(number(given.value) for _, given in file.main_parameters())
-    names = ", ".join(effect.name for effect in found.effects)
-    return f"{_unusable(file)}model {file.preferred} with {names}: {', '.join(values)} (without: {alone})"
-
-
-def _unusable(file: ModelFile | PlanarFile) -> str:
-    return "not usable: " if file.prediction.refusal else ""
-
-
-def of_planar(file: PlanarFile) -> str:
-    """What the model is made of."""
-    return f"{_unusable(file)}{file.structure}"
-
-
-def of_validation(file: ValidationFile) -> str:
-    """How far the best model is from what was measured."""
-    best, unit = file.models[file.best], file.dof.units.key
-    unusable = "no model is of use: " if file.use.refusal else ""
-    if file.motion == PLANAR.name:
-        return f"heading {number(best.rmse, 3)} deg free run"
-    return (
-        f"{unusable}model {file.best}: {number(best.rmse, 3)} {unit} free run, "
-        f"{number(best.restarted, 3)} {unit} restarted, noise {number(file.noise_floor, 2)} {unit}"
-    )
-
-
-def of_tuning(file: TuningFile) -> str:
-    """The verdict, and of which target."""
-    return f"{file.verdict.replace('-', ' ')} for {file.target}"
-
-
-def of_diagnosis(file: DiagnosisFile) -> str:
-    """The verdict, what was named, and the gap."""
-    gap, unit = file.gap.fitted_runs, file.unit
-    names = ", ".join(effect.name for effect in file.effects)
-    said = file.verdict.replace("-", " ") + (f": {names}" if names else "")
-    return f"{said}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"
-
-
-_OUTCOMES: Mapping[ResultKind[Any], Callable[[Any], str]] = {
-    CHECK: of_check, THRUSTER_MAP: of_thrusters, **dict.fromkeys(MODELS.values(), of_model), PLANAR_MODEL: of_planar,
-    VALIDATION: of_validation, DIAGNOSIS: of_diagnosis, TUNING: of_tuning,
-}  # fmt: skip
-
-
-def says_of(kind: ResultKind[Any], folder: Path) -> str:
-    """What the result in a folder is, in a few words; empty where its file cannot be read."""
-    try:
-        return _OUTCOMES[kind](kind.read(folder / kind.file))
-    except AutomarineError:
-        return ""
 
 
 ALIKE = 1.03  # voltages that differ by less are one, as in the thruster fit

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import CHECK
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import CHECK
-from automarine_cli.results.shown import Shown
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
-from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.run import SetAside, runs_json
 
 NAMED = 3  # runs that share a note
+LEVELS = 6  # written out
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,64 +48,51 @@ def _(result: Check) -> Sections:
         "check.json": result.to_json(),
         "check.md": "\n".join(table.to_markdown() for table in tables),
     }
-    return Sections(tables, files, listed=tuple(files), rows=rows)
+    return Sections(tables, files, rows=rows)
 
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
     """Sampling, what was dropped, commands, and what a fit would keep of the step; reasons in the notes."""
-    header = (
-        "run",
-        "samples",
-        "s",
-        "Hz",
-        "jitter ms",
-        "gaps",
-        "dropped",
-        f"noise {dof.units.shown}",
-        "levels",
-        "turns" if dof.wraps else dof.units.base,
-        "kept of the step",
-        "cut by",
-        f"no {dof.words.step} because",
-    )
-    rows = tuple(_run_row(run, dof) for run in runs)
-    return Table(f"{dof.name.capitalize()} runs", header, rows, notes=tuple(_notes(runs, dof)))
+    rows = []
+    for run in runs:
+        turn, dropped = run.half_turn, ("missing", "duplicates", "glitches")
+        part = turn and f"{turn.kept_samples} samples, {turn.gone:.0f} {dof.units.shown} of {number(turn.moment, 3)}"
+        rows.append({
+            "run": run.run,
+            "samples": run.samples,
+            "s": number(run.duration_s, 3),
+            "Hz": number(run.rate_hz, 3),
+            "jitter ms": number(run.jitter_ms, 2),
+            "gaps": run.counts.get("gaps", 0),
+            "dropped": sum(run.counts.get(kind, 0) for kind in dropped),
+            f"noise {dof.units.shown}": number(run.noise, 2),
+            "levels": _levels(run.levels),
+            "turns" if dof.wraps else dof.units.base: number(run.extent, 2),
+            "kept of the step": part,
+            "cut by": turn and turn.cut_by,
+            f"no {dof.words.step} because": run.why and run.why.split(":")[0],
+        })  # fmt: skip
+    return Table.of(f"{dof.name.capitalize()} runs", rows, _notes(runs, dof)).without_empty_columns()
 
 
-def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
-    dropped = sum(run.counts.get(kind, 0) for kind in ("missing", "duplicates", "glitches"))
-    turn = run.half_turn
-    return (
-        run.run,
-        str(run.samples),
-        number(run.duration_s, 3),
-        number(run.rate_hz, 3),
-        number(run.jitter_ms, 2),
-        str(run.counts.get("gaps", 0)),
-        str(dropped),
-        number(run.noise, 2),
-        MISSING if run.levels is None else ", ".join(number(level, 3) for level in run.levels),
-        number(run.extent, 2),
-        MISSING
-        if turn is None
-        else f"{turn.kept_samples} samples, {turn.gone:.0f} {dof.units.shown} of {number(turn.moment, 3)}",
-        MISSING if turn is None else turn.cut_by,
-        MISSING if run.why is None else run.why.split(":")[0],
-    )
+def _levels(levels: Sequence[float] | None) -> str:
+    """Every level, or how many from where to where."""
+    if not levels:
+        return MISSING
+    if len(levels) <= LEVELS:
+        return ", ".join(number(level, 3) for level in levels)
+    return f"{len(levels)} from {number(min(levels), 3)} to {number(max(levels), 3)}"
 
 
 def _notes(runs: Sequence[RunSeen], dof: Dof) -> list[str]:
     """What cleaning did and what a person should know; what runs share is said once."""
-    words = {
-        "missing": ("row with a missing value", "rows with a missing value"),
-        "duplicates": ("repeated stamp", "repeated stamps"),
-        "glitches": (f"{dof.position} spike", f"{dof.position} spikes"),
-    }
+    words = {"missing": "row~ with a missing value", "duplicates": "repeated stamp~",
+             "glitches": f"{dof.position} spike~"}  # fmt: skip
     told: dict[str, list[str]] = {}
     for run in runs:
         dropped = [
-            f"{run.counts[kind]} {one if run.counts[kind] == 1 else more} dropped"
-            for kind, (one, more) in words.items()
+            f"{run.counts[kind]} {word.replace('~', 's' * (run.counts[kind] != 1))} dropped"
+            for kind, word in words.items()
             if run.counts.get(kind)
         ]
         for note in dict.fromkeys([*dropped, *run.notes, *([] if run.why is None else [run.why])]):
@@ -120,20 +107,13 @@ def _listed(names: Sequence[str]) -> str:
 
 def _test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
     """Points, levels and ranges; in the notes what a person should know of the reading."""
-    header = ("thruster test", "points", "missing", "levels", "n from", "n to", "N from", "N to", "voltages")
-    rows = tuple(
-        (
-            test.run,
-            str(test.points),
-            str(test.missing),
-            str(test.levels),
-            number(test.lowest_n),
-            number(test.highest_n),
-            number(test.lowest_force_N),
-            number(test.highest_force_N),
-            ", ".join(number(v, 3) for v in test.voltages) or MISSING,
-        )
+    rows = [
+        {
+            "thruster test": test.run, "points": test.points, "missing": test.missing, "levels": test.levels,
+            "n from": number(test.lowest_n), "n to": number(test.highest_n), "N from": number(test.lowest_force_N),
+            "N to": number(test.highest_force_N),
+            "voltages": ", ".join(number(v, 3) for v in test.voltages) or MISSING,
+        }
         for test in tests
-    )
-    notes = tuple(f"{test.run}: {'; '.join(test.notes)}" for test in tests if test.notes)
-    return Table("Thruster tests", header, rows, notes=notes)
+    ]  # fmt: skip
+    return Table.of("Thruster tests", rows, [f"{test.run}: {'; '.join(test.notes)}" for test in tests if test.notes])

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, Side
+from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.sections import Content, Sections, numbers, sections
-from automarine_cli.report.tables import MISSING, Table, interval, number
-from automarine_cli.results.shown import Shown
+from automarine_cli.report.tables import MISSING, Table, number
 
 SCHEMA = "automarine/comparison/1"
 
@@ -56,7 +56,7 @@ def _(result: ResultComparison) -> Sections:
         "parameters.csv": tables[0].to_csv(),
         "differences.csv": tables[1].to_csv(),
         "comparison.md": "\n".join(
-            table.to_markdown() for table in (Table("", ("in words",), tuple((line,) for line in words)), *tables)
+            table.to_markdown() for table in (Table.of("", [{"in words": line} for line in words]), *tables)
         ),
     }
     rows = [
@@ -65,35 +65,36 @@ def _(result: ResultComparison) -> Sections:
         for apart in result.differences
     ]  # fmt: skip
     figures = {"comparison": partial(compare_figure, result.sides)}
-    return Sections([*tables, *words], files, figures, (*files, "comparison.png"), rows)
+    return Sections([*tables, *words], files, figures, rows=rows)
 
 
 def parameter_table(sides: Sequence[Side]) -> Table:
     """Parameters down, results across; then what else the results say of themselves."""
-    names = list(dict.fromkeys(name for side in sides for name in side.parameters))
-    facts = list(dict.fromkeys(name for side in sides for name in side.facts))
-    rows = []
+    rows = list[dict[str, object]]()
+    names = dict.fromkeys(name for side in sides for name in side.parameters)
     for name in names:
         unit = next(side.parameters[name].unit for side in sides if name in side.parameters)
         label = f"{name} [{unit}]" if unit not in ("", "1") else name
-        rows.append((label, *(interval(side.parameters.get(name)) for side in sides)))
-    rows += [(name, *(side.facts.get(name, MISSING) for side in sides)) for name in facts]
-    rows.append(("runs", *(str(side.runs) for side in sides)))
-    header = ("parameter", *(side.name for side in sides))
-    return Table("Side by side", header, tuple(rows), (len(names),), ("Brackets are 95 % intervals.",))
+        rows.append({"parameter": label} | {side.name: side.parameters.get(name) for side in sides})
+    for name in dict.fromkeys(name for side in sides for name in side.facts):
+        rows.append({"parameter": name} | {side.name: side.facts.get(name) for side in sides})
+    rows.append({"parameter": "runs"} | {side.name: side.runs for side in sides})
+    return Table.of("Side by side", rows, ["Brackets are 95 % intervals."], (len(names),))
 
 
 def difference_table(found: Sequence[Difference]) -> Table:
     """One line for each parameter and result."""
-    rows = []
-    for one in found:
-        percent = MISSING
-        if one.relative is not None:
-            percent = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*one.relative)
-        p = MISSING if one.p_value is None else number(one.p_value, 2)
-        rows.append((one.parameter, one.of, interval(one.difference), one.difference.unit, percent, p, one.verdict))
+    rows = [
+        {
+            "parameter": apart.parameter, "result": apart.of, "difference": apart.difference,
+            "unit": apart.difference.unit,
+            "%": MISSING if apart.relative is None else "{:+.1f} [{:+.1f}, {:+.1f}]".format(*apart.relative),
+            "p": number(apart.p_value, 2), "verdict": apart.verdict,
+        }
+        for apart in found
+    ]  # fmt: skip
     header = ("parameter", "result", "difference", "unit", "%", "p", "verdict")
-    return Table(f"Against {found[0].base}" if found else "Differences", header, tuple(rows), (), (NOTE,))
+    return Table.of(f"Against {found[0].base}" if found else "Differences", rows, [NOTE], header=header)
 
 
 def sentence(one: Difference) -> str:

@@ -6,7 +6,9 @@ from functools import partial
 
 import numpy as np
 
+from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
+from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.planning.campaign import Campaign, specification
 from automarine_cli.planning.plan import Plan, command_path
 from automarine_cli.planning.rivals import Split
@@ -14,13 +16,8 @@ from automarine_cli.planning.vehicle import command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.kinds import PLAN
 
-SHEET = (
-    "number", "name", "kind", "begins_min", "start_heading_deg", "turn_there_deg", "voltage_V", "rest_s", "do",
-    "drive_s", "turns_deg", "wait_s", "battery_left_Ah", "battery_left_percent", "command_file", "why",
-)  # fmt: skip
+PRECISION = "Value, predicted 95 % interval, and half its width in percent."
 CERTAIN = 1000.0
 EARLIER = (
     "The earlier runs count by the intervals in the model's file, which holds no correlations but that of inertia and "
@@ -70,35 +67,39 @@ def _tables(campaign: Campaign) -> list[Table]:
 
 def _sheet_rows(campaign: Campaign) -> Table:
     """The run sheet for programs and spreadsheets."""
-    unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
-    rows = []
-    for slot, why, back, turned in zip(campaign.slots, campaign.why, campaign.ways_back, campaign.turns):
-        run = slot.candidate
-        rows.append((
-            str(slot.number), slot.name, run.kind, f"{slot.begins / 60.0:.2f}", f"{run.start_heading:g}", f"{back:.0f}",
-            "" if run.voltage is None else f"{run.voltage:g}", f"{rest:g}", in_words(run, unit), f"{run.driven:g}",
-            f"{turned:.0f}", f"{slot.wait:g}", f"{slot.left:.4f}",
-            f"{100.0 * slot.left / campaign.limits.battery.charge_Ah:.1f}", command_path(slot), why,
-        ))  # fmt: skip
-    return Table("", SHEET, tuple(rows))
+    unit, rest, full = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s, _full(campaign)
+    return Table.of("", [
+        {
+            "number": slot.number, "name": slot.name, "kind": slot.candidate.kind,
+            "begins_min": f"{slot.begins / 60.0:.2f}", "start_heading_deg": f"{slot.candidate.start_heading:g}",
+            "turn_there_deg": f"{back:.0f}",
+            "voltage_V": "" if slot.candidate.voltage is None else f"{slot.candidate.voltage:g}",
+            "rest_s": f"{rest:g}", "do": in_words(slot.candidate, unit), "drive_s": f"{slot.candidate.driven:g}",
+            "turns_deg": f"{turned:.0f}", "wait_s": f"{slot.wait:g}", "battery_left_Ah": f"{slot.left:.4f}",
+            "battery_left_percent": f"{100.0 * slot.left / full:.1f}", "command_file": command_path(slot), "why": why,
+        }
+        for slot, why, back, turned in zip(campaign.slots, campaign.why, campaign.ways_back, campaign.turns)
+    ])  # fmt: skip
+
+
+def _full(campaign: Campaign) -> float:
+    return campaign.limits.battery.charge_Ah
 
 
 def _sheet_table(campaign: Campaign) -> Table:
     """The run sheet for people."""
-    unit, full = campaign.fitting.model.moment_unit, campaign.limits.battery.charge_Ah
     rows = [
-        (
-            str(slot.number), _clock(slot.begins), f"{slot.candidate.start_heading:g}", f"{back:+.0f}",
-            in_words(slot.candidate, unit), f"{slot.wait:g}", f"{100.0 * slot.left / full:.0f}", why,
-        )
+        {
+            "run": slot.number, "begin at min:s": _clock(slot.begins),
+            "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{back:+.0f}",
+            "after the rest": in_words(slot.candidate, campaign.fitting.model.moment_unit),
+            "then wait s": f"{slot.wait:g}", "battery left %": f"{100.0 * slot.left / _full(campaign):.0f}",
+            "what for": why,
+        }
         for slot, why, back in zip(campaign.slots, campaign.why, campaign.ways_back)
     ]  # fmt: skip
-    header = (
-        "run", "begin at min:s", "start heading deg", "turn there by deg", "after the rest", "then wait s",
-        "battery left %", "what for",
-    )  # fmt: skip
     rest = f"{campaign.limits.runs.rest_before_s:g} s"
-    return Table("Run sheet", header, tuple(rows), notes=(f"Every log begins with {rest} at rest, thrusters idle.",))
+    return Table.of("Run sheet", rows, [f"Every log begins with {rest} at rest, thrusters idle."])
 
 
 def _clock(seconds: float) -> str:
@@ -112,14 +113,11 @@ def _interval_table(campaign: Campaign) -> Table:
     if campaign.together:
         columns["with the earlier runs"] = campaign.together
     rows = [
-        (
-            _symbol(name, campaign) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else ""),
-            *(_precision(estimates.get(name)) for estimates in columns.values()),
-        )
+        {"parameter": _symbol(name, campaign) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else "")}
+        | {column: _precision(estimates.get(name)) for column, estimates in columns.items()}
         for name, alone in campaign.alone.items()
     ]
-    notes = ("Value, predicted 95 % interval, and half its width in percent.",)
-    return Table("Intervals before and after", ("parameter", *columns), tuple(rows), notes=notes)
+    return Table.of("Intervals before and after", rows, [PRECISION])
 
 
 def _symbol(name: str, campaign: Campaign) -> str:
@@ -142,15 +140,18 @@ def _precision(estimate: Estimate | None) -> str:
 def _split_table(campaign: Campaign) -> Table:
     """Pairs of explanations down; expected evidence of the plan and of the paper's grid across."""
     rows = [
-        (split.true, split.other, _evidence(split), _evidence(grid))
+        {
+            "if it is": split.true,
+            "and not": split.other,
+            "this plan": _evidence(split),
+            "the paper's grid": _evidence(grid),
+        }
         for split, grid in zip(campaign.splits, campaign.grid_splits)
     ]
-    note = (
+    return Table.of("Explanations to separate", rows, [
         "Expected difference in evidence (deviance, penalties included) where the first is true; from "
-        f"{campaign.limits.goal.evidence:g} on the two count as separated, below 10 as tied."
-    )
-    header = ("if it is", "and not", "this plan", "the paper's grid")
-    return Table("Explanations to separate", header, tuple(rows), notes=(note,))
+        f"{campaign.limits.goal.evidence:g} on the two count as separated, below 10 as tied.",
+    ])  # fmt: skip
 
 
 def _evidence(split: Split) -> str:
@@ -159,20 +160,15 @@ def _evidence(split: Split) -> str:
 
 def _compared_table(campaign: Campaign) -> Table:
     """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
-    names = list(campaign.plan.percent)
+    curves = {"this plan": campaign.plan, "the paper's grid": campaign.grid}
+    curves |= {f"this plan and one {curve.name}": curve for curve in campaign.more}
     rows = [
-        (
-            label, number(curve.minutes[-1], 3), number(curve.motion[-1], 3),
-            *(number(curve.percent[name][-1], 2) for name in names),
-        )
-        for label, curve in (
-            ("this plan", campaign.plan), ("the paper's grid", campaign.grid),
-            *((f"this plan and one {curve.name}", curve) for curve in campaign.more),
-        )
-    ]  # fmt: skip
-    header = ("campaign", "min in the pool", "s of motion", *(f"{_symbol(name, campaign)} %" for name in names))
+        {"campaign": label, "min in the pool": number(curve.minutes[-1], 3), "s of motion": number(curve.motion[-1], 3)}
+        | {f"{_symbol(name, campaign)} %": number(curve.percent[name][-1], 2) for name in campaign.plan.percent}
+        for label, curve in curves.items()
+    ]
     earlier = " The earlier runs are counted in." if campaign.together else ""
-    return Table("Standard errors to expect", header, tuple(rows), (2,), notes=(f"In percent of the value.{earlier}",))
+    return Table.of("Standard errors to expect", rows, [f"In percent of the value.{earlier}"], (2,))
 
 
 def _page(plan: Plan, rehearsal: str) -> str:

@@ -6,10 +6,9 @@ from functools import partial
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_fit import HEADING, UNITS, PlanarFit, PlanarUse, shown
 from automarine_cli.models.planar_store import units
-from automarine_cli.report.figures.planar import planar_runs_figure
-from automarine_cli.report.sections import Content, Sections, numbers, sections
+from automarine_cli.report.figures.runs import planar_runs_figure
+from automarine_cli.report.sections import Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.estimate import Estimate
 
 WORDS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
@@ -22,104 +21,88 @@ WORDS = {
 }  # fmt: skip
 
 
-def tables(fit: PlanarFit) -> tuple[Table, ...]:
-    """Parameters, predictions where they were judged, then the structures that were tried."""
-    predictions = () if fit.use is None else (prediction_table(fit.use),)
-    return (parameter_table(fit), *predictions, structure_table(fit))
-
-
-def prediction_table(use: PlanarUse) -> Table:
-    """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
-    alone = {one.horizon: number(float(YAW.shown(one.error)), 3) for one in use.yaw_only}
-    rows = [
-        (
-            f"{name}, {UNITS[name]}", f"{one.horizon:g}",
-            *(number(shown(name, x), 3) for x in (one.error, one.constant_rate, one.constant)),
-            alone.get(one.horizon, MISSING) if name == HEADING else MISSING, str(one.count),
-        )
-        for name, each in use.forecasts.worth.items()
-        for one in each
-    ]  # fmt: skip
-    header = ("of", "s ahead", "model", "constant rate", "constant", "yaw alone", "predictions")
-    whose = (
-        "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run of the fit"
-    )
-    notes = (
-        f"Root mean square errors. {whose}, from its filtered state, which knows the readings until then, by the "
-        "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
-    )
-    return Table("Predictions", header, tuple(rows), notes=notes)
-
-
-def parameter_table(fit: PlanarFit) -> Table:
-    """One row a parameter that was identified."""
-    rows = [
-        (
-            name, WORDS.get(name, ""), number(one.value, 4), *_spread(one), one.unit,
-        )
-        for name, one in fit.estimates.items()
-    ]  # fmt: skip
-    header = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
-    notes = (
-        "Masses and drags are positive where they resist, as in m_u u' = X - X_u u; Fossen's derivatives of these "
-        "names are their negatives.",
-    )
-    return Table("Surge, sway and yaw together", header, tuple(rows), notes=notes)
-
-
-def _spread(one: Estimate) -> tuple[str, str]:
-    """The standard error and the interval, or why there are none."""
-    if one.at_bound:
-        return MISSING, "at its bound"
-    if one.known and not one.stderr:
-        return MISSING, "known"
-    return number(one.stderr, 2), f"{number(one.ci95[0], 4)} to {number(one.ci95[1], 4)}{' (known)' * one.known}"
-
-
-def structure_table(fit: PlanarFit) -> Table:
-    """One row a structure that was tried, the best first."""
-    rows = [
-        (
-            str(one.structure), str(len(one.found.model.free)), number(one.found.log_likelihood, 7),
-            number(one.criterion - fit.tried[0].criterion, 4),
-        )
-        for one in fit.tried
-    ]  # fmt: skip
-    return Table("Structures", ("structure", "parameters", "log likelihood", "BIC less the best"), tuple(rows))
-
-
-def first_sentences(fit: PlanarFit) -> tuple[str, ...]:
-    """Of what use it is, a disturbance as large as the commands, and how it was fitted."""
-    use = () if fit.use is None else fit.use.sentences
-    return (*use[:1], *(f"Warning: {one}" for one in fit.disturbed), *use[1:], *filter(None, [fit.choice.because]))
-
-
-def sentences(fit: PlanarFit) -> Iterator[str]:
-    """Of what use it is, structure and why, assumptions, sensors, warnings."""
-    yield from first_sentences(fit)
-    yield f"Structure: {fit.structure}. {fit.because}"
-    yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
-    yield from (f"Assumed: {one}." for one in fit.assumptions)
-    noises = fit.found.noises
-    told = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
-    yield f"Sensors that count (noise in rad, m and seconds): {', '.join(told)}."
-    said = (*(() if fit.use is None else fit.use.sentences), *fit.disturbed)
-    yield from (one for one in fit.warnings if one not in said)
-
-
 @sections.register
 def _(fit: PlanarFit) -> Sections:
-    first, rest, every = first_sentences(fit), list(sentences(fit)), tables(fit)
-    files: dict[str, Content] = {
-        "planar_model.json": fit.to_json(),
-        "planar.csv": every[0].to_csv(),
-        "planar.md": "\n".join([*(table.to_markdown() for table in every), "".join(f"{line}\n" for line in rest)]),
-        "planar.tex": "\n".join(table.to_latex() for table in every),
-    }
+    use = () if fit.use is None else fit.use.sentences
+    first = (*use[:1], *(f"Warning: {line}" for line in fit.disturbed), *use[1:], *filter(None, [fit.choice.because]))
+    rest = list(sentences(fit))
+    tables = [parameter_table(fit), *([] if fit.use is None else [prediction_table(fit.use)]), structure_table(fit)]
+    files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
+    files["planar.md"] = document(*tables, *first, *rest)
     return Sections(
-        [*first, *every, *(line for line in rest if line not in first)],
+        [*first, *tables, *rest],
         files,
         {} if fit.use is None else {"planar_runs": partial(planar_runs_figure, fit.runs, fit.use)},
         ("planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"),
         [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()],
     )
+
+
+def sentences(fit: PlanarFit) -> Iterator[str]:
+    """Structure and why, assumptions, sensors, warnings."""
+    yield f"Structure: {fit.structure}. {fit.because}"
+    yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
+    yield from (f"Assumed: {assumption}." for assumption in fit.assumptions)
+    noises = fit.found.noises
+    channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
+    yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
+    said = (*(() if fit.use is None else fit.use.sentences), *fit.disturbed)
+    yield from (warning for warning in fit.warnings if warning not in said)
+
+
+def prediction_table(use: PlanarUse) -> Table:
+    """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
+    alone = {ahead.horizon: number(float(YAW.shown(ahead.error)), 3) for ahead in use.yaw_only}
+    rows = [
+        {
+            "of": f"{name}, {UNITS[name]}",
+            "s ahead": f"{ahead.horizon:g}",
+            "model": number(shown(name, ahead.error), 3),
+            "constant rate": number(shown(name, ahead.constant_rate), 3),
+            "constant": number(shown(name, ahead.constant), 3),
+            "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
+            "predictions": ahead.count,
+        }
+        for name, each in use.forecasts.worth.items()
+        for ahead in each
+    ]
+    whose = "Each run is predicted by the parameters that the other runs give"
+    whose = whose if use.runs > 1 else "Of the run of the fit"
+    return Table.of("Predictions", rows, [
+        f"Root mean square errors. {whose}, from its filtered state, which knows the readings until then, by the "
+        "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
+    ])  # fmt: skip
+
+
+def parameter_table(fit: PlanarFit) -> Table:
+    """One row a parameter that was identified."""
+    rows = []
+    for name, estimate in fit.estimates.items():
+        low, high = estimate.ci95
+        stderr, between = (
+            number(estimate.stderr, 2),
+            f"{number(low, 4)} to {number(high, 4)}{' (known)' * estimate.known}",
+        )
+        if estimate.at_bound or (estimate.known and not estimate.stderr):
+            stderr, between = MISSING, "at its bound" if estimate.at_bound else "known"
+        rows.append({
+            "parameter": name, "meaning": WORDS.get(name, ""), "value": estimate.value, "standard error": stderr,
+            "95 % interval": between, "unit": estimate.unit,
+        })  # fmt: skip
+    return Table.of("Surge, sway and yaw together", rows, [
+        "Masses and drags are positive where they resist, as in m_u u' = X - X_u u; Fossen's derivatives of these "
+        "names are their negatives.",
+    ])  # fmt: skip
+
+
+def structure_table(fit: PlanarFit) -> Table:
+    """One row a structure that was tried, the best first."""
+    return Table.of("Structures", [
+        {
+            "structure": str(tried.structure),
+            "parameters": len(tried.found.model.free),
+            "log likelihood": number(tried.found.log_likelihood, 7),
+            "BIC less the best": tried.criterion - fit.tried[0].criterion,
+        }
+        for tried in fit.tried
+    ])  # fmt: skip

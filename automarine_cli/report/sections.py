@@ -1,21 +1,21 @@
 """What a person sees of a result, once: the terminal, Python, notebooks and files are renderings of it."""
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
+from automarine_cli.estimate import Estimate
+from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.page import to_html
 from automarine_cli.report.tables import Table
-from automarine_cli.results.shown import Shown
 
 if TYPE_CHECKING:
     from automarine_cli.pipeline.parallel import Each
     from automarine_cli.pipeline.results_folder import ResultFolder
     from automarine_cli.report.figures.style import Draw
-    from automarine_cli.results.estimate import Estimate
 
 WIDTH = 110  # columns of a result at Python's prompt
 Content = str | bytes | Mapping[str, object] | Callable[[], str | bytes]
@@ -26,8 +26,9 @@ class Sections:
     """Sections of a result, in the order in which they are read.
 
     `printed` are tables and sentences; `files` by name are texts, bytes, what makes these, or data to be written as
-    JSON; `figures` draw what is saved as NAME.png, and can be pickled; `listed` are the files that the terminal names;
-    `rows` are the numbers, one mapping a parameter, run or score; `warnings` say what could not be made.
+    JSON; `figures` draw what is saved as NAME.png, and can be pickled; `listed` is what the terminal names, all files
+    and figures where nothing is given; `rows` are the numbers, one mapping a parameter, run or score; `warnings` say
+    what could not be made.
     """
 
     printed: Sequence[Table | str]
@@ -36,6 +37,10 @@ class Sections:
     listed: Sequence[str] = ()
     rows: Sequence[Mapping[str, object]] = ()
     warnings: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if not self.listed:
+            object.__setattr__(self, "listed", (*self.files, *(f"{name}.png" for name in self.figures)))
 
     def text(self, width: int = WIDTH) -> str:
         """Render what is printed as plain text."""
@@ -90,7 +95,31 @@ def sections(result: Any) -> Sections:
 Shown.sections_of = staticmethod(sections)
 
 
-def numbers(estimate: "Estimate") -> dict[str, object]:
+def forms_of(stem: str, *tables: Table) -> dict[str, Content]:
+    """Render tables as the files STEM.csv (the first), STEM.md and STEM.tex."""
+    return {
+        f"{stem}.csv": tables[0].to_csv(),
+        f"{stem}.md": "\n".join(table.to_markdown() for table in tables),
+        f"{stem}.tex": "\n".join(table.to_latex() for table in tables),
+    }
+
+
+def document(*blocks: Table | str | None) -> str:
+    """Write a page in Markdown: paragraphs, headings and tables with a blank line between; empty ones are left out."""
+    texts = (block.to_markdown() if isinstance(block, Table) else block or "" for block in blocks)
+    return "\n\n".join(text.strip() for text in texts if text.strip()) + "\n"
+
+
+def bullets(lines: Iterable[str]) -> str:
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def pictures(names: Iterable[str]) -> list[str]:
+    """Lines that show figures by their names, with those as words."""
+    return [f"![{name}]({name}.png)" for name in names]
+
+
+def numbers(estimate: Estimate) -> dict[str, object]:
     """Give an estimate as the cells of a row."""
     low, high = estimate.ci95
     return {"value": estimate.value, "stderr": estimate.stderr, "low": low, "high": high, "unit": estimate.unit}

@@ -3,12 +3,11 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from automarine_cli.pipeline.records import Shown
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import Table, number
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.shown import Shown
-from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.run import SetAside, runs_json
 
 SCHEMA = "automarine/slices/1"
 FOLDER, MOVING = "runs", "moving"

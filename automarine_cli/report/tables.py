@@ -8,9 +8,11 @@ import io
 import math
 import re
 import textwrap
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from automarine_cli.estimate import Estimate
 
 GAP = 2  # blanks between columns
 NARROW = 8  # characters below which no column is folded
@@ -109,25 +111,6 @@ def _folded(cell: str, width: int) -> list[str]:
 MISSING = "–"
 
 
-class HasInterval(Protocol):
-    """A value with its standard error and 95 % interval: `results.estimate.Estimate`."""
-
-    @property
-    def value(self) -> float:
-        """Point estimate."""
-        ...
-
-    @property
-    def stderr(self) -> float:
-        """Standard error."""
-        ...
-
-    @property
-    def ci95(self) -> tuple[float, float]:
-        """Ends of the 95 % interval."""
-        ...
-
-
 @dataclass(frozen=True)
 class Math:
     """A cell with a form of its own in LaTeX: `Math("k_r|r|", r"k_{r|r|}")`; `latex` is set in math mode."""
@@ -162,6 +145,30 @@ class Table:
             if len(row) != len(self.header):
                 raise ValueError(f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns")
 
+    @classmethod
+    def of(
+        cls, title: str, rows: Iterable[Mapping[str, Any]], notes: Iterable[str] = (), rules: tuple[int, ...] = (),
+        header: Sequence[str] = (),
+    ) -> "Table":  # fmt: skip
+        """Make a table of rows by column: texts as they are, whole numbers and numbers of four digits, estimates with
+        their intervals, a dash for None; `header` is needed where there may be no rows."""
+        rows = list(rows)
+        cells = tuple(tuple(_cell(value) for value in row.values()) for row in rows)
+        return cls(title, tuple(rows[0] if rows else header), cells, rules, tuple(notes))
+
+    def without_empty_rows(self) -> "Table":
+        """The same without rows that hold nothing but their label."""
+        full = [i for i, row in enumerate(self.rows) if any(str(cell) != MISSING for cell in row[1:])]
+        rules = dict.fromkeys(sum(i < rule for i in full) for rule in self.rules)
+        return replace(self, rows=tuple(self.rows[i] for i in full), rules=tuple(rules))
+
+    def without_empty_columns(self) -> "Table":
+        """The same without columns that hold nothing."""
+        columns = zip(self.header, *self.rows)
+        full = [column for column in columns if not self.rows or any(str(cell) != MISSING for cell in column[1:])]
+        header, *rows = zip(*full)
+        return replace(self, header=header, rows=tuple(rows))
+
     def to_csv(self) -> str:
         """Header and rows; a missing cell is empty; title and notes stay out: any program reads it."""
         text = io.StringIO()
@@ -173,10 +180,10 @@ class Table:
     def to_markdown(self) -> str:
         """Title, table and notes; rules have no form in Markdown and are left out."""
         sides = ["---:" if right else "---" for right in self._right()]
-        lines = [f"**{_markdown(self.title)}**", ""] if self.title else []
+        lines = [f"**{escape(self.title)}**", ""] if self.title else []
         lines += [_markdown_row(self.header), "| " + " | ".join(sides) + " |"]
         lines += [_markdown_row(row) for row in self.rows]
-        lines += [line for note in self.notes for line in ("", _markdown(note))]
+        lines += [line for note in self.notes for line in ("", escape(note))]
         return "\n".join(lines) + "\n"
 
     def to_latex(self) -> str:
@@ -210,6 +217,12 @@ class Table:
         ]
 
 
+def _cell(value: Any) -> Cell:
+    if value is None or isinstance(value, Estimate):
+        return interval(value)
+    return value if isinstance(value, Cell) else str(value) if isinstance(value, int) else number(value)
+
+
 def _captioned(title: str) -> list[str]:
     """The caption without a number of ours, which LaTeX gives, and a label to refer to it by."""
     caption = re.sub(r"^Table \d+\. ", "", title)
@@ -231,13 +244,13 @@ def number(x: float | None, digits: int = 4) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def interval(estimate: HasInterval | None) -> str:
+def interval(estimate: Estimate | None) -> str:
     """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
     was known before the fit; a value at its bound has no interval."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
-    (low, high), known = estimate.ci95, " (known)" * getattr(estimate, "known", False)
-    if getattr(estimate, "at_bound", False) and not known:
+    (low, high), known = estimate.ci95, " (known)" * estimate.known
+    if estimate.at_bound and not known:
         return f"{number(estimate.value)} (at its bound)"
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
         return f"{number(estimate.value)}{known}"
@@ -272,20 +285,16 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _markdown(text: str) -> str:
-    """Text without meaning to Markdown or HTML: k_r stays k_r, but no `_x_`, `$x$`, `~~x~~` or `&lt;`."""
-    text = re.sub(r"([\\|`*<>\[\]$~])", r"\\\1", _one_line(text))
+def escape(text: str) -> str:
+    """Return text on one line, without meaning to Markdown or HTML: k_r stays k_r, but no `_x_`, `$x$` or `&lt;`; the
+    commands that our own sentences name stay code."""
+    text = re.sub(r"([\\|`*<>\[\]$~]|^#)", r"\\\1", _one_line(text))
     text = re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\_", text)
-    return code_again(re.sub(r"&(?=#?\w+;)", "&amp;", text))
-
-
-def code_again(escaped: str) -> str:
-    """Escaped Markdown in which the commands that our own sentences name stay code."""
-    return re.sub(r"\\`(automarine [a-z-]+)\\`", r"`\1`", escaped)
+    return re.sub(r"\\`(automarine [a-z-]+)\\`", r"`\1`", re.sub(r"&(?=#?\w+;)", "&amp;", text))
 
 
 def _markdown_row(row: tuple[Cell, ...]) -> str:
-    return "| " + " | ".join(_markdown(str(cell)) for cell in row) + " |"
+    return "| " + " | ".join(escape(str(cell)) for cell in row) + " |"
 
 
 def _latex(cell: Cell) -> str:

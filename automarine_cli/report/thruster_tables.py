@@ -10,8 +10,8 @@ from itertools import count
 import numpy as np
 
 from automarine_cli.report.figures.thrusters import thruster_figure
-from automarine_cli.report.sections import Content, Sections, numbers, sections
-from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.report.sections import Content, Sections, bullets, document, numbers, sections
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.thrusters.fit import Analysis, FormScore, Parameter
 from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.result import ThrusterFit, scaled
@@ -22,17 +22,17 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 @sections.register
 def _(fit: ThrusterFit) -> Sections:
     printed: list[Table | str] = [*tables(fit), *sentences(fit)]
-    blocks = [part.to_markdown().rstrip("\n") if isinstance(part, Table) else f"- {part}" for part in printed]
     maps = _maps(fit)
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(),
         "thrusters.csv": points_csv(fit),
-        "thrusters.md": "\n\n".join(["# Thruster map", *blocks]) + "\n",
+        "thrusters.md": document(
+            "# Thruster map", "![Thrust](thrusters.png)", *tables(fit), bullets(map(escape, sentences(fit)))
+        ),
         **{name: of_part.to_json() for name, of_part in maps.items()},
     }
     figures = {"thrusters": partial(thruster_figure, fit)}
-    listed = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png", *maps)
-    return Sections(printed, files, figures, listed, tuple(_rows(fit)))
+    return Sections(printed, files, figures, rows=tuple(_rows(fit)))
 
 
 def _maps(fit: ThrusterFit) -> dict[str, ThrusterFit]:
@@ -93,86 +93,66 @@ def sentences(result: ThrusterFit) -> tuple[str, ...]:
 
 def thrusters(result: ThrusterFit) -> Table:
     """One row a thruster where a column names them: its square law, and whether it differs from the others."""
-    rows = []
-    for one in result.compared:
-        if one.why:
-            rows.append((one.name, *[MISSING] * 5, one.why))
-            continue
-        laws = [interval(one.law.get(side)) for side, _ in SIDES]
-        off = [f"{one.percent[side]:+.1f} %" if side in one.percent else MISSING for side, _ in SIDES]
-        verdict = "differs" if one.differs else "alike"
-        rows.append((one.name, str(one.points), laws[0], off[0], laws[1], off[1], verdict))
-    unit = next(iter(result.analysis.square.values())).unit
-    header = (
-        result.logs.by, "points", f"a forward [{unit}]", "from the others", f"a backward [{unit}]", "from the others",
-        "beyond chance",
-    )  # fmt: skip
-    note = (
+    rows, unit = [], next(iter(result.analysis.square.values())).unit
+    for part in result.compared:
+        row: dict[str, object] = {result.logs.by: part.name, "points": MISSING if part.why else str(part.points)}
+        for side, _ in SIDES:
+            off = part.percent.get(side)
+            row[f"a {side} [{unit}]"] = None if part.why else part.law.get(side)
+            row[f"{side} from the others"] = MISSING if part.why or off is None else f"{off:+.1f} %"
+        rows.append(row | {"beyond chance": part.why or ("differs" if part.differs else "alike")})
+    return Table.of(f"Each thruster by itself (column {result.logs.by})", rows, [
         "Square laws [95 % interval] against the median of the others; a thruster differs where chance is below 5 % "
-        "over all of them. The map below is of all together; each has its own file."
-    )
-    return Table(f"Each thruster by itself (column {result.logs.by})", header, tuple(rows), notes=(note,))
+        "over all of them. The map below is of all together; each has its own file.",
+    ])  # fmt: skip
 
 
 def coefficients(result: ThrusterFit) -> Table:
     """Equation 2 for one thruster, and for all that pulled together (equation 3), with 95 % intervals."""
-    analysis, count = result.analysis, result.thrusters_per_test
-    rows = []
-    for name, sign in SIDES:
-        estimate = analysis.square.get(name)
-        points = str(np.count_nonzero(analysis.points.n * sign > 0))
-        if estimate is None:
-            values, unit = (MISSING, MISSING), analysis.without.get(name, "")
-        else:
-            values, unit = (interval(estimate), interval(scaled(estimate, count))), estimate.unit
-        rows.append((name, *values[: min(count, 2)], unit, points, str(analysis.levels.get(name, 0))))
-    header = ("a, one thruster", f"a, {count} thrusters together")
-    return Table(
-        "Square law F = a |n| n, least squares [95 % interval]",
-        ("direction", *header[: min(count, 2)], "unit", "points", "levels"),
-        tuple(rows),
-        notes=(_errors(analysis, analysis.law, analysis.r2),),
-    )
+    analysis, count, rows = result.analysis, result.thrusters_per_test, []
+    for side, sign in SIDES:
+        law = analysis.square.get(side)
+        row = {"direction": side, "a, one thruster": law}
+        if count > 1:
+            row[f"a, {count} thrusters together"] = None if law is None else scaled(law, count)
+        rows.append(row | {
+            "unit": analysis.without.get(side, "") if law is None else law.unit,
+            "points": np.count_nonzero(analysis.points.n * sign > 0),
+            "levels": analysis.levels.get(side, 0),
+        })  # fmt: skip
+    errors = _errors(analysis, analysis.law, analysis.r2)
+    return Table.of("Square law F = a |n| n, least squares [95 % interval]", rows, [errors])
 
 
 def forms(result: ThrusterFit) -> Table:
     """All forms on the same points; errors in percent of full scale; a star marks the chosen one."""
     analysis = result.analysis
-    rows = []
-    for score in analysis.selection.scores:
-        chosen = score.form.name == analysis.chosen.form.name
-        bounds = [f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at]
-        rows.append(
-            (
-                score.form.name + (" *" if chosen else ""),
-                str(score.form.parameters),
-                number(score.cv_rmse, 3),
-                number(analysis.percent(score.cv_rmse), 3),
-                number(score.rmse, 3),
-                number(analysis.percent(score.rmse), 3),
-                "yes" if score.within_reach else "no",
-                "; ".join(bounds),
-            )
-        )
-    header = (
-        "form", "parameters", "cv rmse [N]", "cv [% of full scale]", "rmse [N]", "rmse [% of full scale]",
-        "within 1 s.e. of best", "at bound",
-    )  # fmt: skip
-    return Table(
-        "Forms side by side, cross-validated over levels (parameters in each direction; * chosen)", header, tuple(rows)
-    )
+    rows = [
+        {
+            "form": score.form.name + " *" * (score.form.name == analysis.chosen.form.name),
+            "parameters": score.form.parameters,
+            "cv rmse [N]": number(score.cv_rmse, 3),
+            "cv [% of full scale]": number(analysis.percent(score.cv_rmse), 3),
+            "rmse [N]": number(score.rmse, 3),
+            "rmse [% of full scale]": number(analysis.percent(score.rmse), 3),
+            "within 1 s.e. of best": "yes" if score.within_reach else "no",
+            "at bound": "; ".join(f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at),
+        }
+        for score in analysis.selection.scores
+    ]
+    title = "Forms side by side, cross-validated over levels (parameters in each direction; * chosen)"
+    return Table.of(title, rows)
 
 
 def parameters(result: ThrusterFit) -> Table:
     """The chosen form's parameters in each direction, and how well it fits; the square law says that beside its a."""
     analysis, chosen = result.analysis, result.analysis.chosen
-    rows = [(side, name, _parameter(one), one.unit) for (name, side), one in analysis.estimates.items()]
-    return Table(
-        f"Chosen form {chosen.form.name}: {chosen.form.equation}",
-        ("direction", "parameter", "value [95 % interval]", "unit"),
-        tuple(rows),
-        notes=() if _square(analysis) else (_errors(analysis, chosen, analysis.chosen_r2),),
-    )
+    rows = [
+        {"direction": side, "parameter": name, "value [95 % interval]": _parameter(value), "unit": value.unit}
+        for (name, side), value in analysis.estimates.items()
+    ]
+    errors = [] if _square(analysis) else [_errors(analysis, chosen, analysis.chosen_r2)]
+    return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, errors)
 
 
 def _square(analysis: Analysis) -> bool:
@@ -201,51 +181,52 @@ def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
 
 def voltages(result: ThrusterFit) -> Table:
     """One row a voltage: the square law's coefficients and error, the chosen form and its error."""
-    rows = []
-    for volts, analysis in result.voltages:
-        chosen = analysis.chosen
-        errors = [number(analysis.percent(score.rmse), 3) for score in (analysis.law, chosen)]
-        laws = [interval(analysis.square.get(name)) for name, _ in SIDES]
-        rows.append((number(volts), *laws, errors[0], chosen.form.name, errors[1], number(analysis.full_scale)))
     unit = next(iter(result.analysis.square.values())).unit
-    header = (
-        "voltage [V]", f"a forward [{unit}]", f"a backward [{unit}]", "square law [%]", "chosen form",
-        "chosen form [%]", "full scale [N]",
-    )  # fmt: skip
-    return Table("A map for each voltage (errors in percent of that voltage's full scale)", header, tuple(rows))
+    rows = [
+        {
+            "voltage [V]": volts,
+            **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},
+            "square law [%]": number(analysis.percent(analysis.law.rmse), 3),
+            "chosen form": analysis.chosen.form.name,
+            "chosen form [%]": number(analysis.percent(analysis.chosen.rmse), 3),
+            "full scale [N]": analysis.full_scale,
+        }
+        for volts, analysis in result.voltages
+    ]
+    return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", rows)
 
 
 def exponents(result: ThrusterFit) -> Table:
     """Thrust against voltage as a power law, at a fixed control signal and through a."""
-    rows = []
-    for name, _ in SIDES:
-        found = result.exponents.get(name)
-        if found is None:
-            continue
-        pairs = ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in found.between) or MISSING
-        drift = f"{found.drift_percent:+.1f} %"
-        rows.append((name, interval(found.exponent), pairs, interval(found.coefficient), drift))
-    return Table(
-        "Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]",
-        ("direction", "p", "between neighbouring voltages", "exponent of a", "drift of a, lowest to highest"),
-        tuple(rows),
-    )
+    rows = [
+        {
+            "direction": side,
+            "p": power.exponent,
+            "between neighbouring voltages": ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in
+                                                       power.between) or MISSING,
+            "exponent of a": power.coefficient,
+            "drift of a, lowest to highest": f"{power.drift_percent:+.1f} %",
+        }
+        for side, _ in SIDES
+        if (power := result.exponents.get(side)) is not None
+    ]  # fmt: skip
+    return Table.of("Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]", rows)
 
 
 def flagged(result: ThrusterFit) -> Table:
     """Points that contradict their neighbours, with weight and reason; the heaviest contradictions first."""
     points = result.points
     order = sorted(np.flatnonzero(points.flag != ""), key=lambda index: (points.weight[index], index))
-    rows = tuple(
-        (
-            result.place(int(i)), number(points.n[i]), number(points.force[i]), number(points.weight[i], 2),
-            str(points.flag[i]),
-        )
+    rows = [
+        {
+            "log": result.place(int(i)), "n": float(points.n[i]), "thrust [N]": float(points.force[i]),
+            "weight": number(points.weight[i], 2), "why": str(points.flag[i]),
+        }
         for i in order[:SHOWN]
-    )  # fmt: skip
-    more = (f"and {len(order) - SHOWN} more, see thrusters.csv",) if len(order) > SHOWN else ()
+    ]  # fmt: skip
+    more = [f"and {len(order) - SHOWN} more, see thrusters.csv"] * (len(order) > SHOWN)
     title = f"{len(order)} of {len(points)} points have reduced weight: outliers from their neighbours"
-    return Table(title, ("log", "n", "thrust [N]", "weight", "why"), rows, notes=more)
+    return Table.of(title, rows, more)
 
 
 def points_csv(result: ThrusterFit) -> str:

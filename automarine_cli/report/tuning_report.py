@@ -8,14 +8,14 @@ import numpy as np
 from automarine_cli.control.design import Designed
 from automarine_cli.control.flown import TuningCheck, in_print
 from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, margins_of, promises
+from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
+from automarine_cli.pipeline.result_files import TUNING
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.kinds import TUNING
 
 VERDICTS = {
     "gains": "New gains.", "leave": "Leave the gains as they are.", "cannot-promise": "No promise can be made.",

@@ -1,6 +1,6 @@
 """What `validate` shows: every model over all runs, every run under every model, a figure of each run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 
 from automarine_cli.comparison.planar import SCORES as PLANAR_SCORES
@@ -12,21 +12,16 @@ from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.innovations import channel_sentences, measured_noises
 from automarine_cli.pipeline.results_folder import file_stems
-from automarine_cli.report.figures.planar import planar_figure
-from automarine_cli.report.figures.validation import validation_figure
-from automarine_cli.report.sections import Sections, sections
-from automarine_cli.report.tables import MISSING, Cell, Table, number
+from automarine_cli.report.figures.runs import planar_figure, validation_figure
+from automarine_cli.report.sections import Sections, document, forms_of, sections
+from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.run import command_warnings
 
 LISTED = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
-
 HEADINGS = {
-    "rmse": "rmse {shown_unit}",
-    "max_abs": "max {shown_unit}",
-    "fit_percent": "fit %",
-    "restarted_rmse": "restarted rmse {shown_unit}",
-    "rate_rmse": "{speed} rmse {shown_unit}/s",
-}
+    "rmse": "rmse {shown_unit}", "max_abs": "max {shown_unit}", "fit_percent": "fit %",
+    "restarted_rmse": "restarted rmse {shown_unit}", "rate_rmse": "{speed} rmse {shown_unit}/s",
+}  # fmt: skip
 PLANAR_HEADINGS = {
     "heading_rmse_deg": "heading deg", "heading_max_abs_deg": "max deg", "position_rmse_m": "position m",
     "position_max_abs_m": "max m", "surge_rmse_m_s": "surge m/s", "sway_rmse_m_s": "sway m/s",
@@ -42,17 +37,14 @@ def _(result: Validation) -> Sections:
     headline = [] if ahead is None else [ahead.sentence]
     tables = [*([] if ahead is None else [ahead_table(ahead)]), overall_table(compared), run_table(compared)]
     sensors = channel_sentences(result.channels, measured_noises(compared.runs, dof), dof)
-    page = [*headline, *[""] * bool(headline), *(table.to_markdown() for table in tables), *sensors]
     free = [{model: scored.free[i] for model, scored in compared.models.items()} for i in range(len(compared.runs))]
     names = (f"validation_{stem}" for stem in file_stems([run.name for run in compared.runs]))
+    files = {"validation.json": result.to_json()} | forms_of("validation", *tables)
+    files["validation.csv"] = score_table(compared).to_csv()
+    files["validation.md"] = document(*headline, *tables, *sensors)
     return Sections(
         [*(f"Warning: {warning}" for warning in command_warnings(compared.runs)), *headline, *tables, *sensors],
-        {
-            "validation.json": result.to_json(),
-            "validation.csv": score_table(compared).to_csv(),
-            "validation.md": "\n".join([*page, *[""] * bool(sensors)]),
-            "validation.tex": "\n".join(table.to_latex() for table in tables),
-        },
+        files,
         {name: partial(validation_figure, *pair) for name, pair in zip(names, zip(free, compared.floors))},
         LISTED,
         [
@@ -69,12 +61,7 @@ def _(result: PlanarValidation) -> Sections:
     names = (f"validation_{stem}" for stem in file_stems([free.run.name for free in result.free]))
     return Sections(
         [table],
-        {
-            "validation.json": result.to_json(),
-            "validation.csv": table.to_csv(),
-            "validation.md": table.to_markdown(),
-            "validation.tex": table.to_latex(),
-        },
+        {"validation.json": result.to_json()} | forms_of("validation", table),
         {name: partial(planar_figure, free) for name, free in zip(names, result.free)},
         LISTED,
         [{"run": free.run.name, "model": PLANAR.name, **free.scores} for free in result.free],
@@ -84,44 +71,35 @@ def _(result: PlanarValidation) -> Sections:
 def planar_table(result: PlanarValidation) -> Table:
     """Lay out one row a run, and one over all."""
 
-    def cells(scores: Mapping[str, float | None]) -> list[str]:
-        return [MISSING if (value := scores[name]) is None else number(value, 3) for name in PLANAR_SCORES]
+    def row(run: str, length: float | None, scores: Mapping[str, float | None]) -> dict[str, str]:
+        values = {PLANAR_HEADINGS[name]: number(scores.get(name), 3) for name in PLANAR_SCORES}
+        return {"run": run, "s": number(length, 3)} | values
 
-    rows = [
-        (
-            free.run.name,
-            number(float(free.run.time[-1] - free.run.time[0]), 3),
-            *((DIVERGED, *[MISSING] * 6) if free.diverged else cells(free.scores)),
-        )
-        for free in result.free
-    ]
-    rows.append(("all runs", MISSING, *cells(planar_overall(result.free))))
+    rows = []
+    for free in result.free:
+        rows.append(row(free.run.name, float(free.run.time[-1] - free.run.time[0]), free.scores))
+        if free.diverged:
+            rows[-1] |= dict.fromkeys(PLANAR_HEADINGS.values(), MISSING) | {"heading deg": DIVERGED}
+    rows.append(row("all runs", None, planar_overall(result.free)))
     count = len(result.free)
-    return Table(
-        f"Validation over {count} run{'s' * (count != 1)}: surge, sway and yaw together",
-        ("run", "s", *(PLANAR_HEADINGS[name] for name in PLANAR_SCORES)),
-        tuple(rows),
-        notes=(
-            "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
-            "of measured less simulated.",
-            "A position adds up every error of speed and heading: judge a long run by its velocities.",
-        ),
-    )
+    title = f"Validation over {count} run{'s' * (count != 1)}: surge, sway and yaw together"
+    return Table.of(title, rows, (
+        "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
+        "of measured less simulated.",
+        "A position adds up every error of speed and heading: judge a long run by its velocities.",
+    ))  # fmt: skip
 
 
 def overall_table(comparison: Comparison) -> Table:
     """Models down, scores across, each with its 95 % interval over runs."""
-    rows = []
+    rows, dof, count = list[dict[str, str]](), _dof(comparison), len(comparison.runs)
     for model, scored in comparison.models.items():
-        if scored.diverged:
-            rows.append((model, DIVERGED, *(MISSING for _ in SCORES[1:])))
-        else:
-            rows.append((model, *(_cell(name, scored.overall[name]) for name in SCORES)))
-    header = ("model", *(_dof(comparison).fill(HEADINGS[name]) for name in SCORES))
-    count = len(comparison.runs)
-    title = f"Validation over {count} run{'s' * (count != 1)}"
+        cells = dict.fromkeys(SCORES, MISSING) | {SCORES[0]: DIVERGED}
+        if not scored.diverged:
+            cells = {name: _cell(name, scored.overall[name]) for name in SCORES}
+        rows.append({"model": model} | {dof.fill(HEADINGS[name]): cell for name, cell in cells.items()})
     notes = (comparison.because, *_notes(comparison))
-    return Table(title, header, tuple(rows), notes=notes)
+    return Table.of(f"Validation over {count} run{'s' * (count != 1)}", rows, notes)
 
 
 def _dof(comparison: Comparison) -> Dof:
@@ -130,98 +108,94 @@ def _dof(comparison: Comparison) -> Dof:
 
 def run_table(comparison: Comparison) -> Table:
     """One line for each run: noise level, then free-run and restarted rmse of each model."""
-    numbers, dof = tuple(comparison.models), _dof(comparison)
-    header = (
-        "run",
-        "s",
-        f"noise {dof.units.shown}",
-        *(f"model {n}" for n in numbers),
-        *(f"{n} restarted" for n in numbers),
-        "horizon s",
-        "start",
-    )
-    rows = []
+    rows, dof = list[dict[str, str]](), _dof(comparison)
     for i, run in enumerate(comparison.runs):
-        scores = [comparison.models[n].scores[i] for n in numbers]
-        free = [DIVERGED if one.diverged else number(one.value("rmse"), 3) for one in scores]
-        again = [number(one.value("restarted_rmse"), 3) for one in scores]
-        start = scores[0].start.how.split(":")[0]
-        length = number(float(run.time[-1] - run.time[0]), 3)
-        floor, horizon = number(comparison.floors[i], 2), number(comparison.restarts[i].horizon, 3)
-        rows.append((run.name, length, floor, *free, *again, horizon, start))
+        scores = {model: scored.scores[i] for model, scored in comparison.models.items()}
+        free = {
+            f"model {model}": DIVERGED if score.diverged else number(score.value("rmse"), 3)
+            for model, score in scores.items()
+        }
+        row: dict[str, str] = {
+            "run": run.name,
+            "s": number(float(run.time[-1] - run.time[0]), 3),
+            f"noise {dof.units.shown}": number(comparison.floors[i], 2),
+            **free,
+            **{f"{model} restarted": number(score.value("restarted_rmse"), 3) for model, score in scores.items()},
+            "horizon s": number(comparison.restarts[i].horizon, 3),
+            "start": next(iter(scores.values())).start.how.split(":")[0],
+        }
+        rows.append(row)
     title = f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
-    return Table(title, header, tuple(rows))
+    return Table.of(title, rows)
 
 
 def ahead_table(ahead: Ahead) -> Table:
     """One line for each model and horizon: its error beside those of somebody who expects no change."""
     dof, unit = ahead.dof, ahead.dof.units.shown
-    header = (
-        "model",
-        "s ahead",
-        f"error {unit}",
-        f"constant {dof.words.speed} {unit}",
-        f"constant {dof.position} {unit}",
-        "predictions",
-    )
-    rows = []
-    for model, worth in ahead.worth.items():
-        for one in worth:
-            sizes = (number(float(dof.shown(x)), 3) for x in (one.error, one.constant_rate, one.constant))
-            rows.append((model, f"{one.horizon:g}", *sizes, str(one.count)))
-    notes = (
+    rows = [
+        {
+            "model": model,
+            "s ahead": f"{worth.horizon:g}",
+            f"error {unit}": number(float(dof.shown(worth.error)), 3),
+            f"constant {dof.words.speed} {unit}": number(float(dof.shown(worth.constant_rate)), 3),
+            f"constant {dof.position} {unit}": number(float(dof.shown(worth.constant)), 3),
+            "predictions": worth.count,
+        }
+        for model, each in ahead.worth.items()
+        for worth in each
+    ]
+    return Table.of("Predictions from the filtered state", rows, (
         "Root mean square errors on these driven and disturbed runs. The filter knows the readings until each "
         "prediction begins, and the commands after that; how large disturbances and noise are is fitted on these runs, "
         "the models are left as they are.",
         f"A constant {dof.words.speed} is the slope of the last readings, over the time that predicts best.",
-    )
-    return Table("Predictions from the filtered state", header, tuple(rows), notes=notes)
+    ))  # fmt: skip
 
 
 def score_table(comparison: Comparison) -> Table:
     """Everything, one line for each run and model and one for each model over all runs: for programs."""
-    dof = _dof(comparison)
-    keys = [score_key(name, dof) for name in SCORES]
-    floor = f"noise_floor_{dof.units.key}"
-    header = ("run", "model", *keys, floor, "restarted_horizon_s", "restarted_at", "start")
-    rows: list[tuple[Cell, ...]] = []
+    dof, rows = _dof(comparison), list[dict[str, str]]()
+
+    def row(run: str, model: str, values: Mapping[str, float | None], floor: float) -> dict[str, str]:
+        cells = {score_key(name, dof): number(value, 6) for name, value in values.items()}
+        return {"run": run, "model": model, **cells, f"noise_floor_{dof.units.key}": number(floor, 6)}
+
     for i, run in enumerate(comparison.runs):
         restarts = comparison.restarts[i]
         for model, scored in comparison.models.items():
-            one = scored.scores[i]
-            cells = (number(one.value(name), 6) for name in SCORES)
-            tail = (number(comparison.floors[i], 6), number(restarts.horizon, 6), restarts.rule, one.start.how)
-            rows.append((run.name, model, *cells, *tail))
+            score = scored.scores[i]
+            values = {name: score.value(name) for name in SCORES}
+            tail = {"restarted_at": restarts.rule, "start": score.start.how}
+            horizon = {"restarted_horizon_s": number(restarts.horizon, 6)}
+            rows.append(row(run.name, model, values, comparison.floors[i]) | horizon | tail)
     for model, scored in comparison.models.items():
-        cells = (number(scored.overall[name].value, 6) for name in SCORES)
-        tail = (number(comparison.floor, 6), MISSING, MISSING, MISSING)
-        rows.append(("all runs", model, *cells, *tail))
-    return Table("Scores", header, tuple(rows))
+        values = {name: scored.overall[name].value for name in SCORES}
+        tail = dict.fromkeys(("restarted_horizon_s", "restarted_at", "start"), MISSING)
+        rows.append(row("all runs", model, values, comparison.floor) | tail)
+    return Table.of("Scores", rows)
 
 
 def _cell(name: str, score: Overall) -> str:
     """A score and its interval with the decimals that suit its kind."""
     if score.value is None:
         return MISSING
-    decimals = 1 if name == "fit_percent" else 2
-    text = f"{score.value:.{decimals}f}"
-    if score.ci95 is None:
-        return text
-    return f"{text} [{score.ci95[0]:.{decimals}f}, {score.ci95[1]:.{decimals}f}]"
+    form = ".1f" if name == "fit_percent" else ".2f"
+    between = "" if score.ci95 is None else f" [{score.ci95[0]:{form}}, {score.ci95[1]:{form}}]"
+    return f"{score.value:{form}}{between}"
 
 
 def _notes(comparison: Comparison) -> list[str]:
     """What each score means: its horizon, its start state, and what no model can undercut."""
-    starts = [one.start.how for one in next(iter(comparison.models.values())).free]
+    starts = [free.start.how for free in next(iter(comparison.models.values())).free]
     rest, dof = sum(how.startswith("from rest") for how in starts), _dof(comparison)
-    rules = dict.fromkeys(restarts.rule for restarts in comparison.restarts)
+    *rules, last = dict.fromkeys(restarts.rule for restarts in comparison.restarts)
     logged = sum(dof.velocity in run.extras for run in comparison.runs)
     rate = f"the log in {logged} runs, else " if logged else ""
     notes = [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "
         + _starts(rest, len(starts), dof),
-        f"Restarted {_listed(list(rules))}; {dof.position} and {dof.words.speed} smoothed there, "
-        "whose own error even a perfect model shows.",
+        f"Restarted {'; '.join([*rules, f'or {last}']) if rules else last}; {dof.position} and {dof.words.speed} "
+        "smoothed there, whose own error even a perfect model shows.",
         f"Measured {dof.words.rate} from {rate}the smoothed {dof.position}."
         if logged < len(starts)
         else f"Measured {dof.words.rate} from the logs.",
@@ -243,7 +217,3 @@ def _starts(rest: int, runs: int, dof: Dof) -> str:
     if rest == runs:
         return f"All {still}."
     return f"All start {moving}." if rest == 0 else f"{rest} of {runs} {still}; the others {moving}."
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{'; '.join(words[:-1])}; or {words[-1]}"

@@ -3,102 +3,91 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.cautions import DRAG, INERTIA, Caution
+from automarine_cli.estimate import Estimate
+from automarine_cli.fits.cautions import DRAG, INERTIA
 from automarine_cli.fits.driven import Use
 from automarine_cli.fits.half_turns import instant
 from automarine_cli.fits.identify import YawFit, effect_estimates
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, fit_sentences
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit
-from automarine_cli.fits.paper import DragFit, VelocityErrorFit, nested_test
+from automarine_cli.fits.paper import DragFit, nested_test
 from automarine_cli.fits.whole_runs import OutputErrorFit, Ways
+from automarine_cli.report.figures import runs
 from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.figures.yaw import driven_runs_figure
-from automarine_cli.report.sections import Content, Sections, numbers, sections
+from automarine_cli.report.sections import Content, Sections, forms_of, numbers, sections
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import shared_readings
 
 MODELS = ("1", "2", "3")
 HEADER: tuple[Cell, ...] = ("Model", *MODELS)
+LIKELIEST = ", maximum likelihood"
 
 
-def drag_table(
-    seed: VelocityErrorFit | None, ml: Mapping[str, OutputErrorFit], unit: str, notes: tuple[str, ...], dof: Dof
-) -> Table:
-    """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood
-    below."""
-    fits: Mapping[str, DragFit] = {} if seed is None else seed.drag
-    own = dof.symbols
-    quadratic, linear = Math(own.quadratic_print, own.quadratic_math), Math(own.linear, own.linear_math)
-
-    def of(name: str, form: Callable[[Estimate], str]) -> list[str]:
-        return [form(fits[m].estimates[name]) if m in fits and name in fits[m].estimates else MISSING for m in MODELS]
-
-    own = dof.symbols
-    rows: list[tuple[Cell, ...]] = [
-        (quadratic, *of(own.quadratic, lambda e: number(e.value))),
-        (linear, *of(own.linear, lambda e: number(e.value))),
-        ("SSE", *(number(fits[m].sse) if m in fits else MISSING for m in MODELS)),
-        (replace(quadratic, after=", 95 %"), *of(own.quadratic, interval)),
-        (replace(linear, after=", 95 %"), *of(own.linear, interval)),
-        ("AICc", *(number(fits[m].aicc) if m in fits else MISSING for m in MODELS)),
-        ("F test against 2, p", *(_f_test(fits, m) for m in MODELS)),
-        (replace(quadratic, after=", maximum likelihood"), *(_ml(ml, m, own.quadratic) for m in MODELS)),
-        (replace(linear, after=", maximum likelihood"), *(_ml(ml, m, own.linear) for m in MODELS)),
-        (
-            "log density of left-out runs",
-            *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
-        ),
-    ]
-    rows += [*_force_rows(fits, ml, dof), *_effect_rows(ml)]
+def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
+    """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
+    dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
+    fits: Mapping[str, DragFit] = {} if fit.seed_method is None else fit.seed_method.drag
+    quadratic, linear = Math(symbols.quadratic_print, symbols.quadratic_math), Math(symbols.linear, symbols.linear_math)
+    of = {quadratic: symbols.quadratic, linear: symbols.linear}
+    rows = [
+        *(_row(symbol, fits, partial(_value, key)) for symbol, key in of.items()),
+        _row("SSE", fits, lambda drag: number(drag.sse)),
+        *(_row(_with(symbol, ", 95 %"), fits, partial(_between, key)) for symbol, key in of.items()),
+        _row("AICc", fits, lambda drag: number(drag.aicc)),
+        _row("F test against 2, p", {m: drag for m, drag in fits.items() if m != "2" and "2" in fits},
+             lambda drag: number(nested_test(drag, fits["2"])["p_value"], 2)),
+        *(_row(_with(symbol, LIKELIEST), ml, partial(_between, key)) for symbol, key in of.items()),
+        _row("log density of left-out runs", ml, lambda fit: number(float(fit.mixed.predictive.sum()), 6)),
+    ]  # fmt: skip
+    if dof.directional:
+        ways = {m: model.ways for m, model in ml.items() if model.ways}
+        for way in dof.words.ways:
+            rows.append(_row(f"drag {way}{LIKELIEST}", {m: of.drag[way] for m, of in ways.items()}, interval))
+        rows.append(_row("one drag both ways, p", ways, lambda ways: number(ways.p_value, 2)))
+    if dof.has_constant:
+        constant = symbols.constant
+        rows.append(_row("constant force, 95 %", fits, partial(_between, constant)))
+        rows.append(_row(f"constant force{LIKELIEST}", ml, partial(_between, constant)))
+    each = {model: effect_estimates(likeliest) for model, likeliest in ml.items()}
+    names = {(effect, name): one.unit for groups in each.values() for effect, group in groups.items()
+             for name, one in group.items() if one.stderr > 0}  # fmt: skip
+    for (effect, name), shown in names.items():
+        of_effect = {m: groups[effect][name] for m, groups in each.items() if effect in groups}
+        rows.append(_row(f"{effect} {name} [{shown}]{LIKELIEST}", of_effect, interval))
     squared = f"({unit})²" if " " in unit else f"{unit}²"
-    unit_note = (
+    units = (
         f"{dof.words.force.capitalize()} [{unit}], {quadratic} [{dof.unit_of('quadratic', unit)}], "
         f"{linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain least squares; brackets are 95 % "
         "intervals."
     )
-    notes = (unit_note, *_signs(dof), *notes)
-    return Table(f"Table 1. Identified {dof.name} models: drag", HEADER, tuple(rows), (3, 7), notes)
+    title = f"Table 1. Identified {dof.name} models: drag"
+    return Table(title, HEADER, tuple(rows), (3, 7), (units, *_signs(dof), *notes)).without_empty_rows()
 
 
-def _effect_rows(ml: Mapping[str, OutputErrorFit]) -> list[tuple[Cell, ...]]:
-    """The effects that were fitted beside drag."""
-    each = {number: effect_estimates(fit) for number, fit in ml.items()}
-    names = {(e, name): one.unit for own in each.values() for e, group in own.items() for name, one in group.items()
-             if one.stderr > 0}  # fmt: skip
-    return [
-        (
-            f"{effect} {name} [{unit}], maximum likelihood",
-            *(interval(each[m][effect][name]) if effect in each.get(m, {}) else MISSING for m in MODELS),
-        )
-        for (effect, name), unit in names.items()
-    ]
+def _row(label: Cell, of_model: Mapping[str, Any], cell: Callable[[Any], str]) -> tuple[Cell, ...]:
+    """A row with a cell of each model, and a dash for one that has none."""
+    return (label, *(cell(of_model[model]) if model in of_model else MISSING for model in MODELS))
 
 
-def _force_rows(fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], dof: Dof) -> list[tuple[Cell, ...]]:
-    """What only translations have: the drag of each way, and the constant force."""
-    rows: list[tuple[Cell, ...]] = []
-    if dof.directional:
-        asked = {m: ml[m].ways for m in MODELS if m in ml}
-        for way in dof.words.ways:
-            cells = (interval(ways.drag[way]) if (ways := asked.get(m)) else MISSING for m in MODELS)
-            rows.append((f"drag {way}, maximum likelihood", *cells))
-        tests = (number(ways.p_value, 2) if (ways := asked.get(m)) else MISSING for m in MODELS)
-        rows.append(("one drag both ways, p", *tests))
-    if dof.has_constant:
-        constant = dof.symbols.constant
-        least = [fits[m].estimates.get(constant) if m in fits else None for m in MODELS]
-        rows.append(("constant force, 95 %", *(interval(e) if e is not None else MISSING for e in least)))
-        rows.append(("constant force, maximum likelihood", *(_ml(ml, m, constant) for m in MODELS)))
-    return rows
+def _with(symbol: Math, after: str) -> Math:
+    return replace(symbol, after=symbol.after + after)
+
+
+def _value(name: str, fit: DragFit) -> str:
+    return number(fit.estimates[name].value) if name in fit.estimates else MISSING
+
+
+def _between(name: str, fit: DragFit | OutputErrorFit) -> str:
+    return interval(fit.estimates.get(name))
 
 
 def _signs(dof: Dof) -> tuple[str, ...]:
@@ -127,65 +116,35 @@ def _signs(dof: Dof) -> tuple[str, ...]:
     )
 
 
-def inertia_table(
-    seed: VelocityErrorFit | None,
-    ml: Mapping[str, OutputErrorFit],
-    unit: str,
-    notes: tuple[str, ...],
-    means: bool,
-    dof: Dof,
-) -> Table:
-    """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and the mean at each
-    moment below."""
-    tables = {} if seed is None else seed.inertia
-    own = dof.symbols
+def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
+    """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and the mean at each moment
+    below."""
+    dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
+    tables = {} if fit.seed_method is None else fit.seed_method.inertia
+    inertia = Math(symbols.inertia, symbols.inertia_math)
     ratio = Math(
-        f"{own.inertia}/{own.quadratic_print}", f"{own.inertia_math}/{own.quadratic_math}", f" [{dof.units.base}]"
-    )
-    inertia = Math(own.inertia, own.inertia_math)
-    rows: list[tuple[Cell, ...]] = [
-        (inertia, *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS)),
-        (replace(inertia, after=", 95 %"), *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
-        (replace(inertia, after=", maximum likelihood"), *(_ml(ml, m, own.inertia) for m in MODELS)),
-        (
-            replace(ratio, after=f"{ratio.after}, maximum likelihood"),
-            *(interval(ml[m].inertial_turn_angle) if m in ml else MISSING for m in MODELS),
-        ),
+        f"{symbols.inertia}/{symbols.quadratic_print}", f"{symbols.inertia_math}/{symbols.quadratic_math}",
+        f" [{dof.units.base}]",
+    )  # fmt: skip
+    rows = [
+        _row(inertia, tables, lambda table: number(table.overall.value)),
+        _row(_with(inertia, ", 95 %"), tables, lambda table: interval(table.overall)),
+        _row(_with(inertia, LIKELIEST), ml, partial(_between, symbols.inertia)),
+        _row(_with(ratio, LIKELIEST), ml, lambda fit: interval(fit.inertial_turn_angle)),
     ]
-    asked = {m: ml[m].ways for m in MODELS if m in ml} if dof.directional else {}
     for way in dof.words.ways if dof.directional else ():
-        far = (ways.distance.get(way) if (ways := asked.get(m)) else None for m in MODELS)
-        cells = (MISSING if one is None else interval(one) for one in far)
-        rows.append((replace(ratio, after=f"{ratio.after} {way}, maximum likelihood"), *cells))
+        ways = {m: model.ways for m, model in ml.items() if model.ways}
+        far = {m: of.distance.get(way) for m, of in ways.items()}
+        rows.append(_row(_with(ratio, f" {way}{LIKELIEST}"), far, interval))
     levels = sorted({level for table in tables.values() for level in table.per_moment}) if means else []
     for level in levels:
-        row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)
-        rows.append((f"mean at {level:+.4g} {unit}", *row))
+        mean = {m: table.per_moment[level] for m, table in tables.items()}
+        rows.append(_row(f"mean at {level:+.4g} {unit}", mean, number))
     rules = (1, len(rows) - len(levels)) if levels else (1,)
-    unit_note = f"{own.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals"
-    each = f"means over the runs at each {dof.words.force} are by the velocity error"
-    notes = (f"{unit_note}; {each}." if levels else f"{unit_note}.", *notes)
+    each = f"; means over the runs at each {dof.words.force} are by the velocity error" * bool(levels)
+    unit_note = f"{symbols.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals{each}."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
-    return Table(title, HEADER, tuple(rows), rules, notes)
-
-
-def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Notes below Table 1, on drag, and below Table 2, on inertia."""
-    return (
-        tuple(one.sentence for one in cautions if set(DRAG) & set(one.parameters)),
-        tuple(one.sentence for one in cautions if INERTIA in one.parameters),
-    )
-
-
-def _ml(ml: Mapping[str, OutputErrorFit], model: str, name: str) -> str:
-    fit = ml.get(model)
-    return interval(fit.estimates[name]) if fit is not None and name in fit.estimates else MISSING
-
-
-def _f_test(fits: Mapping[str, DragFit], model: str) -> str:
-    if model == "2" or model not in fits or "2" not in fits:
-        return MISSING
-    return number(nested_test(fits[model], fits["2"])["p_value"], 2)
+    return Table(title, HEADER, tuple(rows), rules, (unit_note, *notes)).without_empty_rows()
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
@@ -194,10 +153,10 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
     """
     notes = (fit.seed_method.tail_because(fit.dof),) if fit.seed_method is not None else (f"{fit.why_no_seed_method}.",)
-    drag, inertia = ((), ()) if short else caution_notes(fit.cautions)
-    one = drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag), fit.dof)
-    two = inertia_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *inertia), not short, fit.dof)
-    return one, two
+    cautions = () if short else fit.cautions
+    drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))
+    inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
+    return drag_table(fit, (*notes, *drag)), inertia_table(fit, (*notes, *inertia), not short)
 
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
@@ -276,14 +235,14 @@ def _by_way(ways: Ways, dof: Dof) -> str:
 
 @sections.register
 def _(fit: YawFit) -> Sections:
-    files: dict[str, Content] = {f"{fit.dof.name}_model.json": fit.to_json()}
+    model = f"{fit.dof.name}_model.json"
+    files: dict[str, Content] = {model: fit.to_json()}
     for name, table in zip(("table1", "table2"), tables(fit)):
-        files |= {f"{name}.csv": table.to_csv(), f"{name}.md": table.to_markdown(), f"{name}.tex": table.to_latex()}
-    files["runs.parquet"] = parquet(run_rows(fit))
+        files |= forms_of(name, table)
+    files["runs.parquet"] = parquet(pa.Table.from_pylist(run_rows(fit)))
     drawings = _drawings(fit)
-    listed = (f"{fit.dof.name}_model.json", "table1 and table2 (.csv, .md, .tex)", "runs.parquet")
-    printed: tuple[Table | str, ...] = (*tables(fit, short=True), *sentences(fit))
-    return Sections(printed, files, drawings, (*listed, *(f"{name}.png" for name in drawings)), tuple(_numbers(fit)))
+    listed = (model, "table1 and table2 (.csv, .md, .tex)", "runs.parquet", *(f"{name}.png" for name in drawings))
+    return Sections((*tables(fit, short=True), *sentences(fit)), files, drawings, listed, tuple(_numbers(fit)))
 
 
 def _drawings(fit: YawFit) -> dict[str, Draw]:
@@ -292,8 +251,8 @@ def _drawings(fit: YawFit) -> dict[str, Draw]:
     if seed is None or data is None:
         use = fit.use
         if isinstance(use, Use):
-            return {"whole_runs": partial(driven_runs_figure, fit, use)}
-        return {"whole_runs": partial(figures.whole_runs_figure, fit)}
+            return {"whole_runs": partial(runs.driven_runs_figure, fit, use)}
+        return {"whole_runs": partial(runs.whole_runs_figure, fit)}
     return {
         fit.dof.steps_key: partial(figures.half_turns_figure, fit),
         "drag": partial(figures.drag_figure, fit, seed),
@@ -322,83 +281,53 @@ def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
             yield {"model": model, "method": "velocity error", "parameter": name} | numbers(estimate)
 
 
-def run_rows(fit: YawFit) -> pa.Table:
+def run_rows(fit: YawFit) -> list[dict[str, object]]:
     """One row a run: what was kept of it, why, and what both methods found in it."""
-    return pa.Table.from_pylist(_rows(fit))
-
-
-def _rows(fit: YawFit) -> list[dict[str, object]]:
-    dof, words = fit.dof, fit.dof.words
-    shown, shown_rate = dof.units.key, dof.units.rate_key
-    mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
-    if isinstance(fit.use, Use):
-        return _driven_rows(fit, fit.use)
+    dof, words, data, seed = fit.dof, fit.dof.words, fit.data, fit.seed_method
+    key, rate_key, mixed, rows = dof.units.key, dof.units.rate_key, fit.preferred.mixed, list[dict[str, object]]()
+    gains = np.exp(mixed.own(GAIN)[:, 0])
+    if seed is None or data is None or isinstance(fit.use, Use):
+        for i, run in enumerate(fit.runs):
+            length = float(run.time[-1] - run.time[0])
+            row: dict[str, object] = {"run": run.name, "file": run.source, "samples": len(run), "duration_s": length}
+            if isinstance(fit.use, Use):  # what was predicted of it when it was left out of the fit
+                row["gain"] = float(gains[i])
+                for ahead in fit.use.predictions:
+                    square = ahead.by_run(ahead.error, len(fit.runs))[i]
+                    row[f"rmse_{ahead.horizon:g}_s_ahead_{key}"] = float(dof.shown(np.sqrt(square)))
+            else:
+                assert isinstance(mixed, MixedFit)
+                off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
+                row[f"start_{words.speed}_{rate_key}"] = float(dof.shown(mixed.own(START_VELOCITY)[i, 0]))
+                row |= {"gain": float(gains[i]), f"rmse_{key}": float(np.sqrt(np.mean(off**2)))}
+            rows.append(row)
+        return rows
     assert isinstance(mixed, MixedFit)
     read = mixed.reading(dof.position)
-    if fit.seed_method is None or fit.data is None:
-        for i, run in enumerate(fit.runs):
-            off = dof.shown(run.position - read[i][: len(run)])
-            measured.append(
-                {
-                    "run": run.name,
-                    "file": run.source,
-                    "samples": len(run),
-                    "duration_s": float(run.time[-1] - run.time[0]),
-                    f"start_{words.speed}_{shown_rate}": float(dof.shown(mixed.own(START_VELOCITY)[i, 0])),
-                    "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
-                    f"rmse_{shown}": float(np.sqrt(np.mean(off**2))),
-                }
-            )
-        return measured
-    seed, data = fit.seed_method, fit.data
     for i, turn in enumerate(fit.turns):
         off = dof.shown((data.heading[i] - read[i])[data.seen[i]])
-        row: dict[str, object] = {
+        rows.append({
             "run": turn.name,
             "file": turn.step.run.source,
             words.force: turn.moment,
             "time_from_s": float(turn.time[0]),
             "time_to_s": float(turn.time[-1]),
             "samples": len(turn.time),
-            f"{words.gone_key}_{shown}": float(dof.shown(turn.turned)),
+            f"{words.gone_key}_{key}": float(dof.shown(turn.turned)),
             "cut_by": turn.cut_by,
             "steady": turn.steady,
             f"start_{words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
             "switch_from_s": turn.switch_from,
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
-            f"steady_{words.speed}_{shown_rate}": float(dof.shown(seed.tails.rate[i])),
-            f"steady_{words.speed}_stderr_{shown_rate}": float(dof.shown(np.sqrt(seed.variance[i]))),
-            f"velocity_error_{shown}": float(dof.shown(seed.tails.error[i])),
-        }
-        row |= {
-            f"{dof.symbols.inertia}_model_{number}": float(table.per_run[i]) for number, table in seed.inertia.items()
-        }
-        row |= {
-            "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
-            "switch_shift_s": float(data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])),
-            f"rmse_{shown}": float(np.sqrt(np.mean(off**2))),
-        }
-        measured.append(row)
-    return measured
-
-
-def _driven_rows(fit: YawFit, use: Use) -> list[dict[str, object]]:
-    """One row a driven run: its gain, and what was predicted of it when it was left out of the fit."""
-    dof, rows = fit.dof, list[dict[str, object]]()
-    gains = np.exp(fit.preferred.mixed.own(GAIN)[:, 0])
-    squares = {one.horizon: one.by_run(one.error, len(fit.runs)) for one in use.predictions}
-    for i, run in enumerate(fit.runs):
-        row: dict[str, object] = {
-            "run": run.name,
-            "file": run.source,
-            "samples": len(run),
-            "duration_s": float(run.time[-1] - run.time[0]),
+            f"steady_{words.speed}_{rate_key}": float(dof.shown(seed.tails.rate[i])),
+            f"steady_{words.speed}_stderr_{rate_key}": float(dof.shown(np.sqrt(seed.variance[i]))),
+            f"velocity_error_{key}": float(dof.shown(seed.tails.error[i])),
+            **{f"{dof.symbols.inertia}_model_{n}": float(table.per_run[i]) for n, table in seed.inertia.items()},
             "gain": float(gains[i]),
-        }
-        for horizon, square in squares.items():
-            row[f"rmse_{horizon:g}_s_ahead_{dof.units.key}"] = float(dof.shown(np.sqrt(square[i])))
-        rows.append(row)
+            "switch_shift_s": float(data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])),
+            f"rmse_{key}": float(np.sqrt(np.mean(off**2))),
+        })  # fmt: skip
     return rows
 
 

@@ -15,10 +15,9 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.allocation_limits import SINGLE
 from automarine_cli.runs.checks import is_slow, longest_repeat, undriven
 from automarine_cli.runs.noise import slope
-from automarine_cli.runs.run import ASKED, Run, SetAside
+from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import Step, find_steps, start_position
 from automarine_cli.runs.unwrap import Mask
 
@@ -105,14 +104,16 @@ class HalfTurn:
         """Name of the run."""
         return self.step.run.name
 
-    def of(self, run: Run, begin: int = 0) -> "HalfTurn":
-        """The same of another version of the run, which begins with sample `begin` of this one's."""
-        if run is self.step.run:
-            return self
-        step, kept = self.step, slice(self.kept.start - begin, self.kept.stop - begin)
-        rest = None if step.rest is None else slice(max(step.rest.start - begin, 0), step.rest.stop - begin)
-        moved = replace(step, run=run, first=step.first - begin, stop=min(step.stop - begin, len(run)), rest=rest)
-        return replace(self, step=moved, kept=kept, time=run.time[kept], position=run.position[kept])
+    @property
+    def looked_at(self) -> tuple[int, int]:
+        """Where begins and ends what sensors are judged by and figures show: some of the rest, and as much after."""
+        step = self.step
+        begin = max(step.first if step.rest is None else step.rest.start, step.first - MOST_REST)
+        return begin, min(step.stop, 2 * self.kept.stop - step.first)
+
+    def of(self, run: Run) -> "HalfTurn":
+        """Return the same of another version of the run, which has the same samples."""
+        return replace(self, step=replace(self.step, run=run))
 
 
 def all_half_turns(run: Run, trim: Trim = UNTRIMMED) -> list[HalfTurn]:
@@ -128,60 +129,15 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
     good: list[HalfTurn] = []
     aside: list[SetAside] = []
     for run in runs:
-        turn, why = first_half_turn(run, trim)
-        if turn is None:
-            aside.append(SetAside(run.source, run.name, why))
+        turns = []
+        for step in find_steps(run):
+            turns.append(_half_turn(step, trim))
+            if turns[-1].serves:
+                good.append(turns[-1])
+                break
         else:
-            good.append(turn)
+            aside.append(SetAside(run.source, run.name, why_none(run, turns)))
     return tuple(good), tuple(aside)
-
-
-def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, str]:
-    """Return the first half-turn of a run that serves, or None and why there is none."""
-    turns = []
-    for step in find_steps(run):
-        turns.append(_half_turn(step, trim))
-        if turns[-1].serves:
-            return turns[-1], ""
-    return None, why_none(run, turns)
-
-
-@dataclass(frozen=True)
-class Trimmed:
-    """A run of which only its half-turn is kept, with some of the rest before it and of what follows (for figures);
-    of a run without one nothing but its name, and `why`.
-    """
-
-    run: Run
-    turn: HalfTurn | None
-    why: str
-
-    @classmethod
-    def of(cls, run: Run, trim: Trim = UNTRIMMED) -> "Trimmed":
-        """Keep of a run what a fit to half-turns needs. Raises RunError where it has no moment."""
-        turn, why = first_half_turn(run, trim)
-        if turn is None:
-            return cls(_copied(run, 0, 0), None, why)
-        step = turn.step
-        begin = max(step.first if step.rest is None else step.rest.start, step.first - MOST_REST)
-        short = _copied(run, begin, min(step.stop, 2 * turn.kept.stop - step.first))
-        return cls(short, turn.of(short, begin), "")
-
-    def renamed(self, run: Run) -> "Trimmed":
-        """The same of `run`, which has the same samples."""
-        return self if run is self.run else Trimmed(run, None if self.turn is None else self.turn.of(run), self.why)
-
-
-def _copied(run: Run, start: int, stop: int) -> Run:
-    """Samples start:stop of what sensors of the motion and thrusters say: the rest need not stay in memory."""
-    kept = (name for name in run.extras if name in (run.dof.velocity, ASKED) or SINGLE.fullmatch(name))
-    return replace(
-        run,
-        time=run.time[start:stop].copy(),
-        position=run.position[start:stop].copy(),
-        moment=None if run.moment is None else run.moment[start:stop].copy(),
-        extras={name: run.extras[name][start:stop].copy() for name in kept},
-    )
 
 
 def _half_turn(step: Step, trim: Trim) -> HalfTurn:
@@ -238,20 +194,48 @@ def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
 
 def _why_not(turn: HalfTurn, crossed: bool) -> str:
     """The sentence for which a half-turn is set aside, or nothing."""
-    dof, count, way = turn.step.run.dof, len(turn.position), abs(turn.turned)
-    repeats, same = 1, turn.position[1:] == turn.position[:-1]
-    if np.count_nonzero(same) >= FEWEST_STUCK - 1:
+    run, step, count = turn.step.run, turn.step, len(turn.position)
+    dof, words, force, steady = run.dof, run.dof.words, run.dof.words.force, turn.steady
+    at = f"the step of {turn.moment:.4g} {run.moment_unit}".rstrip()
+    shown = round(abs(float(dof.shown(turn.turned))))
+    way = f"{shown} {words.unit if shown == 1 else words.units}"
+    repeats = 1
+    if np.count_nonzero(turn.position[1:] == turn.position[:-1]) >= FEWEST_STUCK - 1:
         repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
-    backward = turn.turned * turn.moment < 0 and not dof.has_constant
-    reasons = (
-        (repeats >= max(FEWEST_STUCK, count / 2), _stuck),
-        (count < FEWEST_SAMPLES, _too_short),
-        (not turn.moved, _never_moved),
-        (not turn.step.from_rest, _not_from_rest),
-        (backward, _against),
-        (not crossed and (way < dof.limits.least or not turn.steady), _too_soon),
-    )
-    return next((why for holds, tell in reasons if holds and (why := tell(turn))), "")
+    if repeats >= max(FEWEST_STUCK, count / 2) and not is_slow(run.position, repeats):
+        return (
+            f"{words.sensor} stuck: {repeats} of {count} samples of {at} show one {words.position}. "
+            f"Check the {words.sensor}, or whether the vehicle was held"
+        )
+    if count < FEWEST_SAMPLES:
+        return (
+            f"too short: {at} has {count} samples ({turn.cut_by}); at least {FEWEST_SAMPLES} are needed. Log faster or "
+            f"hold the {force} longer"
+        )
+    if not turn.moved:
+        why = f"never moved: {way} {words.moved} in {at}. Use a larger {force}, and check thrusters and tether"
+        radians = dof.column(dof.position, "rad") if dof.wraps else ""
+        return why + f"; if the {words.position} column is in radians, name it {radians}" * dof.wraps
+    if not step.from_rest:
+        return (
+            f"not from rest: {at} begins at {dof.shown(step.start_rate):.3g} {words.units}/s. Let the vehicle come to "
+            f"rest{f' at zero {force}' * (not dof.has_constant)} before each step"
+        )
+    if turn.turned * turn.moment < 0 and not dof.has_constant:
+        return (
+            f"units look wrong: {at} {words.moved} the vehicle {way} against it. If the {words.position} counts "
+            f"{words.other_way}, map it with sign = -1 in the --columns file or the campaign: under [columns] "
+            f'{dof.column(dof.position, dof.units.log)} = {{ from = "NAME", sign = -1 }}'
+        )
+    if crossed or (abs(turn.turned) >= dof.limits.least and steady):
+        return ""
+    longer = f"Hold each {force} for {words.reach if dof.wraps else 'longer'}"
+    after = f"{turn.cut_by} after {way} of {at}"
+    if not dof.wraps and steady:
+        return f"ended too soon: {after}. {longer}"
+    settled = f"its {words.speed} was still changing" if not steady else f"{words.reach} was not near"
+    ended = "ended before steady" if step.ends_log else f"{force} changed before steady"
+    return f"{ended}: {after}, and {settled}. {longer}"
 
 
 def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
@@ -260,7 +244,10 @@ def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
         return why
     dof, extent = run.dof, float(np.ptp(run.position))
     if not turns:
-        return dof.fill(NO_STEP)
+        held = (
+            "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
+        )
+        return dof.fill(held)
     first = next((turn for turn in turns if turn.moved), turns[0])
     if first.moved or extent < dof.limits.least:
         return first.why
@@ -272,71 +259,3 @@ def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
 
 
 NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
-
-
-def _at(turn: HalfTurn) -> str:
-    return f"the step of {turn.moment:.4g} {turn.step.run.moment_unit}".rstrip()
-
-
-def _way(turn: HalfTurn) -> str:
-    words = turn.step.run.dof.words
-    whole = round(abs(float(turn.step.run.dof.shown(turn.turned))))
-    return f"{whole} {words.unit if whole == 1 else words.units}"
-
-
-def _stuck(turn: HalfTurn) -> str:
-    words, count = turn.step.run.dof.words, len(turn.position)
-    repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
-    if is_slow(turn.step.run.position, repeats):
-        return ""
-    return (
-        f"{words.sensor} stuck: {repeats} of {count} samples of {_at(turn)} show one {words.position}. "
-        f"Check the {words.sensor}, or whether the vehicle was held"
-    )
-
-
-def _too_short(turn: HalfTurn) -> str:
-    return (
-        f"too short: {_at(turn)} has {len(turn.position)} samples ({turn.cut_by}); at least {FEWEST_SAMPLES} are "
-        f"needed. Log faster or hold the {turn.step.run.dof.words.force} longer"
-    )
-
-
-def _never_moved(turn: HalfTurn) -> str:
-    dof, words = turn.step.run.dof, turn.step.run.dof.words
-    radians = (
-        f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
-        if dof.wraps else ""
-    )  # fmt: skip
-    return (
-        f"never moved: {_way(turn)} {words.moved} in {_at(turn)}. Use a larger {words.force}, and check thrusters and "
-        f"tether{radians}"
-    )
-
-
-def _not_from_rest(turn: HalfTurn) -> str:
-    dof, words = turn.step.run.dof, turn.step.run.dof.words
-    return (
-        f"not from rest: {_at(turn)} begins at {dof.shown(turn.step.start_rate):.3g} {words.units}/s. "
-        f"Let the vehicle come to rest{f' at zero {words.force}' * (not dof.has_constant)} before each step"
-    )
-
-
-def _against(turn: HalfTurn) -> str:
-    dof, words = turn.step.run.dof, turn.step.run.dof.words
-    return (
-        f"units look wrong: {_at(turn)} {words.moved} the vehicle {_way(turn)} against it. If the {words.position} "
-        f"counts {words.other_way}, map it with sign = -1 in the --columns file or the campaign: under [columns] "
-        f'{dof.column(dof.position, dof.units.log)} = {{ from = "NAME", sign = -1 }}'
-    )
-
-
-def _too_soon(turn: HalfTurn) -> str:
-    dof, words, steady = turn.step.run.dof, turn.step.run.dof.words, turn.steady
-    longer = f"Hold each {words.force} for {words.reach if dof.wraps else 'longer'}"
-    after = f"{turn.cut_by} after {_way(turn)} of {_at(turn)}"
-    if not dof.wraps and steady:
-        return f"ended too soon: {after}. {longer}"
-    settled = f"its {words.speed} was still changing" if not steady else f"{words.reach} was not near"
-    ended = "ended before steady" if turn.step.ends_log else f"{words.force} changed before steady"
-    return f"{ended}: {after}, and {settled}. {longer}"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,11 +18,9 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.checks import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
 from automarine_cli.runs.clean import NotUsable, clean, too_short
-from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed
-from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
+from automarine_cli.runs.run import Run, SetAside, named_apart, own_name
 from automarine_cli.runs.unwrap import Indices
 
-Kept = TypeVar("Kept")
 OfOneLog = tuple[list[Run], list[SetAside]]
 ANGLE_SLACK = 1.001
 RADIANS_SEEN = "wraps at 2 pi where"
@@ -63,83 +60,19 @@ def load_runs(
     """
     files = find_logs(logs)
     work = partial(read or read_runs, columns=columns, dof=dof)
-    runs, aside = _gathered(work, files, strict, progress, jobs)
-    _refuse_other_units(aside, files, columns, dof)
-    limited, limits = within_limits(_one_unit(named_apart(runs)))
-    return Campaign(tuple(limited), aside, tuple(filter(has_bytes, files)), limits)
-
-
-@dataclass(frozen=True)
-class HalfTurnCampaign:
-    """The half-turns of a campaign without what came after them: `turns` that serve, in file order, `not_turned` the
-    runs without one and why; the rest as in `Campaign`. `count` is the number of runs, `warnings` say how their
-    thruster commands do not fit the map.
-    """
-
-    turns: tuple[HalfTurn, ...]
-    not_turned: tuple[SetAside, ...]
-    count: int
-    set_aside: tuple[SetAside, ...]
-    inputs: tuple[LogFile, ...]
-    limits: tuple[AllocationLimit, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
-def load_half_turns(
-    logs: Logs,
-    columns: ColumnMap | None = None,
-    drive: Callable[[Run], Run] | None = None,
-    *,
-    dof: Dof,
-    trim: Trim = UNTRIMMED,
-    strict: bool = False,
-    progress: Progress = silent,
-    jobs: int = 1,
-) -> HalfTurnCampaign:
-    """As `load_runs`, but of each run only its half-turn is kept, trimmed where it is read: what a campaign takes in
-    memory does not grow with the length of its logs. `drive` gives runs of thruster commands their moment, `trim` is
-    how far a step is followed.
-    """
-    files = find_logs(logs)
-    read = partial(_read_trimmed, columns=columns, drive=drive, dof=dof, trim=trim)
-    found, aside = _gathered(read, files, strict, progress, jobs)
-    _refuse_other_units(aside, files, columns, dof)
-    runs = _one_unit(named_apart([one.run for one in found]))
-    limited, limits = within_limits(runs)
-    named = [
-        one.renamed(run) if run is now or one.turn is None else Trimmed.of(now, trim)
-        for one, run, now in zip(found, runs, limited)
-    ]
-    return HalfTurnCampaign(
-        turns=tuple(one.turn for one in named if one.turn is not None),
-        not_turned=tuple(SetAside(one.run.source, one.run.name, one.why) for one in named if one.turn is None),
-        count=len(named),
-        set_aside=aside,
-        inputs=tuple(filter(has_bytes, files)),
-        limits=limits,
-        warnings=command_warnings(runs),
-    )
-
-
-def _gathered(
-    read: Callable[[LogFile], tuple[list[Kept], list[SetAside]]],
-    files: Sequence[LogFile],
-    strict: bool,
-    progress: Progress,
-    jobs: int,
-) -> tuple[list[Kept], tuple[SetAside, ...]]:
-    """What is read of all files, and what is set aside."""
-    kept: list[Kept] = []
+    runs: list[Run] = []
     aside: list[SetAside] = []
     jobs = jobs if len(files) > PAYS_FROM else 1  # to start processes takes longer than to read few logs
-    for good, bad in ordered_stream(read, files, jobs, progress=progress, stage="reading logs"):
-        kept += good
+    for good, bad in ordered_stream(work, files, jobs, progress=progress, stage="reading logs"):
+        runs += good
         aside += bad
     if strict and aside:
         raise refused_by_strict(aside[0])
-    if not kept:
+    if not runs:
         raise none_left(len(files), aside)
-    return kept, tuple(aside)
+    _refuse_other_units(aside, files, columns, dof)
+    limited, limits = within_limits(_one_unit(named_apart(runs)))
+    return Campaign(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
 
 
 def _refuse_other_units(
@@ -168,13 +101,6 @@ def _refuse_other_units(
             f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {many} looks so too, and nothing "
             "was used; where only one log differs, give it a map of its own under [[columns_of]]"
         )
-
-
-def _read_trimmed(
-    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
-) -> tuple[list[Trimmed], list[SetAside]]:
-    runs, aside = read_runs(file, columns, dof=dof)
-    return [Trimmed.of(run if drive is None else drive(run), trim) for run in runs], aside
 
 
 def has_bytes(file: LogFile) -> bool:

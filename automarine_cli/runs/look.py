@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
-from automarine_cli.logs.formats import stem_of
+from automarine_cli.logs.find import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, law_of, limit_of
 from automarine_cli.runs.command_range import undirected
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none

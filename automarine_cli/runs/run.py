@@ -10,7 +10,9 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.logs.formats import stem_of
+from automarine_cli.logs.find import stem_of
+from automarine_cli.pipeline.records import to_mapping
+from automarine_cli.pipeline.result_files import LogReading, RunsUsed, SetAside
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.command_range import CommandRange, warnings_of
 from automarine_cli.runs.noise import median, position_noise
@@ -18,15 +20,6 @@ from automarine_cli.runs.noise import median, position_noise
 ASKED = "asked"  # Extra of a run that is driven by its thrusters: the moment or force that was logged beside them
 
 NOISE_FROM = 1000  # Samples, the first of a run, that show its noise to four percent
-
-
-@dataclass(frozen=True)
-class SetAside:
-    """A run that was left out, and why: goes to standard error and into every result."""
-
-    file: str
-    run: str
-    why: str
 
 
 @dataclass(frozen=True)
@@ -159,6 +152,13 @@ class Run:
 def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     """How the thruster commands of a campaign do not fit their map. Raises RunError where they cannot be its at all."""
     return warnings_of(run.commanded for run in runs if run.commanded is not None)
+
+
+def runs_json(used: int, set_aside: Iterable[SetAside], runs: Sequence[Run] = ()) -> dict[str, object]:
+    """Return the `runs` of a result file; of `runs` come notes of the reading and of the thrusters' map."""
+    notes = {run.source: run.reading for run in runs if run.reading}
+    readings = tuple(LogReading(file, tuple(reading)) for file, reading in notes.items())
+    return to_mapping(RunsUsed(used, tuple(set_aside), readings or None, command_warnings(runs) or None))
 
 
 def shared_readings(runs: Iterable[Run]) -> tuple[str, ...]:

@@ -17,8 +17,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps, released
 
-WINDOW = 2.0
-"""Length [s] of the windows in which a disturbance moment is held."""
+WINDOW = 2.0  # length [s] of the windows in which a disturbance moment is held
 
 WHITE = 2.33
 """Standard deviations of von Neumann's ratio by which neighbouring readings are more alike than white noise (1 %)."""
@@ -94,7 +93,6 @@ class Batch:
 
     @property
     def windows(self) -> int:
-        """Number of windows of the longest run."""
         return int(self.window.max()) + 1
 
     @property
@@ -119,8 +117,6 @@ class Batch:
 
 @dataclass(frozen=True)
 class _Grid:
-    """One run on its own grid."""
-
     length: Floats
     stretch: Floats
     switch: NDArray[np.int64]
@@ -238,7 +234,6 @@ def _channels(runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequenc
 
 
 def _held(run: Run, grid: _Grid) -> _Grid:
-    """The grid of a run whose vehicle is held until its first change of command, if it is."""
     first = released(run)
     if not first:
         return grid

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.dofs import DOFS
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.campaign import DECIMALS, MOMENT_DECIMALS, SimulatedRun
-from automarine_cli.simulation.specification import PlanarSpecification, Specification
+from automarine_cli.simulation.specification import AnySpecification
 
 Column: TypeAlias = Floats | Sequence[str]
 STORED = 65535  # bytes in one block of a gzip file that is stored as it is
@@ -21,8 +21,7 @@ PLACES = dict.fromkeys(("n", *(name for dof in DOFS.values() for name, _ in dof.
 """Decimals of a column in CSV; None: as many as the number has. Every other column has `DECIMALS`."""
 
 
-def label(specification: Specification | PlanarSpecification, seed: int) -> str:
-    """The sentence that every file begins with."""
+def label(specification: AnySpecification, seed: int) -> str:
     return f"Simulated by automarine from {specification.source}, seed {seed}: no measurement."
 
 
@@ -34,24 +33,12 @@ def runs_by_file(runs: Sequence[SimulatedRun]) -> dict[str, list[SimulatedRun]]:
     return files
 
 
-def log_of(runs: Sequence[SimulatedRun], specification: Specification, seed: int) -> bytes:
-    """Return the content of the log of these runs."""
-    dof, group = specification.vehicle.dof, runs[0].plan.group
-    moment = dof.column(dof.command, specification.vehicle.force_unit)
-    parts = [_columns(run, moment, dof) for run in runs]
-    columns: dict[str, Column] = {}
+def log_of(runs: Sequence[SimulatedRun], specification: AnySpecification, seed: int) -> bytes:
+    group, columns = runs[0].plan.group, dict[str, Column]()
     if group.together is not None:
-        columns["run"] = [run.plan.name for run, part in zip(runs, parts) for _ in range(len(part["time_s"]))]
-    columns |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        columns["run"] = [run.plan.name for run in runs for _ in run.columns["time_s"]]
+    columns |= {name: np.concatenate([run.columns[name] for run in runs]) for name in runs[0].columns}
     return log_bytes(columns, group.format, label(specification, seed))
-
-
-def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:
-    log = run.log
-    columns = {"time_s": log.time_s, dof.column(dof.position, dof.units.log): log.position, moment: log.moment}
-    if log.rate is not None:
-        columns[dof.column(dof.velocity, f"{dof.units.log}/s")] = log.rate
-    return columns
 
 
 def log_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
@@ -65,7 +52,6 @@ def log_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes
 
 
 def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
-    """One log as Parquet, `comment` in its metadata; the same bytes with the same version of pyarrow."""
     sink = pa.BufferOutputStream()
     pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
     return bytes(sink.getvalue().to_pybytes())
@@ -74,15 +60,9 @@ def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
 def _cells(name: str, column: Column) -> Iterator[str]:
     if not isinstance(column, np.ndarray):
         return iter(column)
-    places = PLACES.get(name, DECIMALS)
-    if places is None:
-        return (_shortest(value) for value in column.tolist())
-    return (f"{value:.{places}f}" for value in column.tolist())
-
-
-def _shortest(value: float) -> str:
-    """A number without needless zeros."""
-    return f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".")
+    if PLACES.get(name, DECIMALS) is None:
+        return (f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".") for value in column.tolist())
+    return (f"{value:.{DECIMALS}f}" for value in column.tolist())
 
 
 def gzip_bytes(data: bytes) -> bytes:

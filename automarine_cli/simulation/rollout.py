@@ -77,12 +77,10 @@ class Trajectory:
 
     @cached_property
     def positions(self) -> Floats:
-        """True positions, (P, R, N, D)."""
         return np.stack([self._at_samples(one) for one in self.nodes[1]], axis=-1)
 
     @cached_property
     def velocities(self) -> Floats:
-        """True velocities, (P, R, N, D)."""
         return np.stack([self._at_samples(one) for one in self.nodes[2]], axis=-1)
 
     @cached_property
@@ -92,7 +90,6 @@ class Trajectory:
         return np.concatenate([none, *(self._at_samples(one)[..., None] for one in self.nodes[3])], axis=-1)
 
     def reading(self, channel: Channel) -> Floats:
-        """What a channel's sensor reads, (P, R, N)."""
         if channel.dof == 0:
             return self.velocity if channel.velocity else self.position
         return self._at_samples(self.nodes[2 if channel.velocity else 0][channel.dof])
@@ -142,7 +139,6 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
 
 
 def _actuated(commands: Commands, term: Bound) -> Commands:
-    """The commands as an actuator effect delivers them."""
     forward = replace(commands, length=np.maximum(commands.length, 0.0))  # it only knows time to pass
     return replace(commands, force=term.effect.deliver(forward, term.wide()))
 

@@ -13,19 +13,19 @@ Motion in the plane has tables of its own:
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import ClassVar, Literal, TypeAlias
 
 from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs.motion import PLANAR, Motion
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_from_json
-from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel
 from automarine_cli.pipeline.records import FILLER, Codec, Place, everything, in_words, key_of, keyed, told
-from automarine_cli.results.kinds import PLANAR_MODEL
+from automarine_cli.pipeline.result_files import PLANAR_MODEL
 from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
-from automarine_cli.simulation.run_groups import Format, Levels, RunGroup, group_from, levels_of
+from automarine_cli.simulation.run_groups import Format, Levels, PlanarRuns, RunGroup, group_from, levels_of
 
 SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
@@ -63,13 +63,12 @@ class Vehicle:
     @property
     def terms(self) -> list[tuple[str, float]]:
         """Effects that the vehicle is made of, with their one value."""
-        drag = (("quadratic-drag", self.quadratic), ("linear-drag", self.linear))
-        return [(name, value) for name, value in drag if value > 0]
+        return [("quadratic-drag", self.quadratic), ("linear-drag", self.linear)]
 
     @property
-    def constant(self) -> float:
-        """The force that always acts."""
-        return sum(value for name, value in self.terms if name == "bias-moment")
+    def model(self) -> YawModel:
+        terms = tuple(Term(name, (value,), own=True) for name, value in self.terms if value)
+        return YawModel(self.inertia, terms, self.force_unit, self.dof)
 
 
 @dataclass(frozen=True)
@@ -97,9 +96,7 @@ class TranslatingVehicle(Vehicle):
 
     @property
     def terms(self) -> list[tuple[str, float]]:
-        """Effects of the base, and those of a translation."""
-        more = (("bias-moment", self.constant_force), ("drag-asymmetry", self.difference))
-        return [*super().terms, *((name, value) for name, value in more if value)]
+        return [*super().terms, (CONSTANT, self.constant_force), ("drag-asymmetry", self.difference)]
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,6 @@ class Logger:
 
     @property
     def period(self) -> float:
-        """Time between samples [s]."""
         return 1.0 / self.rate_hz
 
 
@@ -218,14 +214,11 @@ class Bollard:
 
     @property
     def file(self) -> str:
-        """Where the log is, from the campaign's folder."""
         return f"{self.folder}/{self.name}.{self.format}"
 
 
 @dataclass(frozen=True)
 class EffectSetting:
-    """One effect of the library with a value for each of its parameters."""
-
     name: str
     values: Mapping[str, float]
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
@@ -249,7 +242,6 @@ class EffectSetting:
 
     @property
     def ordered(self) -> tuple[float, ...]:
-        """The values in the effect's own order."""
         effect = library.get(self.name)
         named = zip(effect.names_in(self.dof), effect.parameters)
         return tuple(self.values.get(name, parameter.start) for name, parameter in named)
@@ -272,11 +264,13 @@ class Specification:
     def __post_init__(self) -> None:
         at_least_zero(self, "seed")
 
+    @property
+    def motion(self) -> Motion:
+        return self.model().motion
+
     def model(self) -> YawModel:
         """Return the true model: the vehicle's drag and the effects, in their order."""
-        vehicle = self.vehicle
-        terms = tuple(Term(name, (value,), own=True) for name, value in vehicle.terms)
-        model = YawModel(vehicle.inertia, terms, vehicle.force_unit, vehicle.dof)
+        model = self.vehicle.model
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)
         return model
@@ -288,10 +282,9 @@ class Specification:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarVehicle:
-    """The vehicle: parameters by qualified name."""
-
     motion: Literal["planar"] = "planar"
     parameters: Mapping[str, float]
+    model: ClassVar[None] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -334,57 +327,30 @@ class PlanarLogger:
     rest_before_s: float = 2.0
     rest_after_s: float = 2.0
     wait_between_s: float = 60.0
+    order: ClassVar[str] = "listed"
+    held: ClassVar[bool] = False
+    clock_jitter_s: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         positive(self, "rate_hz")
         at_least_zero(self, "rest_before_s", "rest_after_s", "wait_between_s")
 
+    @property
+    def period(self) -> float:
+        return 1.0 / self.rate_hz
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarScatter:
     """`gain`: standard deviation of the logarithm of what is delivered over what is commanded, drawn for each run;
-    `start_heading_deg` where runs begin, "random" for anywhere."""
+    `start` heading where runs begin, "random" for anywhere."""
 
     gain: float = 0.0
-    start_heading_deg: float | Literal["random"] = 0.0
+    start: float | Literal["random"] = field(default=0.0, metadata=keyed("start_{position}_{log_unit}"))
+    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
         at_least_zero(self, "gain")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanarRuns:
-    """Runs of one kind: `commands` one after the other as [X N, Y N, N N m, seconds]; or drawn anew for each of the
-    `repeats`, between minus and plus the `largest` of each, held for `hold_s` [least, most], over `duration_s`."""
-
-    name: str
-    folder: str = "runs"
-    format: Format = "csv"
-    repeats: int = 1
-    commands: tuple[tuple[float, float, float, float], ...] = ()
-    largest: tuple[float, float, float] | None = None
-    hold_s: tuple[float, float] = (2.0, 5.0)
-    duration_s: float = 40.0
-
-    def __post_init__(self) -> None:
-        safe_path(self, "name", "folder")
-        positive(self, "repeats", "duration_s")
-        if bool(self.commands) == (self.largest is not None):
-            raise SettingError("expected one of commands = [[X, Y, N, seconds], ...] and largest = [X, Y, N]")
-        if any(seconds <= 0 for *_, seconds in self.commands):
-            raise SettingError("commands: expected each longer than 0 s")
-        if not 0 < self.hold_s[0] <= self.hold_s[1]:
-            raise SettingError("hold_s: expected [least, most], both above 0")
-
-    @property
-    def length(self) -> float:
-        """Time [s] for which anything is commanded."""
-        return sum(seconds for *_, seconds in self.commands) if self.commands else self.duration_s
-
-    @property
-    def shortest(self) -> float:
-        """The shortest time [s] for which a command is held."""
-        return min((seconds for *_, seconds in self.commands), default=min(self.hold_s[0], self.duration_s))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,10 +363,13 @@ class PlanarSpecification:
     disturbance: Disturbance = Disturbance()
     sensors: Mapping[str, Sensor]
     logger: PlanarLogger = PlanarLogger()
-    scatter: PlanarScatter = PlanarScatter()
+    scatter: PlanarScatter = PlanarScatter(dof=YAW)
     runs: tuple[PlanarRuns, ...]
     seed: int = 0
     source: str = "specification"
+    motion: ClassVar[Motion] = PLANAR
+    effects: ClassVar[tuple[()]] = ()
+    bollard: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         at_least_zero(self, "seed")
@@ -432,6 +401,10 @@ class PlanarSpecification:
             )
         self.model()  # refused where it is none
 
+    @property
+    def campaign(self) -> PlanarLogger:
+        return self.logger
+
     def model(self, hidden: bool = True) -> PlanarModel:
         """Return the true model, or what a model knows of it without what is `hidden`. Raises SettingError."""
         parameters = {**self.vehicle.parameters, **(self.hidden if hidden else {})}
@@ -450,6 +423,9 @@ class PlanarSpecification:
         return model
 
 
+AnySpecification: TypeAlias = Specification | PlanarSpecification
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Raw:
     """The file's top level, before kinds of vehicles, runs and effects are told apart."""
@@ -465,25 +441,16 @@ class _Raw:
     bollard: Bollard | None = None
 
 
-def is_planar(mapping: Mapping[str, object]) -> bool:
-    """Tell whether plain data are a specification of motion in the plane."""
-    vehicle = mapping.get("vehicle")
-    return isinstance(vehicle, Mapping) and vehicle.get("motion") == PLANAR.name
-
-
-def planar_specification_from(mapping: Mapping[str, object], where: str) -> PlanarSpecification:
-    """Read a specification of motion in the plane; `where` names it in messages. Raises SettingError with the key."""
-    _refuse_unlikely(mapping, where)
-    return Codec(where).read(PlanarSpecification, {**mapping, "source": where})
-
-
-def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:
-    """Read a specification of one motion; `where` names it in messages. Raises SettingError with the key.
+def specification_from(mapping: Mapping[str, object], where: str = "specification") -> AnySpecification:
+    """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key.
 
     Headings wrap and begin anywhere, and who sinks or rises is held: that goes without saying.
     """
     vehicle = mapping.get("vehicle")
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
+    if motion == PLANAR.name:
+        _refuse_unlikely(mapping, where)
+        return Codec(where, YAW).read(PlanarSpecification, {**mapping, "source": where})
     dof = DOFS.get(motion) if isinstance(motion, str) else None
     if dof is None:
         raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")

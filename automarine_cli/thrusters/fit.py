@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.command_range import usual_neutral
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
 from automarine_cli.thrusters.forms import (

@@ -7,13 +7,12 @@ from math import isfinite
 import numpy as np
 
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.estimate import Given
 from automarine_cli.models.store import number_at
 from automarine_cli.pipeline.records import Codec, Place, Source, read_plain, told
+from automarine_cli.pipeline.result_files import THRUSTER_MAP, CurveEntry
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Given
-from automarine_cli.results.files import CurveEntry
-from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Bollard

@@ -8,17 +8,16 @@ import numpy as np
 from scipy import special
 
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnRule
 from automarine_cli.logs.canonical import likely_column
 from automarine_cli.logs.recognise import is_called
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, json_document
+from automarine_cli.pipeline.records import Document, Shown, json_document
+from automarine_cli.pipeline.result_files import THRUSTER_MAP
 from automarine_cli.pipeline.words import listed
-from automarine_cli.results.estimate import Estimate
-from automarine_cli.results.files import runs_json
-from automarine_cli.results.kinds import THRUSTER_MAP
-from automarine_cli.results.shown import Shown
+from automarine_cli.runs.run import runs_json
 from automarine_cli.thrusters.bollard_data import (
     Ints,
     Points,

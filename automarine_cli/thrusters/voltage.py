@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from automarine_cli.estimate import Estimate
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.bollard_data import levels_of
 from automarine_cli.thrusters.fit import Side
 from automarine_cli.thrusters.forms import SIDES

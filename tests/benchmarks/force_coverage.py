@@ -10,8 +10,8 @@ from pathlib import Path
 from identified import identify
 from specified import make_runs, read_specification
 
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_runs"

@@ -19,7 +19,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import lasting_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import load_half_turns
+from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 
 Result = tuple[list[Table], dict[str, Any]]
@@ -33,7 +33,7 @@ def many(repeats: int, progress: Progress) -> Result:
     taken: dict[str, list[float]] = {"reading to half-turns": [], "fit-yaw, reading included": []}
     with tempfile.TemporaryDirectory() as folder:
         many_logs.small_csv(Path(folder, "logs"), 2000)
-        works: Sequence[Callable[[], object]] = (lambda: load_half_turns([folder], dof=YAW), lambda: fit_yaw([folder]))
+        works: Sequence[Callable[[], object]] = (lambda: load_runs([folder], dof=YAW), lambda: fit_yaw([folder]))
         for i in range(repeats):
             for name, work in zip(taken, works):
                 taken[name].append(_seconds(work))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli.errors import FitError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.paper import fit_velocity_error
@@ -25,7 +26,6 @@ from automarine_cli.fits.whole_runs import fit_half_turns
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import half_turns
 
 Floats = NDArray[np.float64]

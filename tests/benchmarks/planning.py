@@ -25,6 +25,7 @@ from automarine_cli.diagnosis.diagnose import split_off
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
+from automarine_cli.estimate import Estimate
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
@@ -36,7 +37,6 @@ from automarine_cli.planning.limits import Goal, Limits, Logger, Pool, Runs
 from automarine_cli.planning.prior_results import Doubt, PriorResults
 from automarine_cli.planning.rivals import pairs_of
 from automarine_cli.report.tables import Table
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.specification import Specification, specification_from
 

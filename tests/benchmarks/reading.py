@@ -17,7 +17,8 @@ import pandas as pd
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import load_half_turns
+from automarine_cli.runs.half_turn import half_turns
+from automarine_cli.runs.load import load_runs
 
 Result = tuple[list[Table], dict[str, Any]]
 
@@ -51,8 +52,8 @@ def reading(repeats: int, full: bool, progress: Progress) -> Result:
             merely_read(files[:2])
             ways: dict[str, Callable[[], object]] = {
                 "pandas": lambda files=files: merely_read(files),  # type: ignore[misc]
-                "automarine": lambda folder=folder: load_half_turns([folder], dof=YAW),  # type: ignore[misc]
-                "automarine, 2 jobs": lambda folder=folder: load_half_turns([folder], jobs=2, dof=YAW),  # type: ignore[misc]
+                "automarine": lambda folder=folder: half_turns(load_runs([folder], dof=YAW).runs),  # type: ignore[misc]
+                "automarine, 2 jobs": lambda folder=folder: half_turns(load_runs([folder], jobs=2, dof=YAW).runs),  # type: ignore[misc]
             }
             taken: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
             for i in range(repeats):
@@ -103,8 +104,9 @@ READERS = {
     + "print(sum(len(runs) for file in find_logs(sys.argv[1:2]) for runs in read_runs(file, dof=YAW)[:1]))",
     "half-turns of all runs": _START
     + "import automarine_cli.commands.fit_motion\n"
-    + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_half_turns\n"
-    + "print(load_half_turns(sys.argv[1:2], dof=YAW).count)",
+    + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_runs\n"
+    + "from automarine_cli.runs.half_turn import half_turns\n"
+    + "print(sum(map(len, half_turns(load_runs(sys.argv[1:2], dof=YAW).runs))))",
     "check": _START + "from automarine_cli.commands.check import check\nprint(check(sys.argv[1:2]).logs)",
 }
 
@@ -141,10 +143,12 @@ BROKEN = (
     _START
     + """import json, resource
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.load import load_half_turns
-found = load_half_turns(sys.argv[1:2], dof=YAW)
+from automarine_cli.runs.half_turn import half_turns
+from automarine_cli.runs.load import load_runs
+found = load_runs(sys.argv[1:2], dof=YAW)
+half_turns(found.runs)
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(json.dumps({"count": found.count, "aside": [one.file for one in found.set_aside], "peak_mb": peak}))
+print(json.dumps({"count": len(found.runs), "aside": [one.file for one in found.set_aside], "peak_mb": peak}))
 """
 )
 

@@ -223,10 +223,13 @@ def main() -> None:
     text = kept(options.out, rows, before, contacts) if contacts else ""
     items = [(one, motion, half, options.quick) for one, motion in present(options.only) for half in "AB"]
     with ProcessPoolExecutor(options.jobs) if options.jobs > 1 else nullcontext() as pool:
-        for row in (pool.map if pool else map)(judged, items):
-            rows.append(row)
+        every = pool.map if pool else map
+        singles = every(judged, items[::-1])  # the dearest stand last, and should not be waited for
+        planes = every(real_planar.judged, real_planar.planar_items(options.only))
+        for row in singles:
+            rows.insert(0, row)
             text = kept(options.out, rows, before, contacts)
-        planar = list((pool.map if pool else map)(real_planar.judged, real_planar.planar_items(options.only)))
+        planar = list(planes)
     if planar:
         text += "\n" + real_planar.table(planar).to_markdown()
         (options.out / "real.md").write_text(text)

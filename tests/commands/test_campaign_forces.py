@@ -11,8 +11,7 @@ from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import SettingError
-from automarine_cli.report.campaign_page import make_report
-from automarine_cli.results.steps import STEPS
+from automarine_cli.report.campaign_page import STEPS, make_report
 
 HEAVE = f"""
 schema = "automarine/campaign/1"

@@ -12,8 +12,8 @@ from automarine_cli.commands.run import run_campaign
 from automarine_cli.control import design
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.progress import silent
+from automarine_cli.report.campaign_page import STEPS
 from automarine_cli.report.campaign_run import StepOutcome, with_results
-from automarine_cli.results.steps import STEPS
 
 
 def test_a_campaign_ends_with_gains_and_its_report_shows_them(

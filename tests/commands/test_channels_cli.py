@@ -11,7 +11,7 @@ from few_candidates import few_candidates
 from identified import identify
 from made_campaigns import both_ways, campaign
 
-from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.dofs import HEAVE, SWAY, Dof
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.models.closed_form import response
 from automarine_cli.pipeline.manifest import read_manifest
@@ -22,7 +22,7 @@ from automarine_cli.report.yaw_report import sentences
 from automarine_cli.runs.load import load_runs
 
 Run = Callable[..., Result]
-TRANSLATIONS = [dof for dof in DOFS.values() if not dof.wraps]
+TRANSLATIONS = (HEAVE, SWAY)  # with a constant force and without
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,9 @@ from automarine_cli import commands
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
 from automarine_cli.errors import LogError, SettingError
+from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
-from automarine_cli.results.shown import Shown
 
 NAME = "count-rows"
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
-from matplotlib.figure import Figure
+from figures import drawn
 from repository import ROOT, SAMPLE_RUNS
 from small_campaign import make_small_campaign
 
@@ -18,6 +18,7 @@ import automarine_cli as am
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.manifest import read_manifest
+from automarine_cli.report.figures.style import png
 from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import interval
 
@@ -88,9 +89,10 @@ def test_frames_hold_the_numbers(results: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("name", ["thrusters", "fit", "validation", "diagnosis", "comparison"])
 def test_every_figure_is_drawn(results: dict[str, Any], name: str) -> None:
-    drawn = sections(results[name]).figures
-    assert drawn and all(isinstance(results[name].plot(what), Figure) for what in drawn)
-    with pytest.raises(SettingError, match=f"there is no figure 'x'; known are {next(iter(drawn))}"):
+    listed = sections(results[name]).figures
+    with drawn():
+        assert listed and all(png(results[name].plot(what)).startswith(b"\x89PNG") for what in listed)
+    with pytest.raises(SettingError, match=f"there is no figure 'x'; known are {next(iter(listed))}"):
         results[name].plot("x")
 
 

@@ -26,9 +26,9 @@ from automarine_cli.comparison.side_by_side import (
     p_value,
 )
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
+from automarine_cli.estimate import Estimate
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.sections import sections
-from automarine_cli.results.estimate import Estimate
 
 
 def normal(value: float, stderr: float, unit: str = "nu s²") -> Estimate:

@@ -20,8 +20,8 @@ from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
+from automarine_cli.report.figures.runs import validation_figure
 from automarine_cli.report.figures.style import MODEL_COLOURS
-from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -80,26 +80,6 @@ def test_files_and_tables(pool: Path, run: Run, tmp_path: Path) -> None:
         assert float(row["rmse_deg"]) == pytest.approx(there["rmse_deg"], rel=1e-5)
     assert (out / "validation.md").read_text().count("**Validation over 3 runs**") == 1
     assert (out / "validation.tex").read_text().count(r"\toprule") == 2
-
-
-def test_json_alone_on_standard_output(pool: Path, run: Run) -> None:
-    model = pool / "yaw_model.json"
-    result = run("validate", pool / "logs", "--model", model, "--json")
-    assert result.exit_code == 0
-    assert json.loads(result.stdout) == validate([pool / "logs"], model=model).to_json()
-    told = run("validate", pool / "logs", "--model", model)
-    assert told.stdout.rstrip().endswith("No files were written; use -o DIR to save the results.")
-
-
-@pytest.mark.slow
-def test_same_bytes_on_any_number_of_jobs(pool: Path, run: Run, tmp_path: Path) -> None:
-    for jobs in (1, 2):
-        done = run(
-            "validate", pool / "logs", "--model", pool / "yaw_model.json", "-o", tmp_path / f"{jobs}", "--jobs", jobs
-        )
-        assert done.exit_code == 0, done.output
-    one, two = ({p.name: p.read_bytes() for p in (tmp_path / n).iterdir()} for n in "12")
-    assert one == two
 
 
 def test_overwrite_and_no_figures(pool: Path, run: Run, tmp_path: Path) -> None:

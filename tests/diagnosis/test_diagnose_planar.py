@@ -21,9 +21,8 @@ from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_json
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.report.figures.diagnosis import where_panels
-from automarine_cli.report.figures.planar import why_figure
-from automarine_cli.report.planar_diagnosis_report import verdict_sentence
+from automarine_cli.report.diagnosis_report import planar_verdict
+from automarine_cli.report.figures.diagnosis import planar_why_figure, where_figure
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.propulsion import load_planar
 
@@ -73,7 +72,7 @@ def test_a_gap_that_stands_out_and_has_no_name_is_unexplained() -> None:
     assert "where sway is 0.1 to 0.2 m/s" in open_gap.why and "No candidate gains" in open_gap.why
     most = Contender(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
     passed = replace(open_gap, rounds=(replace(found.rounds[0], tried=(most,)),))
-    assert "gains 163 in deviance, but not in the mean of runs" in verdict_sentence(passed)
+    assert "gains 163 in deviance, but not in the mean of runs" in planar_verdict(passed)
 
 
 @pytest.mark.slow
@@ -103,13 +102,13 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
         told = region.to_json("deg")
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(told)
         assert region.p_value < 0.05 and set(region.runs) <= set(where.names)
-    panel = where_panels(where, "nothing added").axes[0]
+    panel = where_figure(where, "nothing added").axes[0]
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "missing yaw moment [N m]")
 
 
 def test_the_evidence_shows_every_candidate() -> None:
     found = searched("N_v")
-    (bars,) = why_figure(found).axes
+    (bars,) = planar_why_figure(found).axes
     assert len(bars.patches) == len(found.rounds[0].promised) > 8
     assert bars.get_yticklabels()[-1].get_text() == "cross-coupling N_v"
 
@@ -120,6 +119,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("drawn_figures")
 def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     for run in campaign(HIDDEN["Y_r"], 1, 5, 8.0, SPEEDS):
         log(run, tmp_path)

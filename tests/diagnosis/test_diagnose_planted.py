@@ -59,9 +59,8 @@ def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_nothing_planted_nothing_named(seed: int) -> None:
-    found = judge(campaign(seed=seed), base_for(""))
+def test_nothing_planted_nothing_named() -> None:
+    found = judge(campaign(seed=1), base_for(""))
     assert (found.verdict, found.effects) == ("nothing-missing", ())
     assert set(found.detectable) == set(IN_YAW) - {"quadratic-drag"}
     assert all(0 < size < np.inf for size in found.detectable.values())
@@ -102,10 +101,8 @@ def reordered(runs: Sequence[Run]) -> list[Run]:
 
 
 TELLINGS = {
-    "mirrored": mirrored,
-    "clock shifted": lambda runs: shifted(runs, 4000.0),
-    "reordered": reordered,
-    "other units": lambda runs: rescaled(runs, 10.0, "N m"),
+    "mirrored and in another order": lambda runs: mirrored(reordered(runs)),
+    "by another clock and in other units": lambda runs: rescaled(shifted(runs, 4000.0), 10.0, "N m"),
 }
 TOLD = ("dead-band", "bias-moment")
 
@@ -124,8 +121,8 @@ def test_the_same_data_told_otherwise_give_the_same(name: str, telling: str, as_
     if name not in as_made:
         as_made[name] = judge(runs, base, look_alikes(name))
     there = as_made[name]
-    ten = 10.0 if telling == "other units" else 1.0
-    signs = mirrored_signs(effect) if telling == "mirrored" else (1,) * len(effect.parameters)
+    ten = 10.0 if "units" in telling else 1.0
+    signs = mirrored_signs(effect) if "mirrored" in telling else (1,) * len(effect.parameters)
     again = base_for(name, ten, "N m" if ten > 1 else "nu")
     back = judge(TELLINGS[telling](runs), again, look_alikes(name))
     assert back.verdict == there.verdict == "named"

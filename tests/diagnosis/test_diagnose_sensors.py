@@ -66,12 +66,12 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str) -> None:
 
 @pytest.mark.slow
 def test_without_it_they_are_rivals() -> None:
-    ties = []
-    for lag in LAGS:
+    def tied(lag: str) -> bool:
         found = told(steps(lag), channels="position")
         assert found.channels.names == ("heading",)
-        ties.append({one for named in found.effects for one in (named.name, *(r.name for r in named.rivals))})
-    assert max(len(tie) for tie in ties) > 1, ties
+        return any(named.rivals for named in found.effects)
+
+    assert any(map(tied, LAGS))  # the first will do
 
 
 def test_a_gyro_alone_sees_no_lag_of_the_compass() -> None:

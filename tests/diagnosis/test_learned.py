@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from few_candidates import few_candidates
+from figures import drawn
 from made_driven import Sea, steered
 from made_learned import BASE, LAWS, campaign, true_curve, true_gap, written
 
@@ -133,7 +134,8 @@ def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Pat
     folder = tmp_path_factory.mktemp("learned")
     logs = written(campaign("temperature"), folder / "logs")
     assert run("fit-yaw", logs, "--fit-to", "whole-runs", "-o", folder / "fit").exit_code == 0
-    return folder, diagnose([logs], model=folder / "fit" / "yaw_model.json", out=folder / "diagnosis")
+    with drawn():
+        return folder, diagnose([logs], model=folder / "fit" / "yaw_model.json", out=folder / "diagnosis")
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ from specified import read_specification
 from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import YawFit, starts_at_rest
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim, half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from figures import drawn
 from made_planar import Craft, driven, log, solved
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -328,7 +329,8 @@ def test_a_promise_is_the_gain_of_the_fit() -> None:
 def test_the_command_says_of_what_use_the_model_is(tmp_path: Path) -> None:
     for seed in range(2):
         log(made(seed, ("heading", "surge"), 10.0), tmp_path)
-    done = CliRunner().invoke(automarine, ["fit-planar", str(tmp_path), "-o", str(tmp_path / "out")])
+    with drawn():
+        done = CliRunner().invoke(automarine, ["fit-planar", str(tmp_path), "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     assert "the heading 5 s ahead to" in done.output and "yaw alone" in done.output.lower()
     written = json.loads((tmp_path / "out" / "planar_model.json").read_text())

@@ -2,7 +2,6 @@
 be."""
 
 import json
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from made_campaigns import campaign, moving_run
 from made_runs import INERTIA, K_RR, written
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.identify import YawFit
 from automarine_cli.runs.run import Run
 
 Command = Callable[..., Result]
@@ -70,13 +68,6 @@ def one_sentence(result: Result, *parts: str) -> None:
     assert len(lines) == 1 and "Traceback" not in result.output
     for part in parts:
         assert part in lines[0], lines[0]
-
-
-def test_the_contracts_files_are_written(results: tuple[Path, Result]) -> None:
-    out, result = results
-    assert result.exit_code == 0, result.output
-    assert {path.name for path in out.iterdir()} == FILES
-    assert all(path.stat().st_size > 0 for path in out.iterdir())
 
 
 def test_the_model_has_the_contracts_keys(results: tuple[Path, Result]) -> None:
@@ -191,60 +182,9 @@ def test_the_run_set_aside_is_told_on_standard_error_and_in_the_result(results: 
     assert "never moved" not in result.stdout
 
 
-def test_tables_and_choice_are_printed(results: tuple[Path, Result]) -> None:
-    stdout = results[1].stdout
-    for part in (
-        "Table 1",
-        "Table 2",
-        "SSE",
-        "Model 3 predicts runs left out",
-        "Inertial turn angle",
-        "yaw_model.json",
-    ):
-        assert part in stdout
-
-
-def test_manifest_names_inputs_without_a_path(results: tuple[Path, Result], logs: Path) -> None:
-    text = (results[0] / "manifest.json").read_text()
-    assert "logs/run_00.csv" in text and str(logs.parent) not in text
-
-
-def test_json_is_alone_on_standard_output(run: Command, logs: Path, results: tuple[Path, Result]) -> None:
-    result = run("fit-yaw", logs, "--json")
-    assert result.exit_code == 0
-    assert json.loads(result.stdout) == model_of(results[0])
-
-
-@pytest.mark.slow
-def test_the_same_bytes_again_and_with_two_processes(
-    run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path
-) -> None:
-    assert run("fit-yaw", logs, "-o", tmp_path / "again", "--jobs", "2").exit_code == 0
-    for path in results[0].iterdir():
-        assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes(), path.name
-
-
-def test_results_are_replaced_only_when_told(
-    run: Command, results: tuple[Path, Result], logs: Path, tmp_path: Path
-) -> None:
-    out = shutil.copytree(results[0], tmp_path / "out")
-    (out / "table1.md").write_text("mine")
-    one_sentence(run("fit-yaw", logs, "-o", out), "--overwrite")
-    assert (out / "table1.md").read_text() == "mine"
-    assert run("fit-yaw", logs, "-o", out, "--overwrite").exit_code == 0
-    assert (out / "table1.md").read_bytes() == (results[0] / "table1.md").read_bytes()
-
-
 def test_strict_refuses_what_would_be_set_aside(run: Command, logs: Path, tmp_path: Path) -> None:
     one_sentence(run("fit-yaw", logs, "--strict", "-o", tmp_path / "out"), "still", "never moved", "--strict")
     assert not (tmp_path / "out").exists()
-
-
-def test_python_gets_the_result_object(run: Command, logs: Path) -> None:
-    from automarine_cli.commands.fit_motion import fit_yaw
-
-    fit = fit_yaw([logs])
-    assert isinstance(fit, YawFit) and fit.used == 12 and fit.preferred.number == "3"
 
 
 # Thrusters
@@ -305,11 +245,6 @@ def test_units_that_are_mixed_are_refused(run: Command, tmp_path: Path) -> None:
         path = written(one, tmp_path / "logs" / f"{one.name}.csv")
         path.write_text(path.read_text().replace("tau", "tau_Nm", 1))
     one_sentence(run("fit-yaw", tmp_path / "logs"), "expected one unit in a campaign", "--columns")
-
-
-def test_an_empty_folder_is_refused(run: Command, tmp_path: Path) -> None:
-    (tmp_path / "logs").mkdir()
-    one_sentence(run("fit-yaw", tmp_path / "logs"), "logs")
 
 
 def test_runs_that_all_stand_still_are_refused(run: Command, tmp_path: Path) -> None:
@@ -375,8 +310,3 @@ def test_a_moment_against_the_heading_is_refused_with_the_sign_in_mind(run: Comm
     runs = [one.with_moment(-one.command, "nu") for one in campaign(seed=1)]
     folder = write_logs(runs, tmp_path / "logs")
     one_sentence(run("fit-yaw", folder, "--fit-to", "half-turns"), "turned the vehicle", "sign = -1")
-
-
-def test_help_ends_with_an_example(run: Command) -> None:
-    text = run("fit-yaw", "--help").stdout
-    assert "automarine fit-yaw sample_runs/steps -o out/fit-yaw" in text

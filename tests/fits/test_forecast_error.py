@@ -2,11 +2,13 @@
 said."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from made_driven import Sea, steered
 
 from automarine_cli.dofs import SURGE, YAW
+from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
 from automarine_cli.fits.driven import (
@@ -19,12 +21,11 @@ from automarine_cli.fits.driven import (
     prefer_driven,
     widened,
 )
-from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
-from automarine_cli.fits.innovations import DrivenProblem, fit_innovations
+from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.tables import interval
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 
@@ -45,10 +46,22 @@ def begin(problem: DrivenProblem) -> np.ndarray:
     return theta
 
 
-def test_parameters_come_back_within_their_own_errors() -> None:
+@cache
+def forecasts() -> tuple[DrivenProblem, ForecastFit]:
+    """Runs of commands that no controller sent, and their fit."""
     problem = problem_of(True, Sea(size=0.1))
     start = begin(problem)
-    fit = fit_forecasts(problem, problem.search(start), start[None])
+    return problem, fit_forecasts(problem, problem.search(start), start[None])
+
+
+@cache
+def complete() -> InnovationsFit:
+    """That fit with what is random."""
+    return with_chance(*forecasts())
+
+
+def test_parameters_come_back_within_their_own_errors() -> None:
+    _, fit = forecasts()
     assert fit.converged and not fit.at_bound
     spread = fit.left_out[:, :2] - fit.phi[:2]
     error = np.sqrt(np.maximum((spread**2).sum(axis=0) * 0.75, np.diagonal(fit.covariance)[:2]))
@@ -57,10 +70,7 @@ def test_parameters_come_back_within_their_own_errors() -> None:
 
 
 def test_what_is_random_is_fitted_beside_parameters_that_stay() -> None:
-    problem = problem_of(True, Sea(size=0.1))
-    start = begin(problem)
-    fit = fit_forecasts(problem, problem.search(start), start[None])
-    found = with_chance(problem, fit)
+    (problem, fit), found = forecasts(), complete()
     assert np.array_equal(found.of_model, problem.natural(fit.phi)[:2])
     assert np.allclose(found.left_out[:, :2], fit.left_out[:, :2])
     assert 0.5 < found.of_chance["yaw.disturbance"] / 0.1 < 2.0
@@ -68,13 +78,11 @@ def test_what_is_random_is_fitted_beside_parameters_that_stay() -> None:
 
 
 def test_a_run_left_out_is_that_fit_to_the_others() -> None:
-    problem = problem_of(True, Sea(size=0.1))
+    problem, fit = forecasts()
     start = begin(problem)
-    phi = problem.search(start)
-    fit = fit_forecasts(problem, phi, start[None])
     runs = steered(4, 3, Sea(size=0.1), length=40.0, free=True)
     others = driven_problem(problem.model, make_course(runs[1:], np.zeros(3, dtype=bool)))
-    alone = fit_forecasts(others, phi, start[None])
+    alone = fit_forecasts(others, problem.search(start), start[None])
     assert np.allclose(fit.left_out[0, :2], alone.phi[:2], atol=0.1 * np.sqrt(alone.covariance[0, 0]))
 
 
@@ -101,11 +109,9 @@ def by_run(number: str, sizes: np.ndarray) -> tuple[str, tuple[Predicted, ...]]:
     return number, tuple(Predicted(h, run, run, run, sizes, 9.0 * sizes, 9.0 * sizes) for h in (2.0, 5.0))
 
 
-def fits_of(problem: DrivenProblem) -> dict[str, OutputErrorFit]:
-    """The three models with one outcome: only their numbers of parameters count."""
-    start = begin(problem)
-    fit = fit_forecasts(problem, problem.search(start), start[None])
-    found = with_chance(problem, fit)
+def three_models() -> dict[str, OutputErrorFit]:
+    """With one outcome: only their numbers of parameters count."""
+    found, start = complete(), begin(forecasts()[0])
     one = OutputErrorFit(
         "3", YawModel.base("3", 1.0, [1.0], "nu", YAW), {}, None, NOTHING, NOTHING, None, found, found.covariance, start
     )
@@ -115,23 +121,21 @@ def fits_of(problem: DrivenProblem) -> dict[str, OutputErrorFit]:
 
 def test_of_equally_simple_models_the_smaller_error_wins() -> None:
     """Model 3 is worse than model 1 in one run by far and so passes as level; model 1 is worse by a sure little."""
-    fits = fits_of(problem_of(True, Sea(size=0.1)))
     ahead = dict([
         by_run("1", np.array([1.01, 1.02, 1.01, 1.02])), by_run("2", np.array([1.0, 1.0, 1.0, 1.0])),
         by_run("3", np.array([0.9, 1.0, 1.0, 1.6])),
     ])  # fmt: skip
-    preference = prefer_driven(fits, ahead, YAW)
+    preference = prefer_driven(three_models(), ahead, YAW)
     assert preference is not None and preference.number == "1"
 
 
 def test_a_disturbance_as_large_as_the_commands_is_said() -> None:
-    problem = problem_of(True, Sea(size=0.1))
-    fit = fits_of(problem)["3"]
-    assert large_disturbance(problem.course, fit) == ""
+    course, fit = forecasts()[0].course, three_models()["3"]
+    assert large_disturbance(course, fit) == ""
     found = fit.mixed
     theta = found.theta.copy()
     theta[found.names.index("yaw.disturbance")] = 2.0
-    said = large_disturbance(problem.course, replace(fit, mixed=replace(found, theta=theta)))
+    said = large_disturbance(course, replace(fit, mixed=replace(found, theta=theta)))
     assert said.startswith("The disturbance is as large as the commands: a moment of 2 nu where")
 
 
@@ -192,9 +196,9 @@ def test_intervals_of_a_complete_model_stay() -> None:
 
 
 def test_left_out_fits_made_together_are_those_made_alone() -> None:
-    problem = problem_of(True, Sea(size=0.1))
+    problem = forecasts()[0]
     fit = fit_innovations(problem, begin(problem)[None])
-    for r in range(4):
+    for r in (0, 3):
         others = replace(problem, course=problem.course.some(np.arange(4) != r))
         alone = fit_innovations(others, fit.theta[None], brief=True)
         assert np.allclose(fit.left_out[r, :2], alone.phi[:2], atol=0.02)

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from click import Context
 from golden import COMMANDS, LINES, OUTPUTS, automarine, differences, read, run, sources, write
-from matplotlib.figure import Figure
 from repository import SAMPLE_RUNS
 
 ELSEWHERE = {"serve", "collect", "guide", "completion"}  # two machines, and texts that are files already
@@ -20,9 +19,8 @@ Outputs = dict[str, str]
 
 @pytest.fixture(scope="module")
 def outputs_of(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Outputs]]:
-    """Runs a command once, after those that write what it reads; figures stay empty, which saves half the time."""
+    """Runs a command once, after those that write what it reads."""
     outputs: dict[str, Outputs] = {}
-    save = Figure.savefig
 
     def outputs_of(name: str) -> Outputs:
         if name not in outputs:
@@ -35,7 +33,6 @@ def outputs_of(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[s
     shutil.copytree(SAMPLE_RUNS, folder / "sample_runs")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(Figure, "savefig", lambda _, *where, **options: save(Figure((1, 1)), *where, **options))
         yield outputs_of
 
 

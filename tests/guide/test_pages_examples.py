@@ -1,6 +1,8 @@
-"""README and pages show what the commands print: every example is run, and its output is compared."""
+"""README and pages show what the commands print: every example is run, and its output is compared.
 
-import os
+What `tests/golden` runs too and takes long is not run twice: it stands in the outputs on file, as do the files written.
+"""
+
 import re
 import shlex
 import shutil
@@ -12,6 +14,8 @@ from typing import NamedTuple
 import pytest
 from bluerov2_day import write_bluerov2_day
 from click.testing import CliRunner
+from golden import LINES, OUTPUTS
+from golden import read as read_outputs
 from pool_day import write_pool_day
 from printed import same, words
 from repository import ROOT, SAMPLE_RUNS
@@ -19,6 +23,7 @@ from test_readme import PAGES, fences
 
 from automarine_cli.commands import automarine
 
+pytestmark = pytest.mark.usefixtures("drawn_figures")
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
 ANYTHING = "..."
@@ -46,20 +51,25 @@ def examples() -> Iterator[Example]:
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """What each command line printed: each is run once, in the order of the pages, in one folder."""
-    folder = tmp_path_factory.mktemp("pages")
-    shutil.copytree(SAMPLE_RUNS, folder / "sample_runs")
-    write_pool_day(folder / "pool_day")
-    write_bluerov2_day(folder / "bluerov2")
+    place = tmp_path_factory.mktemp("pages")
+    shutil.copytree(SAMPLE_RUNS, place / "sample_runs")
+    write_pool_day(place / "pool_day")
+    write_bluerov2_day(place / "bluerov2")
     found: dict[str, str] = {}
-    here = Path.cwd()
-    os.chdir(folder)
-    try:
-        for one in EXAMPLES:
-            if one.line not in found:
-                found[one.line] = printed(one.line)
-    finally:
-        os.chdir(here)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        for line in dict.fromkeys(one.line for one in EXAMPLES):
+            found[line] = on_file(ON_FILE[line]) if line in ON_FILE else printed(line)
     return found
+
+
+def on_file(name: str) -> str:
+    """What a line of `tests/golden` prints; the files that it writes are put where they belong."""
+    outputs = read_outputs(OUTPUTS / f"{name}.txt")
+    for path in map(Path, outputs.keys() - {"printed", "files"}):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(outputs[path.as_posix()], encoding="utf-8")
+    return outputs["printed"]
 
 
 def printed(line: str) -> str:
@@ -73,6 +83,7 @@ def printed(line: str) -> str:
 
 
 EXAMPLES = list(examples())
+ON_FILE = {f"automarine {line}": name for name, line in LINES["slow"].items()}
 
 
 def difference(shown: str, found: str) -> str:

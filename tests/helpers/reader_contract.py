@@ -27,7 +27,7 @@ from vehicle_ulog import ulog
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, column_rules, read_log
-from automarine_cli.logs.formats import formats
+from automarine_cli.logs.find import FORMATS
 
 Columns = dict[str, list[float] | list[str]]
 
@@ -117,7 +117,7 @@ RECORDERS = {
         ("ATTITUDE",), ("SERVO_OUTPUT_RAW",), starts=1.7e9, clock=2e-3, cut_is_sound=False,
     ),
 }  # fmt: skip
-SUFFIXES = sorted(suffix for form in formats() for suffix in form.suffixes)
+SUFFIXES = sorted(suffix for form in FORMATS for suffix in form.suffixes)
 
 GOOD: Columns = {
     "time_s": [round(0.1 * i, 1) for i in range(40)],

@@ -34,9 +34,12 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
 
 def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
     """The log as the reader would give it."""
-    columns = {"time": made.log.time_s, dof.position: dof.inner(made.log.position), dof.command: made.log.moment}
-    if made.log.rate is not None:
-        columns[dof.velocity] = dof.inner(made.log.rate)
-    count = len(made.log.time_s)
+    units = {dof.position: dof.units.log, dof.command: moment_unit, dof.velocity: f"{dof.units.log}/s"}
+    logged = {name: made.columns.get(dof.column(name, unit)) for name, unit in units.items()}
+    columns = {"time": made.columns["time_s"]} | {
+        name: column if name == dof.command else dof.inner(column)
+        for name, column in logged.items() if column is not None
+    }  # fmt: skip
+    count = len(made.columns["time_s"])
     rows, codes = np.arange(1, count + 1), np.zeros(count, dtype=np.int64)
     return LogTable(made.plan.file, columns, rows, (made.plan.name,), codes, moment_unit=moment_unit, dof=dof)

@@ -20,7 +20,7 @@ from click.testing import Result
 from made_sequences import model_file
 from repository import ROOT
 
-from automarine_cli.logs.formats import suffixes
+from automarine_cli.logs.find import ENDINGS as endings
 
 Command = Callable[..., Result]
 
@@ -119,7 +119,6 @@ def test_named_alone_no_run_is_left(
 
 
 def test_a_directory_with_a_logs_name(run: Command, broken: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    endings = ", ".join(sorted(suffixes()))
     monkeypatch.chdir(broken)  # a long path would be cut short in the sentence
     is_refusal(
         run("check", "directory.csv"), f"'directory.csv': no logs in this directory; give files that end in {endings}"

@@ -16,7 +16,7 @@ import automarine_cli as am
 from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, LogTable, read_column_map, read_log
+from automarine_cli.logs import ColumnMap, LogTable, read_log
 from automarine_cli.logs.can import bits_of, raw_of, read_slcan, values_of
 
 cantools = pytest.importorskip("cantools", reason="the extra automarine[can] is not installed")
@@ -132,13 +132,6 @@ def test_a_dbc_that_is_none_is_refused(tmp_path: Path) -> None:
             (tmp_path / name).write_text(text)
         with pytest.raises(LogError, match=sentence):
             read(tmp_path, content, columns=ColumnMap(CAN.columns, dbc=str(tmp_path / name)))
-    for text, sentence in (
-        ("[can]\nfile = 1\n", "columns.toml: can.file is not known; .can. takes dbc"),
-        ("[can]\ndbc = 1\n", "columns.toml: can.dbc is 1; expected the place of a DBC file in quotes"),
-    ):
-        (tmp_path / "columns.toml").write_text(text)
-        with pytest.raises(LogError, match=sentence):
-            read_column_map(tmp_path / "columns.toml")
 
 
 def test_an_object_of_no_length_does_not_hold_the_reader_for_ever(tmp_path: Path) -> None:

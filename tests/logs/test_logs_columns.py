@@ -40,62 +40,58 @@ def test_the_contract_s_example(tmp_path: Path) -> None:
     assert dict(columns.defaults) == {"thrusters_per_test": 2, "arm_m": 0.44}
 
 
-REFUSED = {
-    "": ': the column map is empty; write lines such as heading_deg = "yaw" under [columns]',
-    "time_s = 't'": ": unknown key 'time_s'; a column map holds [columns], [[columns_of]], [logs], "
-    "[defaults] and [can] only; write it below one of them",
-    "columns = 3": ": columns is 3; expected a table, written [columns]",
-    "[columns]\nyaw = 'a'": ": columns.yaw is no column that automarine knows; known are time_s, "
-    "time_ms, time_us, "
-    "time, heading_deg, heading_rad, yaw_rate_deg_s, yaw_rate_rad_s, tau, tau_Nm, n_port, n_stbd, voltage_V, "
-    "surge_m_s, sway_m_s, heave_m_s, distance_m, depth_m, force_X_N, X, force_Z_N, Z, force_Y_N, Y, n_vert, "
-    "north_m, east_m, lat_deg, lon_deg, "
-    "n, force_N, force_kgf, force_lbf, run, mode, armed, by",
-    "[columns]\ntau = 1": ": columns.tau is 1; expected the name of a column in quotes, or a table such as "
-    '{ from = "yaw", unit = "rad", sign = -1 }',
-    "[columns]\ntau = ''": ": columns.tau.from is ''; expected the name of a column in quotes",
-    "[columns]\ntau = { unit = 'nu' }": ": columns.tau.from is missing; expected the name of a column in quotes",
-    "[columns]\ntau = { from = 'a', form = 1 }": ": columns.tau.form is not known; a column takes from, "
-    "unit, sign, "
-    "scale, offset, subtract, sign_from, day_first",
-    "[columns]\ntau = { from = 'a', subtract = true }": ": columns.tau.subtract is true; expected a finite number",
-    "[columns]\nn = { from = 'a', sign_from = 1 }": ": columns.n.sign_from is 1; expected the name of a column in "
-    'quotes, or a table such as { from = "pwm", subtract = 1500 }',
-    "[columns]\nn = { from = 'a', sign_from = { from = '' } }": ": columns.n.sign_from.from is ''; expected the name "
-    "of a column in quotes",
-    "[columns]\ntime = { from = 'a', day_first = 1 }": ": columns.time.day_first is 1; expected true or false",
-    "[columns]\ntau = { from = 'a', day_first = true }": ": columns.tau.day_first goes with time, a column of dates, "
-    "only; leave it out",
-    "columns_of = 1": ": columns_of is 1; expected tables, each written [[columns_of]]",
-    "[[columns_of]]\nn = 'a'": ": columns_of[0].logs is missing; expected the logs that it is of, such as "
-    '["bollard/*.csv"]',
-    "[logs]\nsteps = ['a']": ": logs.steps is not known; [logs] of a column map takes join",
-    "[logs]\njoin = { logs = 'a' }": ': logs.join: [0]: key "with" is missing; expected a text in quotes or a list, '
-    "each entry a text in quotes",
-    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join: [0]: join of "nav_*" with "*_cmd_*": expected '
-    "as many stars in both, or none in the second; a star stands for the same letters in both names",
-    "[columns]\ntau = { from = 'a', sign = 2 }": ": columns.tau.sign is 2; expected 1 or -1",
-    "[columns]\ntau = { from = 'a', sign = true }": ": columns.tau.sign is true; expected 1 or -1",
-    "[columns]\ntau = { from = 'a', unit = 'N m' }": ": columns.tau.unit is 'N m'; expected nu",
-    "[columns]\nheading_deg = { from = 'a', unit = 'grad' }": ": columns.heading_deg.unit is 'grad'; "
-    "expected deg or rad",
-    "[columns]\ntau = { from = 'a', scale = nan }": ": columns.tau.scale is nan; expected a finite number other than 0",
-    "[columns]\ntau = { from = 'a', scale = 0 }": ": columns.tau.scale is 0; expected a finite number other than 0",
-    "[columns]\ntau = { from = 'a', offset = 'x' }": ": columns.tau.offset is 'x'; expected a finite number",
-    "[columns]\nrun = { from = 'a', sign = -1 }": ": columns.run names runs; unit, sign, scale and "
-    "offset do not apply; leave them out",
-    "[defaults]\narm = 1": ": defaults.arm is not known; [defaults] takes thrusters_per_test, arm_m",
-    "[defaults]\narm_m = -1": ": defaults.arm_m is -1; expected a number above 0",
-    "[defaults]\narm_m = inf": ": defaults.arm_m is inf; expected a number above 0",
-    "[defaults]\nthrusters_per_test = [2]": ": defaults.thrusters_per_test is a list; expected a number above 0",
+REFUSED = {  # the place, what was found, what was expected
+    "": ("heading_deg", "under [columns]"),
+    "time_s = 't'": ("time_s", "columns_of, logs, defaults, can"),
+    "columns = 3": ("columns: found 3", "a table"),
+    "[columns]\nyaw = 'a'": ("columns.yaw:", "known are time_s, time_ms", "force_lbf, run, mode, armed, by"),
+    "[columns]\ntau = 1": (
+        "columns.tau:",
+        'expected the name of a column in quotes, or a table such as { from = "yaw"',
+    ),
+    "[columns]\ntau = ''": ("columns.tau:", "from is ''", "expected the name of a column in quotes"),
+    "[columns]\ntau = { unit = 'nu' }": ("columns.tau:", 'key "from" is missing'),
+    "[columns]\ntau = { from = 'a', form = 1 }": ("columns.tau:", 'unknown key "form"', "from"),
+    "[columns]\ntau = { from = 'a', subtract = true }": ("columns.tau.subtract: found true", "expected a number"),
+    "[columns]\nn = { from = 'a', sign_from = 1 }": ("columns.n.sign_from: found 1", "expected a table"),
+    "[columns]\nn = { from = 'a', sign_from = { from = '' } }": ("columns.n.sign_from:", "from is ''", "a column"),
+    "[columns]\nn = { from = 'a', sign_from = { from = 'b', unit = 'us' } }": ("columns.n:", "from, subtract and sign"),
+    "[columns]\ntime = { from = 'a', day_first = 1 }": ("columns.time.day_first: found 1", "true or false"),
+    "[columns]\ntau = { from = 'a', day_first = true }": ("columns.tau.day_first:", "goes with time", "leave it out"),
+    "columns_of = 1": ("columns_of: found 1", "a list, each entry a table"),
+    "[[columns_of]]\nn = 'a'": ("columns_of[0].logs: missing", '["bollard/*.csv"]'),
+    "[[columns_of]]\nlogs = 'a'\nyaw = 'a'": ("columns_of[0].yaw:", "known are"),
+    "[logs]\nsteps = ['a']": ("logs:", 'unknown key "steps"', "join"),
+    "[logs]\njoin = { logs = 'a' }": ("logs.join[0]:", 'key "with" is missing'),
+    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": (
+        "logs.join[0]:",
+        '"*_cmd_*"',
+        "expected as many stars in both",
+    ),
+    "[columns]\ntau = { from = 'a', sign = 2 }": ("columns.tau.sign: found 2", "1, -1"),
+    "[columns]\ntau = { from = 'a', sign = true }": ("columns.tau.sign: found true", "1, -1"),
+    "[columns]\ntau = { from = 'a', unit = 'N m' }": ("columns.tau.unit: found 'N m'", "expected nu"),
+    "[columns]\nheading_deg = { from = 'a', unit = 'grad' }": ("columns.heading_deg.unit: found 'grad'", "deg or rad"),
+    "[columns]\ntau = { from = 'a', scale = nan }": ("columns.tau.scale: found NaN", "a finite number"),
+    "[columns]\ntau = { from = 'a', scale = 0 }": ("columns.tau:", "scale is 0", "other than 0"),
+    "[columns]\ntau = { from = 'a', offset = 'x' }": ('columns.tau.offset: found "x"', "expected a number"),
+    "[columns]\nrun = { from = 'a', sign = -1 }": ("columns.run:", "names runs", "leave them out"),
+    "[can]\nfile = 1": ("can:", 'unknown key "file"', "dbc"),
+    "[can]\ndbc = 1": ("can.dbc: found 1", "a text in quotes"),
+    "[can]\ndbc = ' '": ("can.dbc: found no name", "a DBC file in quotes"),
+    "[defaults]\narm = 1": ("defaults:", 'unknown key "arm"', "arm_m"),
+    "[defaults]\narm_m = -1": ("defaults:", "arm_m is -1", "above 0"),
+    "[defaults]\narm_m = inf": ("defaults.arm_m: found Infinity", "a finite number"),
+    "[defaults]\nthrusters_per_test = [2]": ("defaults.thrusters_per_test: found a list", "a number"),
 }
 
 
-@pytest.mark.parametrize(("text", "sentence"), REFUSED.items(), ids=[text[-40:] for text in REFUSED])
-def test_refused_with_the_key_s_path(tmp_path: Path, text: str, sentence: str) -> None:
+@pytest.mark.parametrize(("text", "parts"), REFUSED.items(), ids=[text[-40:] for text in REFUSED])
+def test_refused_with_the_key_s_path(tmp_path: Path, text: str, parts: tuple[str, ...]) -> None:
     with pytest.raises(LogError) as refused:
         read_column_map(written(tmp_path, text))
-    assert str(refused.value) == "columns.toml" + sentence
+    assert str(refused.value).startswith("columns.toml: ")
+    assert [part for part in parts if part not in str(refused.value)] == []
 
 
 @pytest.mark.parametrize(

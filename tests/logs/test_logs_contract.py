@@ -14,11 +14,11 @@ from reader_contract import GOOD, RECORDERS, SUFFIXES, WRITERS, judge_bad_files,
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import LogFile, read_log, require_motion
-from automarine_cli.logs.formats import format_of, formats, stem_of
+from automarine_cli.logs.find import FORMATS, format_of, stem_of
 
 
 def test_formats_are_found_by_themselves() -> None:
-    assert {form.name for form in formats()} >= {"CSV", "Parquet"}
+    assert {form.name for form in FORMATS} >= {"CSV", "Parquet"}
     assert format_of("a/B.CSV.GZ").name == "CSV"  # type: ignore[union-attr]
     assert format_of("notes.txt") is None
     assert stem_of("run.1.csv.gz") == "run.1"

@@ -7,7 +7,7 @@ import pytest
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, find_logs
-from automarine_cli.logs.formats import suffixes
+from automarine_cli.logs.find import ENDINGS as endings
 
 
 @pytest.fixture
@@ -93,7 +93,6 @@ def test_odd_names_are_shown_on_one_line(tmp_path: Path, name: str, shown: str) 
 def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # a long path would be shortened in the sentence
     (tmp_path / "notes.txt").touch()
-    endings = ", ".join(sorted(suffixes()))
     sentences = {
         "notes.txt": f"'notes.txt': unknown log format; give a file that ends in {endings}",
         "no.csv": "no.csv': no such file or directory; check the spelling and the folder you are in",

@@ -14,6 +14,7 @@ from automarine_cli.diagnosis.residual_regions import columns
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, ModelError
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.cautions import EARLY, LATE, design_cautions, fit_warnings
 from automarine_cli.fits.half_turns import step_data
 from automarine_cli.fits.identify import YawFit
@@ -22,7 +23,6 @@ from automarine_cli.fits.whole_runs import prefer
 from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import general_advice
-from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run

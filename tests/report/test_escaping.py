@@ -15,7 +15,7 @@ from few_candidates import few_candidates
 from made_sequences import model_file
 
 from automarine_cli.pipeline.words import printable
-from automarine_cli.report.figures.style import new_figure, pdf, png, svg
+from automarine_cli.report.figures.style import FORMATS, new_figure
 
 Command = Callable[..., Result]
 
@@ -25,6 +25,7 @@ HOSTILE = (
     "\x1b[31mred\x07 Größe_タンク", "../../escape", "<!-- {{7*7}} # heading",
 )  # fmt: skip
 """A run column may hold any of these; in Parquet a line feed too."""
+pytestmark = pytest.mark.usefixtures("drawn_figures")
 
 
 def hostile_log(folder: Path) -> Path:
@@ -122,7 +123,7 @@ def test_latex_shows_the_names_and_obeys_none(folders: dict[str, Path]) -> None:
 
 
 def test_letters_that_a_font_lacks_are_no_warning() -> None:
-    for save in (png, svg, pdf):
+    for save in FORMATS.values():
         figure, axes = new_figure()
         axes[0, 0].set_title("Größe_タンク $\\frac{ \\x1b", parse_math=False)
         assert len(save(figure)) > 1000

@@ -10,15 +10,16 @@ from matplotlib.figure import Figure
 
 from automarine_cli.report.figures.style import (
     COLOURS,
+    FORMATS,
     MODEL_COLOURS,
     MODEL_LINES,
     house_style,
     legend,
     new_figure,
-    pdf,
-    png,
-    svg,
 )
+
+png, svg, pdf = (FORMATS[kind] for kind in ("png", "svg", "pdf"))
+pytestmark = pytest.mark.usefixtures("drawn_figures")
 
 
 @house_style

@@ -69,11 +69,11 @@ def test_a_fit_speaks_of_its_motion(fits: dict[str, YawFit], name: str) -> None:
         refuse_strange(dof, [table.to_csv(), table.to_markdown()])
         assert any(sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia_math))
     refuse_strange(dof, [*yaw_report.sentences(fit), repr(fit), *alternatives(dof).values()])
-    keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit).column_names]
+    keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit)[0]]
     refuse_strange(dof, keys)
     assert f"start {dof.words.position} m" in keys and "covered cm" in keys and dof.words.force in keys
     first = fit.turns[0]
-    row = yaw_report.run_rows(fit).to_pylist()[0]
+    row = yaw_report.run_rows(fit)[0]
     assert row[f"start_{dof.words.position}_m"] == pytest.approx(first.start_position)
     assert row["run"] == first.name
 
@@ -123,7 +123,7 @@ def test_a_diagnosis_speaks_of_its_motion(diagnosed: dict[str, Diagnosis], name:
     refuse_strange(dof, page(diagnosis).splitlines())
     refuse_strange(dof, [verdict_sentence(diagnosis)])
     refuse_strange(dof, [table.to_markdown() for table in tables(diagnosis)])
-    figures = (before_after_figure(diagnosis), where_figure(diagnosis), why_figure(diagnosis))
+    figures = (before_after_figure(diagnosis), where_figure(diagnosis.where, diagnosis.words), why_figure(diagnosis))
     for figure in figures:
         refuse_strange(dof, labels(figure))
     assert any(THEIRS in text for text in labels(figures[0]))

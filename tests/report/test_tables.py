@@ -148,3 +148,11 @@ def test_number_is_right_to_its_digits(x: float) -> None:
 )
 def test_interval_shows_the_digits_that_count(estimate: Interval | None, text: str) -> None:
     assert interval(estimate) == text
+
+
+def test_rows_and_columns_that_hold_nothing_are_left_out() -> None:
+    table = Table("", ("Model", "1", "2"), (("a", "–", "–"), ("b", "1", "–"), ("c", "–", "–"), ("d", "2", "–")), (1, 3))
+    rows = table.without_empty_rows()
+    assert [row[0] for row in rows.rows] == ["b", "d"] and rows.rules == (0, 1)
+    columns = rows.without_empty_columns()
+    assert columns.header == ("Model", "1") and columns.rows == (("b", "1"), ("d", "2"))

@@ -22,7 +22,7 @@ from automarine_cli.simulation.specification import Specification
 def test_noise_is_white_and_as_large_as_asked() -> None:
     settings = {"scatter": {"start_heading_deg": 180.0}, "runs": [{"kind": "rest", "duration_s": 600}]}
     (made,) = make_campaign(pool_specification(noise_deg=1.5, **settings), 2)
-    off = made.log.position - 180.0
+    off = made.columns["heading_deg"] - 180.0
     assert off.std() == pytest.approx(1.5, rel=4 / np.sqrt(2 * len(off)))
     assert abs(np.corrcoef(off[1:], off[:-1])[0, 1]) < 4 / np.sqrt(len(off))
 
@@ -31,14 +31,14 @@ def test_noise_is_white_and_as_large_as_asked() -> None:
 def test_quantised_and_wrapped(wrap: str, low: float, high: float) -> None:
     logger = {"quantisation_deg": 0.5, "wrap": wrap}
     for made in make_campaign(pool_specification(moments=[1.0, -1.0], logger=logger), 3):
-        degrees = made.log.position
+        degrees = made.columns["heading_deg"]
         np.testing.assert_array_equal(degrees, np.round(degrees * 2) / 2)
         assert degrees.min() >= low
         assert degrees.max() < high
     whole = pool_specification(moments=[1.0, -1.0], logger={"wrap": wrap})
     unwrapped = pool_specification(moments=[1.0, -1.0], logger={"wrap": "none"})
     for one, other in zip(make_campaign(whole, 3), make_campaign(unwrapped, 3)):
-        turns = (one.log.position - other.log.position) / 360
+        turns = (one.columns["heading_deg"] - other.columns["heading_deg"]) / 360
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
 
 
@@ -47,20 +47,20 @@ def test_lost_samples_glitches_and_jitter_are_counted() -> None:
     logger = {"dropout": 0.1, "glitch": 0.03, "glitch_deg": 120.0}
     found = make_campaign(pool_specification(logger=logger), 4)
     whole = sum(made.plan.samples for made in found)
-    lost = sum(made.log.lost for made in found)
-    assert lost == whole - sum(len(made.log.time_s) for made in found)
+    lost = sum(made.lost for made in found)
+    assert lost == whole - sum(len(made.columns["time_s"]) for made in found)
     assert lost / whole == pytest.approx(0.1, abs=4 * np.sqrt(0.09 / whole))
     glitches = 0
     for made, clean in zip(found, quiet):
-        kept = np.isin(clean.log.time_s, made.log.time_s)
-        off = (made.log.position - clean.log.position[kept] + 180) % 360 - 180
+        kept = np.isin(clean.columns["time_s"], made.columns["time_s"])
+        off = (made.columns["heading_deg"] - clean.columns["heading_deg"][kept] + 180) % 360 - 180
         assert set(np.round(np.abs(off), 2)) <= {0.0, 120.0}  # losses change no other number
-        assert np.count_nonzero(np.abs(off) > 1) == made.log.glitches
-        glitches += made.log.glitches
+        assert np.count_nonzero(np.abs(off) > 1) == made.glitches
+        glitches += made.glitches
     assert glitches / (whole - lost) == pytest.approx(0.03, abs=0.01)
 
     uneven = make_campaign(pool_specification(logger={"clock_jitter_s": 0.01}), 4)
-    steps = np.concatenate([np.diff(made.log.time_s) for made in uneven])
+    steps = np.concatenate([np.diff(made.columns["time_s"]) for made in uneven])
     assert steps.min() > 0
     assert steps.std() == pytest.approx(0.01 * np.sqrt(2), rel=0.05)
     assert steps.mean() == pytest.approx(0.1, rel=1e-3)

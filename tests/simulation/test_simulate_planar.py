@@ -22,8 +22,8 @@ from automarine_cli.pipeline.records import read_mapping
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.planar import read_planar
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.campaign import PlanarMade, make_planar
-from automarine_cli.simulation.specification import PlanarSpecification, planar_specification_from
+from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
+from automarine_cli.simulation.specification import PlanarSpecification, specification_from
 
 PLAIN: dict[str, Any] = {
     "schema": "automarine/simulation/1",
@@ -44,20 +44,22 @@ CRAFT = Craft(
 
 def specified(**changes: object) -> PlanarSpecification:
     """The plain campaign with other settings."""
-    return planar_specification_from({**copy.deepcopy(PLAIN), **changes}, "plain.toml")
-
-
-def one_run(**changes: object) -> PlanarMade:
-    """Its one run."""
-    (made,) = make_planar(specified(**changes), 3)
+    made = specification_from({**copy.deepcopy(PLAIN), **changes}, "plain.toml")
+    assert isinstance(made, PlanarSpecification)
     return made
 
 
-def independent(made: PlanarMade, turned: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def one_run(**changes: object) -> SimulatedRun:
+    """Its one run."""
+    (made,) = make_campaign(specified(**changes), 3)
+    return made
+
+
+def independent(made: SimulatedRun, turned: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities at the rows by the other solver, with rows that show every switch at once."""
-    time, at = made.columns["time_s"], made.switches
+    time, at = made.columns["time_s"], made.drawn.switches
     dense = np.sort(np.concatenate([time, at - 1e-9, at + 1e-9]))
-    held = np.vstack([np.zeros(3), made.commands])[np.searchsorted(at, dense)]
+    held = np.vstack([np.zeros(3), made.plan.moments])[np.searchsorted(at, dense)]
     extras = {"force_X": held[:, 0], "force_Y": held[:, 1]}
     run = Run("run", "run.csv", dense, 0 * dense, held[:, 2], "N m", extras, dof=YAW)
     positions, velocities = solved(CRAFT, run, (0, 0, np.deg2rad(turned)), (0, 0, 0))
@@ -96,15 +98,15 @@ def test_what_is_hidden_is_in_the_truth_and_not_in_the_known_model() -> None:
 def test_noise_bias_gain_and_disturbance_are_of_the_size_asked() -> None:
     sensors = {**PLAIN["sensors"], "surge_m_s": {"noise": 0.05}, "yaw_rate_deg_s": {"bias": 2.0}}
     rest = [{"name": "rest", "repeats": 20, "commands": [[0, 0, 0, 20]]}]
-    made = make_planar(specified(sensors=sensors, runs=rest, scatter={"gain": 0.1}), 0)
+    made = make_campaign(specified(sensors=sensors, runs=rest, scatter={"gain": 0.1}), 0)
     surge = np.concatenate([one.columns["surge_m_s"] for one in made])
     assert np.std(surge) == pytest.approx(0.05, rel=0.05)
     bias = [np.mean(one.columns["yaw_rate_deg_s"]) for one in made]
     assert 1.2 < np.std(bias) < 2.8 and max(np.std(one.columns["yaw_rate_deg_s"]) for one in made) < 1e-9
-    assert 0.06 < np.std([np.log(one.gain) for one in made]) < 0.15
-    pushed = make_planar(specified(runs=rest, disturbance={"sway_N": 2.0, "time_s": 4.0}), 0)
-    size = np.std(np.concatenate([one.disturbance[1] for one in pushed]))
-    assert 1.5 < size < 2.5 and not pushed[0].disturbance[0].any()
+    assert 0.06 < np.std([one.drawn.log_gain for one in made]) < 0.15
+    pushed = make_campaign(specified(runs=rest, disturbance={"sway_N": 2.0, "time_s": 4.0}), 0)
+    size = np.std(np.concatenate([one.drawn.disturbance[1] for one in pushed]))
+    assert 1.5 < size < 2.5 and not pushed[0].drawn.disturbance[0].any()
     assert max(np.abs(one.columns["sway_m_s"]).max() for one in pushed) > 0.05
 
 
@@ -112,7 +114,7 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
     asked = read_mapping(SAMPLE_RUNS / "planar.toml")
     asked["runs"] = asked["runs"][:1]
     asked["runs"][0]["repeats"] = 2
-    simulate(planar_specification_from(asked, "planar.toml"), out=tmp_path / "made")
+    simulate(specification_from(asked, "planar.toml"), out=tmp_path / "made")
     runs = load_runs([tmp_path / "made" / "planar"], dof=YAW, read=read_planar).runs
     for run in runs:
         fresh = np.flatnonzero(np.isfinite(run.extras["surge"]))
@@ -124,12 +126,12 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
 
 def test_seeds() -> None:
     runs = [{"name": "drawn", "repeats": 2, "largest": [20, 10, 2]}]
-    one, two = make_planar(specified(runs=runs), 1)
-    again, other = make_planar(specified(runs=runs), 1)[0], make_planar(specified(runs=runs), 2)[0]
+    one, two = make_campaign(specified(runs=runs), 1)
+    again, other = make_campaign(specified(runs=runs), 1)[0], make_campaign(specified(runs=runs), 2)[0]
     assert all(np.array_equal(one.columns[name], again.columns[name]) for name in one.columns)
-    assert not np.array_equal(one.commands, other.commands) and not np.array_equal(one.commands, two.commands)
-    assert (one.name, two.name, two.begin) == ("drawn_a", "drawn_b", pytest.approx(44 + 60))
-    assert np.abs(one.commands).max(axis=0).tolist() <= [20, 10, 2] and len(one.commands) > 8
+    assert not np.array_equal(one.plan.moments, other.plan.moments) and one.plan.moments[0] != two.plan.moments[0]
+    assert (one.plan.name, two.plan.name, two.plan.start) == ("drawn_a", "drawn_b", pytest.approx(44 + 60))
+    assert np.abs(one.plan.moments).max(axis=0).tolist() <= [20, 10, 2] and len(one.plan.moments) > 8
 
 
 def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
@@ -139,7 +141,9 @@ def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
     assert truth["hidden"] == {"yaw.N_v": -7.0} and truth["seed"] == 3 and len(truth["made"]) == 10
     assert truth["made"][0]["commands"][0].keys() == {"force_X_N", "force_Y_N", "tau_Nm", "from_s"}
     shown = simulate(specified())
-    assert "runs       1      101" in repr(shown) and "seed 0: no measurement." in repr(shown)
+    assert "runs    planar     1      1      101                  0" in repr(
+        shown
+    ) and "seed 0: no measurement." in repr(shown)
     assert list(shown.to_frame()["file"]) == ["runs/run.csv"]
 
 

@@ -15,9 +15,10 @@ from automarine_cli import effects
 from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.simulation import campaign as room
 from automarine_cli.simulation.campaign import DECIMALS, SimulatedRun, make_campaign, make_plans, sample_times
-from automarine_cli.simulation.run_groups import Resistance, time_to_turn
+from automarine_cli.simulation.run_groups import time_to_turn
 from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
 
 Floats = NDArray[np.float64]
@@ -41,7 +42,7 @@ def exactly(specification: Specification, made: SimulatedRun) -> Floats:
     drawn, vehicle = made.drawn, specification.vehicle
     bias = sum(effect.values["b"] for effect in specification.effects) + drawn.added_moment
     instants = sample_times(made.plan, specification.logger, SEED)  # stamps are logged to a millisecond
-    time = instants[np.isin(np.round(made.plan.start + instants, DECIMALS), made.log.time_s)]
+    time = instants[np.isin(np.round(made.plan.start + instants, DECIMALS), made.columns["time_s"])]
     begin = instants[0]
     switches = drawn.switches.tolist()
     held = specification.campaign.held and bool(switches)
@@ -75,19 +76,19 @@ def test_every_kind_is_what_solve_ivp_makes_of_its_truth(held: bool) -> None:
         effects=[{"name": "bias-moment", "b": 0.02}],
     )
     for made in make_campaign(specification, SEED):
-        off = np.deg2rad(made.log.position) - exactly(specification, made)
+        off = np.deg2rad(made.columns["heading_deg"]) - exactly(specification, made)
         assert np.abs(off).max() <= INTEGRATED, made.plan.name
 
 
 def test_steps_are_the_closed_form_to_the_last_digit() -> None:
     specification = pool_specification(noise_deg=0.0, gain=0.03, logger={"wrap": "none"})
     for made in make_campaign(specification, 1):
-        time = made.log.time_s - made.plan.start
+        time = made.columns["time_s"] - made.plan.start
         on = time < made.drawn.switches[1]
         moment = made.plan.moments[0] * made.drawn.gain
         begin = made.drawn.start
         truth, _ = response(time - made.drawn.switches[0], moment, INERTIA, 0.0, K_RR, begin)
-        assert np.abs(np.deg2rad(made.log.position) - truth)[on].max() <= HALF_DIGIT + 1e-7
+        assert np.abs(np.deg2rad(made.columns["heading_deg"]) - truth)[on].max() <= HALF_DIGIT + 1e-7
 
 
 def test_log_may_begin_with_the_moment_already_on() -> None:
@@ -95,16 +96,17 @@ def test_log_may_begin_with_the_moment_already_on() -> None:
         moments=[0.8, -0.8], noise_deg=0.0, logger={"wrap": "none"}, campaign={"rest_before_s": 0.0}
     )
     for made in make_campaign(specification, SEED):
-        assert made.log.moment[0] == made.plan.moments[0]
+        assert made.columns["tau"][0] == made.plan.moments[0]
         assert -0.1 < made.drawn.switches[0] <= 0.0
-        assert np.abs(np.deg2rad(made.log.position) - exactly(specification, made)).max() <= INTEGRATED
+        assert np.abs(np.deg2rad(made.columns["heading_deg"]) - exactly(specification, made)).max() <= INTEGRATED
 
 
 def test_a_turn_lasts_as_long_as_the_base_vehicle_needs() -> None:
-    for drag in ((1.018, 0.0, 1.257), (1.018, 0.5, 0.0), (0.5, 0.1, 2.0)):
+    for inertia, linear, quadratic in ((1.018, 0.0, 1.257), (1.018, 0.5, 0.0), (0.5, 0.1, 2.0)):
+        model = YawModel.base("2", inertia, (quadratic, linear), "nu", YAW)
         for moment in (0.1, -1.2):
-            time = time_to_turn(3.5, moment, Resistance(*drag, YAW))
-            assert abs(response(time, moment, *drag)[0]) == pytest.approx(3.5, abs=1e-9)
+            time = time_to_turn(3.5, moment, model)
+            assert abs(response(time, moment, inertia, linear, quadratic)[0]) == pytest.approx(3.5, abs=1e-9)
 
 
 def test_mirrored_campaign_is_the_mirror_image(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,9 +118,9 @@ def test_mirrored_campaign_is_the_mirror_image(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(room, "make_plans", lambda *_: plans)
     back = make_campaign(specification, 8)
     for one, other in zip(there, back):
-        np.testing.assert_array_equal(one.log.time_s, other.log.time_s)
-        np.testing.assert_array_equal(one.log.moment, -other.log.moment)
-        np.testing.assert_array_equal(one.log.position, -other.log.position)
+        np.testing.assert_array_equal(one.columns["time_s"], other.columns["time_s"])
+        np.testing.assert_array_equal(one.columns["tau"], -other.columns["tau"])
+        np.testing.assert_array_equal(one.columns["heading_deg"], -other.columns["heading_deg"])
 
 
 def test_switch_is_anywhere_in_the_interval_before_it_shows() -> None:
@@ -128,8 +130,8 @@ def test_switch_is_anywhere_in_the_interval_before_it_shows() -> None:
     assert late.mean() == pytest.approx(0.5, abs=4 / np.sqrt(12 * len(late)))
     assert late.std() == pytest.approx(np.sqrt(1 / 12), rel=0.2)
     for made in found:
-        first = int(np.argmax(made.log.moment != 0))
-        before, after = made.log.time_s[first - 1 : first + 1] - made.plan.start
+        first = int(np.argmax(made.columns["tau"] != 0))
+        before, after = made.columns["time_s"][first - 1 : first + 1] - made.plan.start
         assert before < made.drawn.switches[0] <= after
 
 
@@ -164,7 +166,7 @@ def test_one_run_does_not_change_another() -> None:
     by_name = {made.plan.name: made for made in many}
     for made in few:
         same = by_name[made.plan.name]
-        np.testing.assert_array_equal(made.log.position, same.log.position)
+        np.testing.assert_array_equal(made.columns["heading_deg"], same.columns["heading_deg"])
         np.testing.assert_array_equal(made.drawn.switches, same.drawn.switches)
 
 
@@ -186,8 +188,8 @@ def test_jobs_change_nothing_and_seeds_do() -> None:
     first, parallel, other = (make_campaign(specification, 1), make_campaign(specification, 1, jobs=2),
                               make_campaign(specification, 2))  # fmt: skip
     for one, two, three in zip(first, parallel, other):
-        np.testing.assert_array_equal(one.log.position, two.log.position)
-        assert not np.array_equal(one.log.position[:30], three.log.position[:30])
+        np.testing.assert_array_equal(one.columns["heading_deg"], two.columns["heading_deg"])
+        assert not np.array_equal(one.columns["heading_deg"][:30], three.columns["heading_deg"][:30])
 
 
 def test_runs_made_in_memory_are_clean() -> None:
@@ -219,12 +221,12 @@ def test_rates_have_a_bias_a_run_that_the_truth_tells(motion: str, tmp_path: Pat
     told = np.array([one[f"{key}_bias_{base}"] for one in out.to_json()["made"]])  # type: ignore[attr-defined]
     told = np.rad2deg(told) if motion == "yaw" else told
     assert np.std(told) == pytest.approx(0.5, rel=0.2) and abs(np.mean(told)) < 0.15
-    off = [one.log.rate - other.log.rate for one, other in zip(out.runs, true)]  # type: ignore[operator]
+    column = "yaw_rate_deg_s" if motion == "yaw" else "surge_m_s"
+    off = [one.columns[column] - other.columns[column] for one, other in zip(out.runs, true)]
     assert [np.mean(one) for one in off] == pytest.approx(told, abs=5 * 0.3 / np.sqrt(130))
     assert np.std(off - told[:, None]) == pytest.approx(0.3, rel=0.03)
     for one, other in zip(out.runs, true):
-        np.testing.assert_array_equal(one.log.position, other.log.position)
-    column = "yaw_rate_deg_s" if motion == "yaw" else "surge_m_s"
+        np.testing.assert_array_equal(*(list(part.columns.values())[1] for part in (one, other)))
     (first, *_) = sorted((tmp_path / "sensed" / "runs").iterdir())
     assert first.read_text().splitlines()[1].split(",")[-1] == column
 
@@ -235,6 +237,8 @@ def test_any_effect_of_the_library_acts(name: str) -> None:
     values = {parameter.name_in(YAW): parameter.start for parameter in effects.get(name).parameters}
     plain = make_campaign(pool_specification(**settings), 1)
     hidden = make_campaign(pool_specification(effects=[{"name": name} | values], **settings), 1)
-    apart = [np.abs(one.log.position - other.log.position).max() for one, other in zip(plain, hidden)]
+    apart = [
+        np.abs(one.columns["heading_deg"] - other.columns["heading_deg"]).max() for one, other in zip(plain, hidden)
+    ]
     assert np.all(np.isfinite(apart))
     assert 0.01 < max(apart) < 360.0

@@ -7,14 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from figures import drawn
 from repository import DATA
 
 from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.records import schema_in
-from automarine_cli.report.thruster_diagnosis import sentences, tables
-from automarine_cli.results.kinds import THRUSTER_MAP
+from automarine_cli.pipeline.result_files import THRUSTER_MAP
+from automarine_cli.report.diagnosis_report import thruster_sentences
+from automarine_cli.report.sections import sections
+from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
@@ -146,7 +149,7 @@ def test_a_gap_that_no_effect_closes_is_unexplained() -> None:
     result = diagnose_thrusters(logs(lambda n: square(n) + 2.5 * np.sin(14.0 * n)), SQUARE)
     assert result.verdict == "unexplained" and result.effects == ()
     assert result.gap.before == result.gap.after > 3 * result.gap.floor
-    assert "correlated along the control signal" in sentences(result)[0]
+    assert "correlated along the control signal" in thruster_sentences(result)[0]
 
 
 def test_a_tie_is_suspected_and_not_added() -> None:
@@ -159,7 +162,7 @@ def test_a_tie_is_suspected_and_not_added() -> None:
     (effect,) = result.effects
     assert result.verdict == "suspected" and result.extended_map["form"] == "square"
     assert {effect.name, *(rival.name for rival in effect.rivals)} == {"dead-band", "thrust-exponent"}
-    assert effect.confidence < 0.5 and sentences(result)[0].startswith("Suspected, not named: ")
+    assert effect.confidence < 0.5 and thruster_sentences(result)[0].startswith("Suspected, not named: ")
     assert " at n = " in effect.rivals[0].split_by
 
 
@@ -222,7 +225,8 @@ def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     model = tmp_path / "thrusters.json"
     model.write_text(json.dumps(SQUARE.to_json()), encoding="utf-8")
     assert schema_in(model) == THRUSTER_MAP.schema and schema_in(log) != THRUSTER_MAP.schema
-    result = diagnose([log], model=model, out=tmp_path / "one", jobs=1)
+    with drawn():
+        result = diagnose([log], model=model, out=tmp_path / "one", jobs=1)
     diagnose([log], model=model, out=tmp_path / "two", jobs=2)
     for name in ("diagnosis.json", "extended_model.json", "diagnosis.md", "why.png", "manifest.json"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
@@ -231,7 +235,7 @@ def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     assert written["schema"] == "automarine/diagnosis/1" and written["verdict"] == "named"
     assert set(written["gap"]["held_out_runs"]) == {"before_N", "after_N", "noise_floor_N"}
     assert str(tmp_path) not in (tmp_path / "one" / "diagnosis.md").read_text(encoding="utf-8")
-    assert all(table.to_text() for table in tables(result))
+    assert all(part.to_text() for part in sections(result).printed if isinstance(part, Table))
     held = diagnose([log, other], model=model, hold_out=[other])
     assert held.held_out is not None and held.held_out.levels == 40 and names(held) == ["dead-band"]
     assert held.held_out_gap is not None and held.held_out_gap.after < 1.5 * NOISE

@@ -15,10 +15,9 @@ from automarine_cli.commands.compare import compare
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.options import OneOf
 from automarine_cli.report import thruster_tables
-from automarine_cli.report.campaign_run import says_of
+from automarine_cli.report.campaign_page import headlines, read_steps
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
-from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.thrusters.forms import FORMS
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -275,7 +274,10 @@ def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path, tmp_path:
     assert "One thruster is taken to have pulled in each test" in repr(fit)
     text = (out / "thrusters.md").read_text(encoding="utf-8")
     assert text.index("Chosen form dead-band-power") < text.index("Square law F") and f"= {own} % of" in text
-    assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in says_of(THRUSTER_MAP, out)
+    assert (
+        f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %"
+        in headlines(read_steps(out.parent))["fit-thrusters"]
+    )
     frame = fit.to_frame()
     chosen = frame[frame["form"] == "dead-band-power"].set_index(["parameter", "direction"])
     assert set(frame["form"]) == {"dead-band-power", "square"} and len(chosen) == 6

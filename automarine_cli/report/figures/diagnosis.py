@@ -1,278 +1,103 @@
-"""Why: the evidence of every candidate."""
+"""Figures of diagnoses of motions, the plane and thruster maps: where the gap is, why, and before and after."""
 
 import textwrap
-from collections.abc import Collection, Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
+from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Row, Variable, Where
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import GAIN
+from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.quantities import Floats
-from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, legend, new_figure
+from automarine_cli.report.figures.style import (
+    COLOURS,
+    MEASURED,
+    PAGE_IN,
+    house_style,
+    legend,
+    legend_below,
+    limit,
+    new_figure,
+    span,
+)
 from automarine_cli.simulation.batch import signals_of
+from automarine_cli.thrusters.family import ALPHA, BollardData
 
-BEFORE, AFTER, MARK = COLOURS["vermilion"], COLOURS["blue"], COLOURS["yellow"]
+BEFORE, AFTER, MARK, RIVAL = COLOURS["vermilion"], COLOURS["blue"], COLOURS["yellow"], COLOURS["sky"]
+NOT_NEEDED, TRIED, PROMISED = "0.72", "0.55", "0.85"
+MOST_PANELS, COLUMNS = 12, 4
+MOST_RUNS_SHOWN = 4
+WIDEST = 104  # letters that have room side by side in the title
+LABEL = {"n": "control signal n", "voltage": "supply voltage", "run-order": "run order"}
 
 
 def in_words(variable: Variable, dof: Dof) -> str:
-    """The variable's name and unit for an axis."""
-    force = dof.words.force
+    """Return the variable's name and unit for an axis."""
     others = {
-        "time-since-command-change": "time since command changed",
-        "time-in-run": "time in the run",
-        f"{force}-size": f"size of the {force}",
-    }
+        "time-since-command-change": "time since command changed", "time-in-run": "time in the run",
+        f"{dof.words.force}-size": f"size of the {dof.words.force}",
+    }  # fmt: skip
     name = variable.name if variable.logged else others.get(variable.name, variable.name.replace("-", " "))
-    name += ", by run" if variable.of_the_run else ""
-    return name + (f" [{variable.unit}]" if variable.unit else "")
-
-
-OF_THE_RUN = 0.1
-"""A column that varies within runs by less than this share of its range has one value a run, near enough to show."""
+    return name + ", by run" * variable.of_the_run + (f" [{variable.unit}]" if variable.unit else "")
 
 
 @house_style
-def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
-    """The curve over its variable, with its 95 % band."""
-    figure, grid = new_figure(1, 1, 0.62 * PAGE_IN, 2.9)
-    axes, gain = grid[0, 0], curve.kind == "gain"
-    scale = 100.0 if gain else 1.0
-    if gain:
-        _runs(axes, diagnosis, curve)
-    axes.fill_between(
-        curve.x, scale * curve.low, scale * curve.high, color=COLOURS["sky"], alpha=0.4, linewidth=0,
-        label="95 % band",
-    )  # fmt: skip
-    axes.plot(curve.x, scale * curve.y, color=COLOURS["blue"], label="learned curve")
-    axes.axhline(0.0, color="0.3", linewidth=0.6)
-    unit, size = f" [{curve.unit}]" if curve.unit else "", "size of " * curve.sized
-    axes.set_xlabel(f"{size}{curve.variable}{unit}", parse_math=False)
-    word = diagnosis.study.base.dof.words.force if curve.kind == "moment" else "change of linear drag"
-    axes.set_ylabel("change of thrust [%]" if gain else f"{word} [{curve.y_unit}]", parse_math=False)
-    legend(axes)
-    return figure
-
-
-def _runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
-    """Each run's own thrust under the base model, where the variable has about one value a run."""
-    study = diagnosis.study
-    values = signals_of(study.runs, curve.variable) if curve.needs else []
-    if not values or max(float(np.ptp(v)) for v in values) > OF_THE_RUN * float(np.ptp(curve.x)):
-        return
-    own = 100.0 * diagnosis.found.base.fit.own(GAIN)[:, 0]
-    mean = np.array([float(v.mean()) for v in values])
-    level = np.mean(own - 100.0 * np.interp(mean, curve.x, curve.y))
-    axes.plot(mean, own - level, "o", color=MEASURED, markersize=3.5, label="thrust of each run, base model")
-
-
-MOST_RUNS_SHOWN = 4
-WIDEST = 104
-"""Letters that have room side by side in the title."""
-
-
-@house_style
-def before_after_figure(diagnosis: Diagnosis) -> Figure:
-    """Draw telling runs with both models, their errors, and the error by the most telling variable."""
-    dof = diagnosis.study.base.dof
-    picks = _telling_runs(diagnosis)
-    count = max(len(picks), 1)
-    figure, grid = new_figure(3, count, PAGE_IN, 6.0, height_ratios=(1.5, 1.2, 1.4))
-    errors = [dof.shown(pick[k]) for pick in picks for k in (3, 4)]
-    most = 1.08 * max((float(np.abs(e).max()) for e in errors), default=1.0)
-    floor = dof.shown(diagnosis.gap.floor)
-    ahead = f", {JUDGED:g} s ahead" if diagnosis.study.driven else ""
-    for column, (title, time, heading, before, after) in enumerate(picks):
-        top, bottom = grid[0, column], grid[1, column]
-        if diagnosis.study.driven:  # nothing is predicted before the first filtered state
-            before, after = (np.where(missed == 0.0, np.nan, missed) for missed in (before, after))
-        measured = dof.shown(heading - heading[0])
-        top.plot(time, measured, "o", color=MEASURED, markersize=1.6, label="measured")
-        top.plot(
-            time, measured - dof.shown(before), color=BEFORE, linewidth=1.0, linestyle="--", label=f"base model{ahead}"
-        )
-        top.plot(time, measured - dof.shown(after), color=AFTER, linewidth=1.0, label=f"after{ahead}")
-        top.set_title(title, fontsize=6.5, parse_math=False)
-        bottom.axhspan(-2 * floor, 2 * floor, color="0.9", linewidth=0, label="± 2 × noise")
-        bottom.plot(time, dof.shown(before), color=BEFORE, linewidth=0.6)
-        bottom.plot(time, dof.shown(after), color=AFTER, linewidth=0.6)
-        bottom.set_ylim(-most, most)
-        bottom.set_xlabel("time [s]", labelpad=1)
-        if column:
-            bottom.set_yticklabels([])
-    grid[0, 0].set_ylabel(f"{dof.words.moved} [{dof.units.shown}]")
-    less = "predicted" if diagnosis.study.driven else "sim."
-    grid[1, 0].set_ylabel(f"measured − {less} [{dof.units.shown}]")
-    place = grid[0, 0].get_gridspec()
-    for axes in grid[2]:
-        axes.remove()
-    half = max(count // 2, 1)
-    _sizes(figure.add_subplot(place[2, :half]), diagnosis)
-    if count > 1:
-        _by_variable(figure.add_subplot(place[2, half:]), diagnosis)
-    figure.suptitle(textwrap.fill(_sizes_in_words(diagnosis), WIDEST))
-    handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    return figure
-
-
-def _sizes_in_words(diagnosis: Diagnosis) -> str:
-    """The gap before and after on both sets of runs."""
-    dof = diagnosis.study.base.dof
-    parts = []
-    for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out")):
-        if gap is not None:
-            parts.append(f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}")
-    names = " and ".join(diagnosis.found.final.added)
-    word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
-    added = f"{word}: {names}" if names else "Nothing added"
-    noise = f"{dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}"
-    if diagnosis.study.driven:
-        return f"Predictions {JUDGED:g} s ahead from filtered states: {', '.join(parts)}. {added}"
-    return f"Gap: {', '.join(parts)} (noise {noise}). {added}"
-
-
-Pick = tuple[str, Floats, Floats, Floats, Floats]
-
-
-def _telling_runs(diagnosis: Diagnosis) -> list[Pick]:
-    """Up to two fitted and two held-out runs: of each the one with the most and the one with the middle gap."""
-    found: list[Pick] = []
-    for study, gap, word in (
-        (diagnosis.study, diagnosis.gap, "fitted"),
-        (diagnosis.held_out, diagnosis.held_out_gap, "held out"),
-    ):
-        if study is None or gap is None or not study.runs:
-            continue
-        size = (gap.residuals_before**2).sum(axis=1) / study.batch.seen.sum(axis=1)
-        order = np.argsort(-size, kind="stable")
-        for i in dict.fromkeys([int(order[0]), int(order[len(order) // 2])]):
-            run, n = study.runs[i], len(study.runs[i])
-            name = run.name if len(run.name) <= 26 else f"…{run.name[-25:]}"
-            found.append(
-                (f"{name}\n{word}", run.time - run.time[0], run.position, gap.residuals_before[i, :n],
-                 gap.residuals_after[i, :n])
-            )  # fmt: skip
-    return found[:MOST_RUNS_SHOWN]
-
-
-def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
-    """Gap of every run before against after, on equal axes."""
-    dof = diagnosis.study.base.dof
-    pairs = [
-        (diagnosis.study, diagnosis.gap, "o", "fitted"),
-        (diagnosis.held_out, diagnosis.held_out_gap, "s", "held out"),
-    ]
-    top = 0.0
-    for study, gap, marker, word in pairs:
-        if study is None or gap is None or not study.runs:
-            continue
-        count = study.batch.seen.sum(axis=1)
-        before, after = (
-            dof.shown(np.sqrt((r**2).sum(axis=1) / count)) for r in (gap.residuals_before, gap.residuals_after)
-        )
-        fill = AFTER if marker == "o" else "none"
-        axes.plot(before, after, marker, color=AFTER, markerfacecolor=fill, markersize=3.5, label=f"runs {word}")
-        top = max(top, float(before.max()), float(after.max()))
-    axes.plot([0, 1.05 * top], [0, 1.05 * top], color="0.4", linewidth=0.7, linestyle=":")
-    axes.axhline(
-        dof.shown(diagnosis.gap.floor),
-        color="0.5",
-        linewidth=0.8,
-        linestyle="--",
-        label=f"noise of the {dof.words.position}",
-    )
-    axes.set_xlim(0.0, 1.05 * top)
-    axes.set_ylim(0.0, 1.05 * top)
-    axes.set_xlabel(f"gap before [{dof.units.shown}]", labelpad=1)
-    axes.set_ylabel(f"gap after [{dof.units.shown}]")
-    axes.legend(loc="upper left", fontsize=6.5)
-
-
-def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
-    """The gap in the bins of the most telling variable, before and after, on one scale."""
-    where = diagnosis.where
-    at = min(
-        range(len(where.variables)),
-        key=lambda i: (where.variables[i].p_value, -float(np.abs(where.variables[i].telling.t).max())),
-    )
-    variable, column = where.variables[at], where.columns[at]
-    row = variable.telling
-    if column.of_the_run:
-        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
-        axes.set_ylabel("own thrust [%]")
-    else:
-        dof = where.dof
-        gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
-        pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
-        along = f"\nalong the {dof.words.force}" if row.directed else ""
-        axes.set_ylabel(f"mean gap [{dof.units.shown}]{along}")
-    have = np.isfinite(column.values)
-    which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
-    axes.axhline(0.0, color="0.3", linewidth=0.6)
-    for values, colour, style, label in ((pairs[0], BEFORE, "o--", "before"), (pairs[1], AFTER, "o-", "after")):
-        means = np.array(
-            [np.mean(values[which == b]) if (which == b).any() else np.nan for b in range(len(variable.middle))]
-        )
-        axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
-    axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
-    axes.legend(loc="best", fontsize=6.5)
-
-
-MOST_PANELS = 12
-COLUMNS = 4
-
-
-def where_figure(diagnosis: Diagnosis) -> Figure:
-    """Small multiples, one a variable, most significant first, above a heat map of runs by time."""
-    return where_panels(diagnosis.where, diagnosis.words)
-
-
-@house_style
-def where_panels(where: Where, words: str, units: str = "runs", less: str = "simulated") -> Figure:
-    """The same with the verdict in any `words`; `units` are what chance turns the sign of, `less` is what the measured
-    is compared with."""
+def where_figure(where: Where, words: str, units: str = "runs", less: str = "simulated") -> Figure:
+    """Draw small multiples, one a variable, most significant first, above a heat map of runs by time; `words` are the
+    verdict, `units` are what chance turns the sign of, `less` is what the measured is compared with."""
     shown = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))[:MOST_PANELS]
     rows = -(-len(shown) // COLUMNS)
-    heights = (*(1.55 for _ in range(rows)), 2.6)
+    heights = (*[1.55] * rows, 2.6)
     figure, grid = new_figure(rows + 1, COLUMNS, PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
     panels = grid[:rows].ravel()
     for axes, variable in zip(panels, shown):
         bins_panel(axes, variable, in_words(variable, where.dof), _look(variable.telling, where.dof))
     for axes in panels[len(shown) :]:
         axes.set_axis_off()
-    place = grid[rows, 0].get_gridspec()
-    for axes in grid[rows]:
-        axes.remove()
-    heat = figure.add_subplot(place[rows, :])
+    (heat,) = span(figure, grid[rows], slice(None))
     _heat_map(figure, heat, where, less)
-    out = sum(bool(variable.stands_out.any()) for variable in where.variables)
-    told = (
-        f"The error depends on {out} of {len(where.variables)} variables (yellow)"
-        if out
-        else f"The error depends on none of {len(where.variables)} variables"
-    )
-    figure.legend(handles=where_handles(units), loc="outside lower center", ncols=2)
-    figure.suptitle(f"{told}. Verdict: {words}")
+    out = sum(bool(variable.stands_out.any()) for variable in where.variables) or "none"
+    _explain_bins(figure, units)
+    marked = "" if out == "none" else " (yellow)"
+    figure.suptitle(f"The error depends on {out} of {len(where.variables)} variables{marked}. Verdict: {words}")
     return figure
 
 
-def where_handles(units: str) -> list[Patch]:
-    """Explain the colours of the panels; `units` are those of chance."""
-    return [
+@house_style
+def thruster_where_figure(result: ThrusterDiagnosis) -> Figure:
+    """Draw the gap of the map in the bins of every variable; bins that stand out are shaded."""
+    variables = result.where.variables
+    figure, grid = new_figure(1, max(len(variables), 1), PAGE_IN, 2.6)
+    for axes, variable in zip(grid[0], variables):
+        unit, row = f" [{variable.unit}]" if variable.unit else "", variable.telling
+        gap = "log gap" if row.unit == "log" else "along the thrust [N]" if row.directed else "measured − map [N]"
+        bins_panel(axes, variable, LABEL[variable.name] + unit, gap)
+    _explain_bins(figure, "points")
+    share = f"{result.percent(result.gap.before):.2g} % of full scale"
+    figure.suptitle(f"Where the {result.given.form} map is wrong: {share}")
+    return figure
+
+
+def _explain_bins(figure: Figure, units: str) -> None:
+    handles = [
         Patch(color=MARK, alpha=0.45, label="significant"),
         Patch(color=BEFORE, alpha=0.3, label=f"mean ± 2 standard errors ({units} as units)"),
     ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
 
 
 NARROWEST = 0.04
@@ -287,16 +112,14 @@ def bins_panel(axes: Axes, variable: Variable, label: str, gap_label: str) -> No
     for begin, end, mark in zip(variable.edges[:-1], variable.edges[1:], variable.stands_out):
         if mark:
             aside = max(wide - (end - begin), 0.0) / 2.0
-            axes.axvspan(begin - aside, end + aside, color=MARK, alpha=0.45, linewidth=0, zorder=0)
+            axes.axvspan(begin - aside, end + aside, color=MARK, alpha=0.45, lw=0, zorder=0)
     have = np.isfinite(row.mean)
     colour = BEFORE if out else "0.45"
-    axes.axhline(0.0, color="0.3", linewidth=0.6, zorder=1)
+    axes.axhline(0.0, color="0.3", lw=0.6, zorder=1)
     x = np.where(np.isfinite(variable.middle), variable.middle, 0.5 * (variable.edges[1:] + variable.edges[:-1]))
-    axes.fill_between(
-        x[have], (row.mean - 2 * row.error)[have], (row.mean + 2 * row.error)[have],
-        color=colour, alpha=0.3, linewidth=0,
-    )  # fmt: skip
-    axes.plot(x[have], row.mean[have], "o-", color=colour, markersize=2.5, linewidth=1.0)
+    low, high = (row.mean - 2 * row.error)[have], (row.mean + 2 * row.error)[have]
+    axes.fill_between(x[have], low, high, color=colour, alpha=0.3, lw=0)
+    axes.plot(x[have], row.mean[have], "o-", color=colour, ms=2.5, lw=1.0)
     most = float(np.max(np.abs(row.mean[have]) + 2 * np.nan_to_num(row.error[have]), initial=1e-9))
     axes.set_ylim(-1.15 * most, 1.15 * most)
     span = float(np.ptp(variable.edges))
@@ -347,54 +170,391 @@ def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
     axes.grid(False)
 
 
-@house_style
+@dataclass(frozen=True)
+class Look:
+    """A look at the candidates: what each gains over the model, and its colour."""
+
+    gains: Mapping[str, float]
+    colours: Mapping[str, str]
+
+
 def why_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the evidence of every candidate in the first round against the threshold."""
-    figure, grid = new_figure(1, 1, PAGE_IN, max(3.2, 0.17 * len(diagnosis.found.rounds[0].trials) + 1.2))
     found, first = diagnosis.found, diagnosis.found.rounds[0]
     gains = {trial.added[-1]: first.gain(trial) for trial in first.trials}
-    rivals = {rival.name for rival in found.rivals}
-    evidence_bars(grid[0, 0], gains, first.threshold, found.final.added, rivals)
-    figure.legend(handles=_handles(diagnosis), loc="outside lower center", ncols=4)
+    colours = dict.fromkeys((rival.name for rival in found.rivals), RIVAL) | dict.fromkeys(found.final.added, AFTER)
     what = "the innovations of driven runs" if diagnosis.study.driven else "the gap"
-    figure.suptitle(f"Which missing effect would explain {what}.\nVerdict: {diagnosis.words}")
+    best = "suspected" if diagnosis.verdict == SUSPECTED else "named"
+    return evidence_figure(
+        [Look(gains, colours)], first.threshold, {best: AFTER, "rival not excluded": RIVAL, "not needed": NOT_NEEDED},
+        f"threshold ({1000 * LEVEL:.0f} in 1000 by chance)",
+        f"Which missing effect would explain {what}.\nVerdict: {diagnosis.words}",
+    )  # fmt: skip
+
+
+def thruster_why_figure(result: ThrusterDiagnosis) -> Figure:
+    """Draw the evidence of every candidate of the first step against the threshold."""
+    first = result.search.steps[0]
+    best: dict[str, float] = {}
+    for candidate in first.candidates:
+        best[candidate.effect] = max(best.get(candidate.effect, -np.inf), candidate.gain)
+    rivals = (rival.name for effect in result.effects for rival in effect.rivals)
+    colours = dict.fromkeys(rivals, RIVAL) | dict.fromkeys((effect.name for effect in result.effects), AFTER)
+    words = " and ".join(effect.name for effect in result.effects) or result.verdict.replace("-", " ")
+    return evidence_figure(
+        [Look(best, colours)], first.threshold, {"named or suspected": AFTER, "not needed": NOT_NEEDED},
+        f"threshold ({1000 * ALPHA:.0f} in 1000 by chance)",
+        f"Which missing effect would explain the gap. Verdict: {words}",
+    )  # fmt: skip
+
+
+def planar_why_figure(search: PlanarSearch) -> Figure:
+    """Draw the deviance that each candidate gains, of those that were fitted, or is promised to gain, look by look."""
+    looks = []
+    for look in search.steps or search.rounds[:1]:
+        fitted = {contender.candidate.added: contender for contender in look.tried}
+        rivals = {rival.candidate.added for rival in look.rivals}
+        best = look.best.candidate.added if look.best else None
+        gains, colours = {}, {}
+        for candidate, promised in look.promised:
+            name, added = candidate.label, candidate.added
+            gains[name] = fitted[added].surplus if added in fitted else promised
+            colours[name] = TRIED if added in fitted else PROMISED
+            colours[name] = AFTER if added == best else RIVAL if added in rivals else colours[name]
+        looks.append(Look(gains, colours))
+    legend = {
+        "named": AFTER,
+        "rival not excluded": RIVAL,
+        "fitted, not needed": TRIED,
+        "not fitted: promised": PROMISED,
+    }
+    title = f"Which missing effect would explain the innovations. Verdict: {search.words}"
+    return evidence_figure(looks, HEAD_START, legend, "threshold", title, "deviance gained beyond the penalty")
+
+
+@house_style
+def evidence_figure(
+    looks: Sequence[Look], threshold: float, legend: Mapping[str, str], line: str, title: str,
+    label: str = "evidence gained over the base model [deviance]",
+) -> Figure:  # fmt: skip
+    """Draw horizontal bars, best on top, on a scale that is linear up to ten and logarithmic beyond."""
+    counts = [max(len(look.gains), 1) for look in looks]
+    height = max(3.0, 0.17 * sum(counts) + 1.3 + 0.4 * (len(looks) - 1))
+    figure, grid = new_figure(len(looks), 1, PAGE_IN, height, height_ratios=counts, sharex=True)
+    every = np.array([0.0, *(gain for look in looks for gain in look.gains.values())])
+    low, high = 1.2 * float(every.min()) - 1.0, max(2.5 * float(every.max()), 20.0)
+    for number, (axes, look) in enumerate(zip(grid[:, 0], looks), 1):
+        names = sorted(look.gains, key=lambda name: look.gains[name])
+        gains, colours = [look.gains[name] for name in names], [look.colours.get(name, NOT_NEEDED) for name in names]
+        axes.barh(np.arange(len(names)), gains, color=colours, height=0.72)
+        axes.axvline(threshold, color=BEFORE, lw=1.2, ls="--")
+        axes.axvline(0.0, color="0.3", lw=0.6)
+        axes.set_xscale("symlog", linthresh=10.0, linscale=1.0)
+        axes.set_yticks(np.arange(len(names)), names, parse_math=False)
+        for text, colour in zip(axes.get_yticklabels(), colours):
+            text.set_fontweight("bold" if colour == AFTER else "normal")
+        for at, gain in enumerate(gains):
+            if gain > 0.4 * threshold:
+                axes.annotate(f"{gain:.0f}", (gain, at), (3, 0), textcoords="offset points", va="center", fontsize=6.5)
+        axes.grid(False, axis="y")
+        axes.margins(y=0.01)
+        if len(looks) > 1:
+            axes.set_title(f"Look {number}")
+    ticks = [tick for tick in (-100, -10, 0, 10, 100, 1000, 10000, 100000) if low <= tick <= high]
+    axes.set_xlim(low, high)
+    axes.set_xticks(ticks, [f"{tick}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlabel(label)
+    handles = [Patch(color=colour, label=word) for word, colour in legend.items()]
+    handles.append(Line2D([], [], ls="--", color=BEFORE, label=line))  # type: ignore[arg-type]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    figure.suptitle(title)
     return figure
 
 
-def _handles(diagnosis: Diagnosis) -> list[Any]:
-    """What the colours of the bars mean, and the threshold."""
-    chance = f"threshold ({1000 * LEVEL:.0f} in 1000 by chance)"
-    return [
-        Patch(color=AFTER, label="suspected" if diagnosis.verdict == SUSPECTED else "named"),
-        Patch(color=COLOURS["sky"], label="rival not excluded"),
-        Patch(color="0.72", label="not needed"),
-        Line2D([], [], linestyle="--", color=BEFORE, label=chance),
-    ]
+Line = tuple[Floats, Floats, Floats]
+"""Time, what the model says, and how far that is off."""
 
 
-def evidence_bars(
-    axes: Axes, gain_of: Mapping[str, float], threshold: float, named: Collection[str], rivals: Collection[str]
-) -> None:
-    """Draw horizontal bars, best on top, on a scale that is linear up to the threshold and logarithmic beyond."""
-    names = sorted(gain_of, key=lambda name: gain_of[name])
-    gains = np.array([gain_of[name] for name in names])
-    colours = [AFTER if name in named else COLOURS["sky"] if name in rivals else "0.72" for name in names]
-    axes.barh(np.arange(len(names)), gains, color=colours, height=0.72)
-    axes.axvline(threshold, color=BEFORE, linewidth=1.2, linestyle="--")
-    axes.axvline(0.0, color="0.3", linewidth=0.6)
-    axes.set_xscale("symlog", linthresh=10.0, linscale=1.0)
-    most = max(2.5 * float(gains.max(initial=0.0)), 20.0)
-    low = min(float(gains.min(initial=0.0)), 0.0)
-    axes.set_xlim(1.2 * low - 1.0, most)
-    ticks = [tick for tick in (-100, -10, 0, 10, 100, 1000, 10000, 100000) if 1.2 * low - 1.0 <= tick <= most]
-    axes.set_xticks(ticks, [f"{tick}" for tick in ticks])
-    axes.minorticks_off()
-    axes.set_yticks(np.arange(len(names)), names)
-    for label, name in zip(axes.get_yticklabels(), names):
-        label.set_fontweight("bold" if name in named else "normal")
-    for at, gain in enumerate(gains):
-        if gain > 0.4 * threshold:
-            axes.annotate(f"{gain:.0f}", (gain, at), (3, 0), textcoords="offset points", va="center", fontsize=6.5)
-    axes.set_xlabel("evidence gained over the base model [deviance]")
-    axes.grid(False, axis="y")
-    axes.margins(y=0.01)
+@dataclass(frozen=True)
+class Telling:
+    """A run that tells much: what was measured, and both models, in the unit that is shown."""
+
+    title: str
+    time: Floats
+    measured: Floats
+    before: Line
+    after: Line
+
+
+Sizes = tuple[str, Floats, Floats]
+"""Which runs, and the gap of each before and after."""
+
+
+def _titled(name: str, word: str) -> str:
+    return f"{name if len(name) <= 26 else f'…{name[-25:]}'}\n{word}"
+
+
+def _two_of(size: Floats, among: NDArray[np.int64]) -> list[int]:
+    """The run with the largest and the one with the middle gap."""
+    order = among[np.argsort(-size[among], kind="stable")]
+    return list(dict.fromkeys([int(order[0]), int(order[len(order) // 2])])) if len(order) else []
+
+
+def _beside_each_other(
+    runs: Sequence[Telling], dof: Dof, labels: tuple[str, str], axis: str, less: str, floor: float = 0.0, rows: int = 3
+) -> tuple[Figure, NDArray[np.object_]]:
+    """Draw runs with both models, and their errors; the last of `rows` are left for the caller."""
+    figure, grid = new_figure(
+        rows, max(len(runs), 1), PAGE_IN, 2.0 * rows, height_ratios=[1.5, 1.2, *[1.4] * (rows - 2)]
+    )
+    most = 1.08 * max(
+        (float(np.nanmax(np.abs(line[2]))) for run in runs for line in (run.before, run.after)), default=1
+    )
+    for column, run in enumerate(runs):
+        top, bottom = grid[0, column], grid[1, column]
+        top.plot(run.time, run.measured, "o", color=MEASURED, ms=1.6, label="measured")
+        if floor:
+            bottom.axhspan(-2 * floor, 2 * floor, color="0.9", lw=0, label="± 2 × noise")
+        for (time, said, error), colour, style, label in zip(
+            (run.before, run.after), (BEFORE, AFTER), ("--", "-"), labels
+        ):
+            top.plot(time, said, color=colour, lw=1.0, ls=style, label=label)
+            bottom.plot(time, error, color=colour, lw=0.7)
+        bottom.axhline(0.0, color="0.3", lw=0.6)
+        low, high = float(run.measured.min()), float(run.measured.max())
+        said_by = [said[np.isfinite(said)] for _, said, _ in (run.before, run.after)]
+        limit(top, low, high, 0.5 * (high - low), said_by)  # a line may leave
+        top.set_title(run.title, fontsize=6.5, parse_math=False)
+        bottom.sharex(top)
+        bottom.set_ylim(-most, most)
+        bottom.set_xlabel("time [s]", labelpad=1)
+        if column:
+            bottom.set_yticklabels([])
+    grid[0, 0].set_ylabel(f"{axis} [{dof.units.shown}]")
+    grid[1, 0].set_ylabel(f"measured − {less} [{dof.units.shown}]")
+    legend_below(figure, grid[0, 0], grid[1, 0], ncols=4)
+    return figure, grid
+
+
+def _sizes(axes: Axes, groups: Sequence[Sizes], dof: Dof, floor: float = 0.0) -> None:
+    """Draw the gap of every run before against after, on equal axes."""
+    for (word, before, after), marker, fill in zip(groups, "os", (AFTER, "none")):
+        axes.plot(before, after, marker, color=AFTER, mfc=fill, ms=3.5, label=f"runs {word}")
+    top = 1.05 * max((float(np.nanmax(gaps)) for _, *pair in groups for gaps in pair if len(gaps)), default=1.0)
+    axes.plot([0, top], [0, top], color="0.4", lw=0.7, ls=":")
+    if floor:
+        axes.axhline(floor, color="0.5", lw=0.8, ls="--", label=f"noise of the {dof.words.position}")
+    axes.set(xlim=(0.0, top), ylim=(0.0, top), ylabel=f"gap after [{dof.units.shown}]")
+    axes.set_xlabel(f"gap before [{dof.units.shown}]", labelpad=1)
+    axes.legend(loc="upper left", fontsize=6.5)
+
+
+@house_style
+def before_after_figure(diagnosis: Diagnosis) -> Figure:
+    """Draw telling runs with both models, their errors, and the error by the most telling variable."""
+    driven, dof = diagnosis.study.driven, diagnosis.study.base.dof
+    runs, groups = list[Telling](), list[Sizes]()
+    for study, gap, word in (
+        (diagnosis.study, diagnosis.gap, "fitted"),
+        (diagnosis.held_out, diagnosis.held_out_gap, "held out"),
+    ):
+        if study is None or gap is None or not study.runs:
+            continue
+        both = gap.residuals_before, gap.residuals_after
+        size = [np.sqrt((rest**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for rest in both]
+        groups.append((word, np.asarray(dof.shown(size[0])), np.asarray(dof.shown(size[1]))))
+        for i in _two_of(size[0], np.arange(len(study.runs))):
+            run, n = study.runs[i], len(study.runs[i])
+            time, measured = run.time - run.time[0], dof.shown(run.position - run.position[0])
+            off = [dof.shown(rest[i, :n]) for rest in both]
+            if driven:  # nothing is predicted before the first filtered state
+                off = [np.where(error == 0.0, np.nan, error) for error in off]
+            lines = [(time, measured - error, error) for error in off]
+            runs.append(Telling(_titled(run.name, word), time, measured, lines[0], lines[1]))
+    ahead, floor = f", {JUDGED:g} s ahead" * driven, float(dof.shown(diagnosis.gap.floor))
+    figure, grid = _beside_each_other(
+        runs[:MOST_RUNS_SHOWN], dof, (f"base model{ahead}", f"after{ahead}"), dof.words.moved,
+        "predicted" if driven else "sim.", floor,
+    )  # fmt: skip
+    half = max(len(grid[2]) // 2, 1)
+    parts = [slice(None, half), *([slice(half, None)] if len(grid[2]) > 1 else [])]
+    left, *right = span(figure, grid[2], *parts)
+    _sizes(left, groups, dof, floor)
+    for axes in right:
+        _by_variable(axes, diagnosis)
+    figure.suptitle(textwrap.fill(_sizes_in_words(diagnosis), WIDEST))
+    return figure
+
+
+def _sizes_in_words(diagnosis: Diagnosis) -> str:
+    """The gap before and after on both sets of runs."""
+    dof = diagnosis.study.base.dof
+    parts = ", ".join(
+        f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
+        for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out"))
+        if gap is not None
+    )
+    names = " and ".join(diagnosis.found.final.added)
+    word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
+    added = f"{word}: {names}" if names else "Nothing added"
+    if diagnosis.study.driven:
+        return f"Predictions {JUDGED:g} s ahead from filtered states: {parts}. {added}"
+    return f"Gap: {parts} (noise {dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}). {added}"
+
+
+@house_style
+def planar_before_after_figure(search: PlanarSearch) -> Figure:
+    """Draw telling runs with the heading, and the track where places are logged, as both models predict them some
+    seconds ahead; the errors of the heading; and those of every run, before against after, on equal axes."""
+    count, course = len(search.every.runs), search.every.course
+    ahead = [judged(forecast[YAW.position]) for forecast in search.foretold]
+    sizes = [np.asarray(YAW.shown(np.sqrt(each.by_run(each.error, count)))) for each in ahead]
+    values = {channel.quantity: channel.values for channel in course.channels}
+    known = np.flatnonzero(np.isfinite(sizes[0]))
+    groups = {"fitted": known[known < search.fitted], "held out": known[known >= search.fitted]}
+    picks = {r: word for word, group in groups.items() for r in _two_of(sizes[0], group)}
+    runs = []
+    for r, word in picks.items():
+        run, lines = search.every.runs[r], list[Line]()
+        for each in ahead:
+            target, error = each.target[each.run == r], each.error[each.run == r]
+            said = YAW.shown(values[YAW.position][r, target] - error)
+            lines.append((course.time[r, target], np.asarray(said), np.asarray(YAW.shown(error))))
+        measured = np.asarray(YAW.shown(run.position))
+        runs.append(Telling(_titled(run.name, word), run.time - run.time[0], measured, lines[0], lines[1]))
+    placed = set(PLACES) <= search.foretold[0].keys()
+    labels = "predicted, before", "predicted, after"
+    figure, grid = _beside_each_other(runs, YAW, labels, r"heading $\psi$", "predicted", rows=3 + placed)
+    for axes, r in zip(grid[2], picks if placed else ()):
+        _track_of(axes, search, values, r)
+    (last,) = span(figure, grid[-1], slice(None))
+    _sizes(last, [(word, *(size[group] for size in sizes)) for word, group in groups.items()], YAW)  # type: ignore[misc]
+    last.set_box_aspect(1.0)
+    figure.suptitle(
+        f"Predictions {ahead[0].horizon:g} s ahead, from filtered states, by the commands as they were logged.\n"
+        f"Added: {search.words if search.named else 'nothing'}"
+    )
+    return figure
+
+
+def _track_of(axes: Axes, search: PlanarSearch, values: Mapping[str, Floats], r: int) -> None:
+    """Places as they were measured and predicted; the axes are those of the measured, with room about it."""
+    north, east = (search.every.runs[r].channel(name) for name in PLACES)
+    if north is None or east is None:
+        axes.set_axis_off()
+        return
+    axes.plot(east, north, ".", color=MEASURED, ms=1.5)
+    for forecast, colour in zip(search.foretold, (BEFORE, AFTER)):
+        places = {name: judged(forecast[name]) for name in PLACES}
+        of_run = places["north"].run == r
+        said = {name: values[name][r, at.target[of_run]] - at.error[of_run] for name, at in places.items()}
+        axes.plot(said["east"], said["north"], ".", color=colour, ms=1.5)
+    middle = [0.5 * float(np.nanmin(x) + np.nanmax(x)) for x in (east, north)]
+    reach = 0.65 * max(float(np.nanmax(x) - np.nanmin(x)) for x in (east, north)) + 1e-6
+    axes.set_xlim(middle[0] - reach, middle[0] + reach)
+    axes.set_ylim(middle[1] - reach, middle[1] + reach)
+    axes.set_box_aspect(1.0)
+    axes.set(xlabel="East [m]", ylabel="North [m]")
+
+
+@house_style
+def thruster_before_after_figure(result: ThrusterDiagnosis) -> Figure:
+    """Draw thrust with both maps, and their errors on equal axes, on levels fitted and held out."""
+    figure, grid = new_figure(3, 1, PAGE_IN * 0.8, 6.6, sharex=True, height_ratios=(1.8, 1.0, 1.0))
+    thrust, *errors = grid[:, 0]
+    sets = [(result.base.data, False), *([] if result.held_out is None else [(result.held_out, True)])]
+    for data, held_out in sets:
+        _points(thrust, data, data.points.force, held_out, "black", f"levels {'held out' if held_out else 'fitted'}")
+    along = np.linspace(result.data.points.n.min(), result.data.points.n.max(), 801)
+    thrust.plot(along, result.base.along(along), color=BEFORE, ls="--", label="before")
+    volts = f" at {result.final.reference:.3g} V" if result.final.shape.voltage else ""
+    thrust.plot(along, result.final.along(along), color=AFTER, label=f"after{volts}")
+    thrust.set_ylabel("thrust of one thruster [N]")
+    legend(thrust, loc="upper left")
+    maps = (("before", result.base, BEFORE, result.gap.before), ("after", result.final, AFTER, result.gap.after))
+    rests = [data.points.force - fit.thrust(data) for _, fit, _, _ in maps for data, _ in sets]
+    most = 1.1 * max(float(np.abs(rest).max()) for rest in rests) or 1.0
+    for axes, (word, fit, colour, gap) in zip(errors, maps):
+        axes.axhspan(-2 * result.gap.floor, 2 * result.gap.floor, color="0.85", lw=0)
+        axes.axhline(0.0, color="0.5", lw=0.6)
+        for data, held_out in sets:
+            _points(axes, data, data.points.force - fit.thrust(data), held_out, colour, "_")
+        axes.set(ylim=(-most, most), ylabel="error [N]")
+        axes.set_title(f"{word}: {gap:.3g} N = {result.percent(gap):.2g} % of full scale", loc="left")
+    errors[1].set_xlabel(f"control signal n [{result.data.n_unit or 'as logged'}]")
+    return figure
+
+
+def _points(axes: Axes, data: BollardData, values: Floats, held_out: bool, colour: str, label: str) -> None:
+    size, face = (2.0 if len(data.points) > 60 else 3.5) + held_out, "none" if held_out else colour
+    axes.plot(data.points.n, values, "o", color=colour, mfc=face, mew=0.7, ms=size, zorder=2 + held_out, label=label)
+    flagged = data.points.flag != ""
+    if np.any(flagged):
+        axes.plot(data.points.n[flagged], values[flagged], "x", color=COLOURS["purple"], ms=6.0, zorder=4)
+
+
+def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
+    """The gap in the bins of the most telling variable, before and after, on one scale."""
+    where = diagnosis.where
+    at = min(
+        range(len(where.variables)),
+        key=lambda i: (where.variables[i].p_value, -float(np.abs(where.variables[i].telling.t).max())),
+    )
+    variable, column = where.variables[at], where.columns[at]
+    row = variable.telling
+    if column.of_the_run:
+        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
+        axes.set_ylabel("own thrust [%]")
+    else:
+        dof = where.dof
+        gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
+        pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
+        along = f"\nalong the {dof.words.force}" if row.directed else ""
+        axes.set_ylabel(f"mean gap [{dof.units.shown}]{along}")
+    have = np.isfinite(column.values)
+    which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
+    axes.axhline(0.0, color="0.3", linewidth=0.6)
+    for values, colour, style, label in ((pairs[0], BEFORE, "o--", "before"), (pairs[1], AFTER, "o-", "after")):
+        means = np.array(
+            [np.mean(values[which == b]) if (which == b).any() else np.nan for b in range(len(variable.middle))]
+        )
+        axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
+    axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
+    axes.legend(loc="best", fontsize=6.5)
+
+
+OF_THE_RUN = 0.1
+"""A column that varies within runs by less than this share of its range has one value a run, near enough to show."""
+
+
+@house_style
+def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
+    """The curve over its variable, with its 95 % band."""
+    figure, grid = new_figure(1, 1, 0.62 * PAGE_IN, 2.9)
+    axes, gain = grid[0, 0], curve.kind == "gain"
+    scale = 100.0 if gain else 1.0
+    if gain:
+        _runs(axes, diagnosis, curve)
+    low, high = scale * curve.low, scale * curve.high
+    axes.fill_between(curve.x, low, high, color=COLOURS["sky"], alpha=0.4, lw=0, label="95 % band")
+    axes.plot(curve.x, scale * curve.y, color=COLOURS["blue"], label="learned curve")
+    axes.axhline(0.0, color="0.3", linewidth=0.6)
+    unit, size = f" [{curve.unit}]" if curve.unit else "", "size of " * curve.sized
+    axes.set_xlabel(f"{size}{curve.variable}{unit}", parse_math=False)
+    word = diagnosis.study.base.dof.words.force if curve.kind == "moment" else "change of linear drag"
+    axes.set_ylabel("change of thrust [%]" if gain else f"{word} [{curve.y_unit}]", parse_math=False)
+    legend(axes)
+    return figure
+
+
+def _runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
+    """Each run's own thrust under the base model, where the variable has about one value a run."""
+    study = diagnosis.study
+    values = signals_of(study.runs, curve.variable) if curve.needs else []
+    if not values or max(float(np.ptp(v)) for v in values) > OF_THE_RUN * float(np.ptp(curve.x)):
+        return
+    own = 100.0 * diagnosis.found.base.fit.own(GAIN)[:, 0]
+    mean = np.array([float(v.mean()) for v in values])
+    level = np.mean(own - 100.0 * np.interp(mean, curve.x, curve.y))
+    axes.plot(mean, own - level, "o", color=MEASURED, markersize=3.5, label="thrust of each run, base model")

@@ -91,50 +91,80 @@ def new_figure(
     return figure, axes
 
 
-@house_style
-def png(figure: Figure) -> bytes:
-    """The figure as PNG at 200 dpi: no date, no software name, the same bytes each time."""
-    return _saved(figure, "png", {"Software": None}, dpi=DPI)
+SETTINGS: dict[str, Any] = {
+    "png": {},
+    "svg": {"svg.hashsalt": "automarine", "svg.fonttype": "none"},  # text as text
+    "pdf": {"pdf.fonttype": 42},  # letters that other programs can edit
+}
+NAMELESS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
 
 
 @house_style
-def svg(figure: Figure) -> bytes:
-    """The figure as SVG with text as text: no date, no software name, the same bytes each time."""
-    with matplotlib.rc_context({"svg.hashsalt": "automarine", "svg.fonttype": "none"}):
-        return _saved(figure, "svg", {"Date": None, "Creator": None})
+def file_of(kind: str, figure: Figure) -> bytes:
+    """Return the figure as a file of a kind, the same bytes each time.
 
-
-@house_style
-def pdf(figure: Figure) -> bytes:
-    """The figure as PDF for print: no date, no software name, the same bytes each time."""
-    with matplotlib.rc_context({"pdf.fonttype": 42}):  # letters that other programs can edit
-        return _saved(figure, "pdf", {"CreationDate": None, "Creator": None, "Producer": None})
-
-
-FORMATS: Mapping[str, Callable[[Figure], bytes]] = {"png": png, "svg": svg, "pdf": pdf}
-
-
-def _saved(figure: Figure, kind: str, metadata: dict[str, object], **keywords: Any) -> bytes:
-    """The file of that kind. The layout is found once, for the first file: a second search would start where the
-    first one ended and end a hair beside it, and so would every pixel of a colour bar."""
+    The layout is found once, for the first file: a second search would start where the first one ended and end a hair
+    beside it, and so would every pixel of a colour bar.
+    """
     buffer = io.BytesIO()
-    with warnings.catch_warnings():  # the name of a run in letters that the font lacks is drawn as boxes
+    with warnings.catch_warnings(), matplotlib.rc_context(SETTINGS[kind]):
+        # the name of a run in letters that the font lacks is drawn as boxes
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
-        figure.savefig(buffer, format=kind, metadata=metadata, **keywords)
+        figure.savefig(buffer, format=kind, metadata=dict.fromkeys(NAMELESS[kind]))
     figure.set_layout_engine("none")
     return buffer.getvalue()
 
 
+FORMATS: Mapping[str, Callable[[Figure], bytes]] = {kind: partial(file_of, kind) for kind in SETTINGS}
+
+
 @house_style
 def legend(axes: Axes, **keywords: Any) -> None:
-    """The axes' legend in the house's type size, if anything in it has a label."""
+    """Add the legend of the axes in the house's type size, if anything in it has a label."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(**keywords)
 
 
+def legend_below(figure: Figure, *axes: Axes, ncols: int = 3) -> None:
+    """Add one legend below the figure, of what is labelled in the axes."""
+    handles = [handle for ax in axes for handle in ax.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
+
+
+@house_style
+def panels(count: int, columns: int, row_in: float, beyond_in: float, **subplots: Any) -> tuple[Figure, NDArray[Any]]:
+    """Return a page-wide figure with `count` panels, `columns` a row at most, and its axes; those beyond are off."""
+    columns = max(min(columns, count), 1)
+    rows = max(-(-count // columns), 1)
+    figure, axes = new_figure(rows, columns, PAGE_IN, beyond_in + row_in * rows, **subplots)
+    for ax in axes.flat[count:]:
+        ax.set_axis_off()
+    return figure, axes
+
+
+def span(figure: Figure, axes: NDArray[Any], *columns: slice) -> list[Axes]:
+    """Put wide axes in place of a row of axes, one for each slice of its columns."""
+    grid = axes[0].get_subplotspec()
+    for ax in axes:
+        ax.remove()
+    return [figure.add_subplot(grid.get_gridspec()[grid.rowspan.start, column]) for column in columns]
+
+
+def shortened(name: str, most: int) -> str:
+    """Return a name of `most` letters at most."""
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def limit(axes: Axes, low: float, high: float, reach: float, lines: Sequence[NDArray[Any]]) -> None:
+    """Set limits that hold `low` to `high`, and the lines as far as they come within `reach` of that."""
+    inside = np.concatenate([[low, high], *(np.clip(line, low - reach, high + reach) for line in lines)])
+    margin = 0.05 * float(max(np.ptp(inside), 1e-6))
+    axes.set_ylim(float(inside.min()) - margin, float(inside.max()) + margin)
+
+
 Draw = Callable[[], Figure]
-Files = tuple[tuple[str, bytes], ...]
-"""Names and contents."""
+Files = tuple[tuple[str, bytes], ...]  # names and contents
+STAGE = "drawing figures"
 
 
 def refuse_unknown(formats: Sequence[str]) -> None:
@@ -144,33 +174,22 @@ def refuse_unknown(formats: Sequence[str]) -> None:
             raise SettingError(f"figure format {kind!r} is not known; known are {', '.join(FORMATS)}")
 
 
-def drawn(name: str, draw: Draw, formats: Sequence[str]) -> Attempt[Files]:
+def write_figures(
+    folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str], each: Each | None = None
+) -> None:
+    """Each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
+    drawings = partial(_drawn, formats)
+    for figure in map(drawings, figures.items()) if each is None else each(drawings, list(figures.items()), STAGE):
+        for name, content in folder.taken(figure) or ():
+            folder.write(name, content)
+
+
+def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[Files]:
     """The figure as `name.format` in each format."""
+    name, draw = drawing
 
     def work() -> Files:
         figure = draw()
         return tuple((f"{name}.{kind}", FORMATS[kind](figure)) for kind in formats)
 
     return attempted(f"The figure {name} could not be drawn", work)
-
-
-def write_figure(folder: ResultFolder, figure: Attempt[Files]) -> None:
-    """The figure's files into the folder, or the warning that there are none."""
-    for name, content in folder.taken(figure) or ():
-        folder.write(name, content)
-
-
-def write_figures(
-    folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str], each: Each | None = None
-) -> None:
-    """Each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
-    if each is None:
-        for name, draw in figures.items():
-            write_figure(folder, drawn(name, draw, formats))
-    else:
-        for figure in each(partial(_drawn, formats), list(figures.items()), "drawing figures"):
-            write_figure(folder, figure)
-
-
-def _drawn(formats: Sequence[str], figure: tuple[str, Draw]) -> Attempt[Files]:
-    return drawn(*figure, formats)

@@ -13,12 +13,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.comparison.simulated_runs import free_runs
-from automarine_cli.filters.kalman import shown_channel
-from automarine_cli.fits.driven import JUDGED, Use
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.closed_form import response
@@ -103,8 +99,8 @@ def half_turns_figure(fit: YawFit) -> Figure:
 
 def _left_out(turn: HalfTurn) -> tuple[slice, slice]:
     """The rest before a half-turn, and what follows it in the step."""
-    first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
-    return slice(first, turn.kept.start + 1), slice(turn.kept.stop - 1, turn.step.stop)
+    first, stop = turn.looked_at
+    return slice(first, turn.kept.start + 1), slice(turn.kept.stop - 1, stop)
 
 
 def _heading(turn: HalfTurn, part: slice) -> Floats:
@@ -224,42 +220,6 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     return figure
 
 
-@house_style
-def whole_runs_figure(fit: YawFit) -> Figure:
-    """What is left of each whole run, the worst first: by the commands alone, as anybody else would simulate it, and
-    with the run's own thrust and start, as it was fitted; against the noise."""
-    dof, mixed, number = fit.dof, fit.preferred.mixed, fit.preference.number
-    assert isinstance(mixed, MixedFit)
-    fitted = mixed.reading(dof.position)
-    free = [dof.shown(one.error) for one in free_runs(fit.preferred.model, fit.runs, fit.preferred.offset.value)]
-    size = np.array([np.sqrt(np.mean(error**2)) for error in free])  # not finite where the model diverges
-    order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:MOST_PANELS]
-    columns = min(3, len(order))
-    rows = -(-len(order) // columns)
-    figure, axes = new_figure(rows, columns, PAGE_IN, 1.0 + 1.5 * rows, sharey=True)
-    noise = float(dof.shown(fit.preferred.noise or mixed.noise))
-    for ax, i in zip(axes.flat, order):
-        run = fit.runs[i]
-        time = run.time - run.time[0]
-        ax.axhspan(-2 * noise, 2 * noise, color=MEASURED, alpha=0.3, lw=0, label=f"± 2 × noise of {noise:.2g}")
-        kept = dof.shown(run.position - fitted[i][: len(run)])
-        ax.plot(time, kept, color=COLOURS["sky"], lw=0.8, label="with the run's own thrust and start")
-        look = {"color": MODEL_COLOURS[number], "ls": MODEL_LINES[number]}
-        ax.plot(time, free[i], lw=1.1, label=f"model {number} by the commands alone", **look)
-        told = f"{size[i]:.3g} {dof.units.shown} rms" if np.isfinite(size[i]) else "diverges"
-        ax.set_title(f"{run.name}: {told}", parse_math=False)  # a name may hold dollar signs
-    for ax in axes.flat[len(order) :]:
-        ax.set_axis_off()
-    for ax in axes[-1]:
-        ax.set_xlabel("Time in the run [s]")
-    for ax in axes[:, 0]:
-        ax.set_ylabel(f"Measured less\nsimulated [{dof.units.shown}]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    how_many = f"the worst {len(order)} of {len(free)} runs" if len(order) < len(free) else f"all {len(free)} runs"
-    figure.suptitle(f"What is left of {how_many}, the worst first")
-    return figure
-
-
 def _full_force(fit: YawFit) -> str:
     """What the vehicle is driven by, for an axis."""
     return f"{fit.dof.words.full_force.capitalize()} {fit.dof.symbols.force_print} [{fit.moment_unit}]"
@@ -287,73 +247,3 @@ def _moment_scale(moment: Any) -> tuple[Any, Any]:
     low, high = float(sizes.min()), float(sizes.max())
     scale = matplotlib.cm.ScalarMappable(Normalize(low if high > low else 0.9 * low, high), MOMENT_MAP)
     return scale, scale.to_rgba
-
-
-DRIVEN_MOST_RUNS, COLUMNS = 12, 3
-
-
-@house_style
-def driven_runs_figure(fit: YawFit, use: Use) -> Figure:
-    """Of each run its position with predictions of the model fitted to the other runs and the free run of the preferred
-    model, and below these the disturbance beside the command."""
-    dof, shown = fit.dof, min(len(fit.runs), DRIVEN_MOST_RUNS)
-    columns = min(COLUMNS, shown)
-    rows = -(-shown // columns)
-    figure, axes = new_figure(2 * rows, columns, PAGE_IN, 0.9 + 2.6 * rows, height_ratios=[2.0, 1.0] * rows)
-    for i in range(rows * columns):
-        top, bottom = axes[2 * (i // columns), i % columns], axes[2 * (i // columns) + 1, i % columns]
-        if i >= shown:
-            top.set_axis_off()
-            bottom.set_axis_off()
-            continue
-        _positions(top, fit, use, i)
-        _forces(bottom, fit, use, i)
-        bottom.sharex(top)
-    for row in range(rows):
-        axes[2 * row, 0].set_ylabel(
-            f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]"
-        )
-        axes[2 * row + 1, 0].set_ylabel(f"{dof.words.force.capitalize()}\n[{fit.moment_unit}]")
-    for column in range(columns):
-        axes[-1, column].set_xlabel("Time in the run [s]")
-    handles = [*zip(*axes[0, 0].get_legend_handles_labels()), *zip(*axes[1, 0].get_legend_handles_labels())]
-    figure.legend([one for one, _ in handles], [name for _, name in handles], loc="outside lower center", ncols=3)
-    some = "" if shown == len(fit.runs) else f"The first {shown} of {len(fit.runs)} runs. "
-    figure.suptitle(
-        f"{some}Model {fit.preference.number}: predictions start from filtered states, which know the readings until "
-        "then;\nthe disturbance is what the filter makes of the runs, no measurement",
-        fontsize=7.5,
-    )
-    return figure
-
-
-def _positions(axes: Axes, fit: YawFit, use: Use, i: int) -> None:
-    dof, run, time = fit.dof, fit.runs[i], use.course.time[i]
-    axes.plot(run.time - run.time[0], dof.shown(run.position), color=MEASURED, lw=2.2, label="measured")
-    ahead = next((one for one in use.predictions if one.horizon == JUDGED), None)
-    if ahead is not None:
-        own = ahead.run == i
-        measured = shown_channel(use.course).values[i, ahead.target[own]]
-        axes.plot(
-            time[ahead.target[own]], dof.shown(measured - ahead.error[own]), ".", color=COLOURS["vermilion"],
-            ms=2.2, label=f"predicted {JUDGED:g} s ahead, run left out of the fit",
-        )  # fmt: skip
-    axes.plot(
-        time, dof.shown(use.free[i]), color=COLOURS["blue"], lw=0.9, ls=(0, (4, 1.5)),
-        label="free run of the model",
-    )  # fmt: skip
-    measured = dof.shown(run.position)
-    middle, half = 0.5 * (measured.max() + measured.min()), 0.5 * float(np.ptp(measured))
-    axes.set_ylim(middle - 2.0 * half - 1e-6, middle + 2.0 * half + 1e-6)  # a free run may leave the picture
-    axes.set_title(run.name, parse_math=False)
-    axes.tick_params(labelbottom=False)
-
-
-def _forces(axes: Axes, fit: YawFit, use: Use, i: int) -> None:
-    run, end = fit.runs[i], int((use.course.length[i] > 0).sum()) + 1
-    command = fit.dof.words.force
-    axes.step(run.time - run.time[0], run.command, where="post", color="0.6", lw=0.6, label=f"{command} commanded")
-    axes.plot(
-        use.course.time[i, :end], use.disturbance[i, :end], color=COLOURS["green"], lw=1.0,
-        label="disturbance that was needed",
-    )  # fmt: skip

@@ -1,14 +1,24 @@
-"""`plan.json`: the runs of the next campaign, as far as who drives them reads it."""
+"""Result files read back: a record of what readers need of each, its schema, the command that writes it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Generic, TypeVar
 
-from automarine_cli.dofs import Dof
-from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.records import FILLER, keyed, to_mapping, told
-from automarine_cli.results.estimate import Estimate, Given
-from automarine_cli.runs.run import Run, SetAside, command_warnings
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import AutomarineError, ModelError, SettingError
+from automarine_cli.estimate import Estimate, Given
+from automarine_cli.pipeline.records import FILLER, Codec, Record, Source, keyed, read_plain, told
+from automarine_cli.pipeline.words import printable
+
+
+@dataclass(frozen=True)
+class SetAside:
+    """A run that was left out, and why: goes to standard error and into every result."""
+
+    file: str
+    run: str
+    why: str
 
 
 @dataclass(frozen=True)
@@ -28,13 +38,6 @@ class RunsUsed:
     set_aside: tuple[SetAside, ...] = ()
     readings: tuple[LogReading, ...] | None = None
     commands: tuple[str, ...] | None = None
-
-
-def runs_json(used: int, set_aside: Iterable[SetAside], runs: Sequence[Run] = ()) -> dict[str, object]:
-    """The `runs` of a result file; `runs` are those of which the logs may have been read in a way to be told."""
-    told = {run.source: run.reading for run in runs if run.reading}
-    readings = tuple(LogReading(file, tuple(notes)) for file, notes in told.items())
-    return to_mapping(RunsUsed(used, tuple(set_aside), readings or None, command_warnings(runs) or None))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,13 +116,6 @@ class Parent:
 
 
 @dataclass(frozen=True)
-class Said:
-    """A part of a result of which the sentence is read."""
-
-    says: str
-
-
-@dataclass(frozen=True)
 class Use:
     """Whether a model predicts better than somebody who expects no change, and the sentences that say so."""
 
@@ -153,7 +149,7 @@ class ModelFile(ResultRecord):
     channels: tuple[Sensor, ...] = ()
     random: Mapping[str, Given] = field(default_factory=dict)
     proposed: Mapping[str, float] = field(default_factory=dict)
-    buoyancy: Said | None = None
+    buoyancy: Mapping[str, object] = field(default_factory=dict)
     prediction: Use = field(default_factory=Use)
     warnings: tuple[str, ...] = ()
 
@@ -290,15 +286,7 @@ class Score:
     rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}", "heading_rmse_deg"))
     ci95: tuple[float, float] | None = field(default=None, metadata=keyed("rmse_{shown_unit}_ci95"))
     restarted: float | None = field(default=None, metadata=keyed("restarted_rmse_{shown_unit}"))
-    runs: Mapping[str, "RunErrors"] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class RunErrors:
-    """How far one model is from one run: simulated from its start, and restarted."""
-
-    rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}", "heading_rmse_deg"))
-    restarted: float | None = field(default=None, metadata=keyed("restarted_rmse_{shown_unit}"))
+    runs: Mapping[str, "Score"] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -310,13 +298,6 @@ class Foreseen:
     runs: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class LogSeen:
-    """One of the logs."""
-
-    samples: int = 0
-
-
 @dataclass(frozen=True, kw_only=True)
 class ValidationFile(ResultRecord):
     """`validation.json`: the models of a file against measured runs; of a planar model there is one, and no fit."""
@@ -326,7 +307,7 @@ class ValidationFile(ResultRecord):
     preferred_by_fit: str = ""
     noise_floor: float | None = field(default=None, metadata=keyed("noise_floor_{shown_unit}"))
     use: Use = field(default_factory=Use)
-    logs: Mapping[str, LogSeen] = field(default_factory=dict)
+    logs: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     prediction: Mapping[str, tuple[Foreseen, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -351,19 +332,12 @@ class Gaps:
 
 
 @dataclass(frozen=True)
-class Named:
-    """An effect by its name."""
-
-    name: str
-
-
-@dataclass(frozen=True)
 class FoundEffect:
     """An effect that a diagnosis named or suspects, and those that cannot be excluded."""
 
     name: str
     parameters: Mapping[str, Given] = field(default_factory=dict)
-    rivals: tuple[Named, ...] = ()
+    rivals: tuple["FoundEffect", ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -485,3 +459,71 @@ class PlanFile(ResultRecord):
     limits: PlanLimits
     supply: Drawn
     planned: tuple[Planned, ...]
+
+
+Read = TypeVar("Read", bound=Record, covariant=True)
+
+
+@dataclass(frozen=True)
+class ResultKind(Generic[Read]):
+    """A kind of result: its file, its schema, the record of what is in it, what people call it, the command that
+    writes it, and the motion that its keys are of (None where the file says)."""
+
+    file: str
+    schema: str
+    record: type[Read]
+    words: str
+    writer: str
+    dof: Dof | None = None
+
+    def read(self, path: Source, name: str = "", refuse: type[AutomarineError] = ModelError) -> Read:
+        """What the file at `path` holds, called `name` in messages. Raises `refuse` with file and place."""
+        return self.of(read_plain(path, "JSON", refuse), name or printable(path.name), refuse)
+
+    def of(self, data: object, name: str, refuse: type[AutomarineError] = ModelError) -> Read:
+        """What plain data hold. Raises `refuse` with the place."""
+        if not isinstance(data, Mapping):
+            raise refuse(f"{name}: found {told(data)}, expected an object with named keys")
+        if (schema := data.get("schema")) != self.schema:
+            other = next((f"this is {one.words}; " for one in KINDS if one.schema == schema), "")
+            raise refuse(
+                f"{name}: schema: found {told(schema)}, expected {told(self.schema)}; {other}give the {self.file} that "
+                f"`automarine {self.writer}` writes"
+            )
+        return self.codec(data, name, refuse).read(self.record, data)
+
+    def codec(self, data: Mapping[str, object], name: str, refuse: type[AutomarineError] = ModelError) -> Codec:
+        """How the data become records, in the words of their motion."""
+        dof = self.dof or DOFS.get(str(data.get("motion")), YAW)
+        return Codec(name, dof, refuse, self.writer, tuple(DOFS.values()))
+
+
+MODELS = {
+    name: ResultKind(
+        f"{name}_model.json", f"automarine/{name}-model/1", ModelFile, f"a {name} model", f"fit-{name}", dof
+    )
+    for name, dof in DOFS.items()
+}
+"""The model of each motion, by its name."""
+PLANAR_MODEL = ResultKind(
+    f"{PLANAR.name}_model.json", f"automarine/{PLANAR.name}-model/1", PlanarFile, "a planar model", "fit-planar", YAW
+)
+THRUSTER_MAP = ResultKind(
+    "thrusters.json", "automarine/thruster-map/1", ThrusterFile, "a thruster map", "fit-thrusters", YAW
+)
+CHECK = ResultKind("check.json", "automarine/check/1", CheckFile, "a look at the logs", "check", YAW)
+VALIDATION = ResultKind("validation.json", "automarine/validation/1", ValidationFile, "a validation", "validate")
+DIAGNOSIS = ResultKind("diagnosis.json", "automarine/diagnosis/1", DiagnosisFile, "a diagnosis", "diagnose")
+TUNING = ResultKind("tuning.json", "automarine/tuning/1", TuningFile, "a tuning", "tune")
+PLAN = ResultKind("plan.json", "automarine/plan/1", PlanFile, "a plan", "plan", YAW)
+RUN = ResultKind("run.json", "automarine/run/1", RunFile, "a campaign", "run", YAW)
+KINDS: tuple[ResultKind[ResultRecord], ...] = (
+    *MODELS.values(),
+    PLANAR_MODEL,
+    THRUSTER_MAP,
+    CHECK,
+    VALIDATION,
+    DIAGNOSIS,
+    TUNING,
+    PLAN,
+)

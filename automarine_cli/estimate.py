@@ -38,14 +38,8 @@ class Estimate:
         and begins at zero (on the logarithm it would end at infinity).
         """
         half = float(special.stdtrit(max(dof, 1.0), 0.975)) * stderr_of_log
-        if half > WIDE:
-            return cls(float(value), float(value * stderr_of_log), (0.0, float(value * (1.0 + half))), unit)
-        return cls(
-            float(value),
-            float(value * stderr_of_log),
-            (float(value * np.exp(-half)), float(value * np.exp(half))),
-            unit,
-        )
+        low, high = (0.0, 1.0 + half) if half > WIDE else (np.exp(-half), np.exp(half))
+        return cls(float(value), float(value * stderr_of_log), (float(value * low), float(value * high)), unit)
 
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
