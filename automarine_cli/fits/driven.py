@@ -604,10 +604,6 @@ def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
     )
 
 
-def judged_whole(course: Course, fit: OutputErrorFit) -> Judgement:
-    return Judgement(worth_of(whole_predictions(course, fit)), len(course.names))
-
-
 def use_of(
     course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
 ) -> Use:

@@ -414,17 +414,23 @@ def _fit_whole(
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
-    filtered = driven.is_driven(moving, at_rest, chosen.names, with_effects)
-    if filtered:
-        course = make_course(moving, at_rest, channels=chosen.names)
-        fits, refused = driven.fitted_driven(moving, course, each, with_effects, known.parameters)
-    else:
-        refused = {}
+    words, refused = dof.words, dict[str, str]()
+    use: driven.Judgement
+    course = make_course(moving, at_rest, channels=chosen.names)
+    if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, known=known)
         fits = dict(zip("123", each(ask, ("1", "2", "3"))))
-    words = dof.words
-    how = "by output error, for the evidence asks for no disturbance"
-    if filtered:
+        preference = whole_runs.prefer(fits)
+        predictions = driven.whole_predictions(course, fits[preference.number])
+        use = driven.Judgement(driven.worth_of(predictions), len(moving))
+        how = "by output error, for the evidence asks for no disturbance"
+    else:
+        fits, refused = driven.fitted_driven(moving, course, each, with_effects, known.parameters)
+        ahead = driven.left_out(course, fits)
+        preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
+        number = preference.number
+        fits[number], proposed = driven.widened(course, fits[number])
+        use = driven.use_of(course, fits[number], ahead[number], proposed)
         how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
         period = float(np.median([run.sample_period for run in moving]))
         if averaged_over(period) > 1:
@@ -439,27 +445,16 @@ def _fit_whole(
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
-    ahead = driven.left_out(course, fits) if filtered else {}
-    preference = (driven.prefer_driven(fits, ahead, dof) if filtered else None) or whole_runs.prefer(fits)
-    proposed: dict[str, float] = {}
-    if filtered:
-        fits[preference.number], proposed = driven.widened(course, fits[preference.number])
     if estimator := fits[preference.number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     listed = (*cautions.design_cautions(levels.tolist(), unit, dof, of_steps=False), *cautions.fit_cautions(fits))
     warnings = (
+        *use.warnings(dof),
+        *(f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items()),
         *cautions.fit_warnings(fits, preference, [run.name for run in moving]),
         *cautions.told(listed, preference),
     )
-    number, use = preference.number, driven.Judgement((), 0)
-    if not filtered:
-        use = driven.judged_whole(make_course(moving, at_rest, channels=chosen.names), fits[number])
-        warnings = (*use.warnings(dof), *warnings)
-    else:
-        use = driven.use_of(course, fits[number], ahead[number], proposed)
-        missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
-        warnings = (*use.warnings(dof), *missing, *warnings)
     return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, listed, dof, chosen, use, known)
 
 

@@ -184,7 +184,7 @@ def fit_drag(
     influence = score @ inverse
     stderr = np.sqrt(np.sum(influence**2, axis=0))
     sse = float(residuals @ residuals)
-    like = {"difference": main_drag(model), C: "constant"}  # what has the same unit
+    like = {C: "constant", **({"difference": main_drag(model)} if sided else {})}  # what has the same unit
     estimates = {
         dof.parameters.get(role, role): Estimate.from_stderr(
             v, e, points - count, dof.unit_of(like.get(role, role), moment_unit)
