@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 6856, "report": 6022, "logs": 4844, "diagnosis": 4634, "runs": 3344, "commands": 3289, "thrusters":
-    3161, "link": 2866, "control": 2704, "planning": 2394, "effects": 2304, "exports": 2194, "simulation": 2035,
-    "comparison": 1578, "pipeline": 1548, "models": 1189, "filters": 1034, "dofs": 672, "guide": 212, "top": 195,
+    "fits": 5922, "report": 6022, "logs": 4844, "diagnosis": 4634, "runs": 3344, "commands": 3287, "thrusters":
+    3161, "link": 2866, "control": 2702, "planning": 2394, "effects": 2304, "exports": 2194, "simulation": 2035,
+    "comparison": 1544, "pipeline": 1548, "models": 1084, "filters": 985, "dofs": 672, "guide": 212, "top": 195,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 53075
+MOST_LINES_IN_ALL = 51949
 MOST_FILES = 269
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -255,7 +255,7 @@ def fit_warnings(
     position_noise: float | None = None,
 ) -> list[str]:
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
-    `position_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
+    `position_noise` [rad] that the headings have by themselves."""
     fit = fits[preference.number]
     dof = fit.model.dof
     words, mark, base = dof.words, dof.units.mark, dof.units.base

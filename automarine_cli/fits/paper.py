@@ -4,9 +4,9 @@ from the errors.
 Tail: the straight end of a half-turn. Its line has the steady rate as slope; its intercept at the instant of
 the step, less the start heading, is the velocity error (equation 5). Inertia follows by equation 7 (model
 1), 9 (model 3) or their common generalisation (model 2) with the drag of Table 1. All tails start at one angle, where
-drag and inertia are expected to be off least (tail_choice.py). What is known to bias them is taken off: the closed form
+drag and inertia are expected to be off least. What is known to bias them is taken off: the closed form
 of a rough model says by how much a line through this tail misses the steady one, the noise of the rates what it
-dilutes (drag.py).
+dilutes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -646,7 +646,7 @@ def fit_velocity_error(
     models: Sequence[str] = ("1", "2", "3", "3+c"),
     tail: float | None = None,
 ) -> VelocityErrorFit:
-    """Run the paper's method on half-turns, for some of the readings of Table 1 (see drag.py).
+    """Run the paper's method on half-turns, for some of the readings of Table 1.
 
     `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
     share of its switch interval (the logger's convention); `tail` [rad or m] is where the tails start, None: where

@@ -429,7 +429,7 @@ def run_covariance(mixed: Outcome, problem: Problem | None = None) -> Floats:
     """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
 
     Given the `problem` that was fitted, it is exact where instants are confined to their sample intervals (see
-    influence.py); without, it is the linearised jackknife, which is too wide there.
+    `left_out_changes`); without, it is the linearised jackknife, which is too wide there.
     """
     runs = len(mixed.left_out)
     if runs < 2:
