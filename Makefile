@@ -8,6 +8,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 AUTOMARINE := $(BIN)/automarine
 BENCHMARK := PYTHONPATH=tests/helpers $(BIN)/python tests/benchmarks
+SHARED := -n auto --dist loadfile --no-loadscope-reorder
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
 .SILENT:
@@ -77,10 +78,10 @@ wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty envi
 	.ci/wheel $(OUT)/wheel $(BIN)/python
 
 test: $(READY) ## Run the tests but for the slow ones, a process for each core
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -q $(SHARED) -m "not slow"
 
 test-all: $(READY) test ## Then the slow ones: clusters, same bytes, planted effects, real data, every example
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
+	$(BIN)/python -m pytest -q $(SHARED) -m slow
 
 check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/ruff check .
@@ -104,7 +105,7 @@ paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 pictures: $(READY) ## The figures of README and guide, from sample_runs
 	$(BENCHMARK)/pictures.py
 
-bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
+bench: $(READY) ## Accuracy against the Cramer-Rao bound, and speed
 	$(BENCHMARK)/bench.py --out $(OUT)/bench.json
 
 blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known truth made without the library; hours, goes on

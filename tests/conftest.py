@@ -31,6 +31,12 @@ settings.register_profile(
 settings.load_profile("house")
 
 TAKEN = ResultFolder.taken
+DEAREST = {
+    "test_ardusub_circle", "test_ardusub_processes", "test_diagnose_planted", "test_diagnose_varying", "test_effects",
+    "test_fits_output_error", "test_golden", "test_innovations", "test_link_kills", "test_own_words",
+    "test_pages_examples", "test_plan", "test_settles", "test_tune_cli", "test_verdict",
+}  # fmt: skip
+"""Files that take longest: begun first, so that no process waits at the end for another's long one."""
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
@@ -39,6 +45,11 @@ def pytest_itemcollected(item: pytest.Item) -> None:
         item.add_marker("slow")
         if not folder.is_dir():
             item.add_marker(pytest.mark.skip(reason="real data not at hand (AUTOMARINE_DATA)"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files in the order of their names, but for the dearest."""
+    items.sort(key=lambda item: item.path.stem not in DEAREST)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -43,8 +43,8 @@ def guide(topic: str | None) -> "Contents | Page":
 
     if topic is None:
         return pages.Contents(
-            tuple(pages.Topic(name, short_help(name)) for name in pages.commands()),
-            tuple(pages.Topic(name, pages.title(name)) for name in pages.pages()),
+            tuple((name, short_help(name)) for name in pages.commands()),
+            tuple((name, pages.title(name)) for name in pages.pages()),
         )
     page = pages.page(topic)
     return pages.with_options(page, _options(load(topic))) if topic in pages.commands() else page
@@ -72,7 +72,7 @@ def _show(ctx: click.Context, result: Any) -> None:
     if not isinstance(result, Page):
         lists = (("Commands", result.commands), ("More pages", result.pages))
         header = ("topic", "what it is about")
-        tables = [Table(title, header, tuple((page.name, page.about) for page in pages)) for title, pages in lists]
+        tables = [Table(title, header, pages) for title, pages in lists]
         echo_result(result, as_json=False, tables=(*tables, "automarine guide TOPIC shows a page."), keep_hint=None)
         return
     text = to_text(result.markdown, _width(), lambda line: coloured(line, sys.stdout, "cyan", bold=True))

@@ -13,12 +13,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Symbols:
-    """Letters. Plain ones name parameters and keys; those of `_print` are for text, `_math` for figures and LaTeX.
-
-    `position`, `velocity`, `force` are the states and what drives them; `inertia`, `linear`, `quadratic`, `cubic` the
-    parameters of the equation of motion, `constant` and `difference` a force that always acts and half the difference
-    of drag between the two ways; `water` is the water's velocity.
-    """
+    """Letters. Plain ones name parameters and keys; those of `_print` are for text, `_math` for figures and LaTeX."""
 
     position: str
     position_print: str
@@ -28,61 +23,59 @@ class Symbols:
     force_print: str
     force_math: str
     inertia: str
-    inertia_math: str
     linear: str
-    linear_math: str
     quadratic: str
     quadratic_print: str
     quadratic_math: str
     cubic: str
-    constant: str = "constant_force"
-    difference: str = "half_difference"
-    water: str = "w"
+    constant: str = "constant_force"  # a force that always acts
+    difference: str = "half_difference"  # of drag between the two ways
+    water: str = "w"  # the water's velocity
 
 
 @dataclass(frozen=True)
 class Words:
     """What people call the states, the parameters and the tests of one motion; English, lower case, singular.
 
-    Where a field has a blank in it, it stands as it is: `both_ways` is "to both sides" or "both ways".
+    Where a field has a blank in it, it stands as it is: `both_ways` is "to both sides" or "both ways". What is not
+    given is a translation's.
     """
 
     position: str  # what the log holds: heading, distance, depth
     sensor: str  # what measures it
     rate: str  # its velocity in full: yaw rate, surge speed
-    speed: str  # the same in short: rate, speed
-    force: str  # what drives: moment, force
     full_force: str  # yaw moment, surge force
-    inertia: str
-    an_inertia: str
-    full_inertia: str
-    inertial_length: str  # inertia over quadratic drag: inertial turn angle, inertial distance
-    travelled: str  # turned angle, distance covered
-    step: str  # what is kept of a step: half-turn, step
-    reach: str  # how far a step is followed: half a turn, the way allowed
-    whole_way: str  # a whole revolution and more, the whole way
-    back_again: str  # an unwinding turn, back again
-    move: str
-    moves: str
-    moved: str
-    moving: str
-    unit: str  # of positions as people read them: degree, cm
-    units: str
-    units_of_way: str  # degrees of turn, cm of way
-    spring: str  # what a tether is: torsional spring, spring
-    stiffness: str
     ways: tuple[str, str]  # positive first: starboard, port
     to_ways: tuple[str, str]  # to starboard, to port
-    both_ways: str
-    each_way: str
-    one_way: str
-    other_way: str  # of positions that count against the convention: counter-clockwise, the other way
-    gone_key: str  # of how far it went: turned, covered
-    the_other: str  # than one_way: to the other, the other
-    way: str  # one of the two: side, direction
-    rate_sensor: str  # what measures the velocity: gyro, speed sensor
-    way_key: str  # of how far a step is to go, as a key begins: turn, travel
-    range_key: str  # the key of how far a run went in all: turns, covered_m
+    speed: str = "speed"  # the velocity in short
+    force: str = "force"  # what drives
+    inertia: str = "mass"
+    an_inertia: str = "a mass"
+    full_inertia: str = "mass with added mass"
+    inertial_length: str = "inertial distance"  # inertia over quadratic drag
+    travelled: str = "distance covered"
+    step: str = "step"  # what is kept of a step
+    reach: str = "the way allowed"  # how far a step is followed
+    whole_way: str = "the whole way"
+    back_again: str = "back again"
+    move: str = "move"
+    moves: str = "moves"
+    moved: str = "moved"
+    moving: str = "moving"
+    unit: str = "cm"  # of positions as people read them
+    units: str = "cm"
+    spring: str = "spring"  # what a tether is
+    stiffness: str = "stiffness"
+    both_ways: str = "both ways"
+    each_way: str = "each way"
+    one_way: str = "one way"
+    other_way: str = "the other way"  # of positions that count against the convention
+    the_other: str = "the other"  # than one_way
+    way: str = "direction"  # one of the two
+    rate_sensor: str = "speed sensor"  # what measures the velocity
+    gone_key: str = "covered"  # of how far it went
+    way_key: str = "travel"  # of how far a step is to go, as a key begins
+    range_key: str = "covered_m"  # the key of how far a run went in all
 
 
 @dataclass(frozen=True)
@@ -90,17 +83,16 @@ class Units:
     """Units of positions: of all arithmetic (`base`), of the logs (`log`), and as people read them (`shown`).
 
     A position in the base unit times `per_base` is one in that of the logs, times `shown_per_base` one as people read
-    it. `key` and `log_key` end the keys of result files (`rmse_deg`, `distance_zero_m`); `mark` is the unit right
-    after a number in text ("°", " cm"); `forces` are the units in which the force may be logged.
+    it. `mark` is the shown unit right after a number in text; `forces` are the units in which the force may be logged.
     """
 
-    base: str
-    log: str
-    per_base: float
-    shown: str
-    shown_per_base: float
-    mark: str
-    forces: tuple[str, ...]
+    base: str = "m"
+    log: str = "m"
+    per_base: float = 1.0
+    shown: str = "cm"
+    shown_per_base: float = 100.0
+    mark: str = " cm"
+    forces: tuple[str, ...] = ("nu", "N")
 
     @property
     def key(self) -> str:
@@ -115,35 +107,27 @@ class Units:
 
 @dataclass(frozen=True)
 class Limits:
-    """Sizes that this motion has in vehicles that tests are made with, all in base units [rad or m] and seconds.
+    """Sizes that a motion has in vehicles that tests are made with, all in base units [rad or m] and seconds; what is
+    not given is a translation's. Standard deviations are wide ones."""
 
-    `trim` is how far a step is followed unless asked otherwise, `least` what it has to cover before its end, `still`
-    what counts as not having moved, `start` what counts as its beginning; `plausible` are ratios of inertia to
-    quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes (a smaller one
-    is left to the noise), beside what the log's own noise and speed allow; three steps of `large_step` from sample to
-    sample stay below half of what wraps. `acceleration` is what none reaches, `far` and `fast` what none gets to;
-    `position_sd` and `velocity_sd` are standard deviations, wide ones, of the start of a run, `bias_sd` that
-    of what a velocity sensor adds, `least_noise` what is left of a position sensor's errors however smooth its readings
-    look. `long` is how far a long run goes.
-    """
-
-    trim: float
-    least: float
-    still: float
-    start: float
-    plausible: tuple[float, float]
-    spike: float
-    end_spike: float
-    large_step: float
-    jump: float
-    acceleration: float
-    far: float
-    fast: float
-    position_sd: float
-    velocity_sd: float
-    bias_sd: float
-    least_noise: float
-    long: float
+    trim: float = inf  # how far a step is followed unless asked otherwise
+    least: float = 0.3  # what a step has to cover before its end
+    still: float = 0.05  # what counts as not having moved
+    start: float = 0.1  # what counts as a step's beginning
+    plausible: tuple[float, float] = (0.02, 20.0)  # inertia over quadratic drag
+    # the least sizes of readings that no vehicle makes, beside what the log's own noise and speed allow
+    spike: float = 0.1
+    end_spike: float = 0.35
+    jump: float = 0.25
+    large_step: float = inf  # three of them from sample to sample stay below half of what wraps
+    acceleration: float = 20.0  # what none reaches: twice that of a free fall
+    far: float = 5000.0  # what none gets to: ten minutes at the speed of a small boat
+    fast: float = 15.0
+    position_sd: float = 10.0  # of the start of a run
+    velocity_sd: float = 1.0
+    bias_sd: float = 0.2  # of what a velocity sensor adds
+    least_noise: float = 0.002  # what is left of a position sensor's errors however smooth its readings look
+    long: float = 5.0  # how far a long run goes
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +172,6 @@ class Dof:
 
     @property
     def wraps(self) -> bool:
-        """Whether the position comes back to itself: a rotation."""
         return self.turn < inf
 
     @property
@@ -197,7 +180,6 @@ class Dof:
         return self.position, self.velocity
 
     def column(self, quantity: str, unit: str) -> str:
-        """The name under which logs hold a quantity of this motion in a unit."""
         return next(name for name, own in self.columns[quantity] if own == unit)
 
     def shown(self, position: Any) -> Any:
@@ -227,22 +209,18 @@ class Dof:
 
     @property
     def ratio_key(self) -> str:
-        """Key of inertia over quadratic drag in result files."""
         return f"{self.words.inertial_length.replace(' ', '_')}_{self.units.base}"
 
     @property
     def velocity_key(self) -> str:
-        """Key of a velocity in base units in result files."""
         return f"{self.velocity}_{self.units.base}_s"
 
     @property
     def step_key(self) -> str:
-        """What is kept of a step as a key: half_turn, step."""
         return self.words.step.replace("-", "_")
 
     @property
     def steps_key(self) -> str:
-        """What files of all steps are called: half_turns, steps."""
         return f"{self.step_key}s"
 
     @cached_property

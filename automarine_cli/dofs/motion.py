@@ -8,8 +8,7 @@ north and east, and the heading (Fossen 2021, chapter 2).
 from dataclasses import dataclass
 
 from automarine_cli.dofs.dof import Dof
-from automarine_cli.dofs.surge import SURGE
-from automarine_cli.dofs.sway import SWAY
+from automarine_cli.dofs.translations import SURGE, SWAY
 from automarine_cli.dofs.yaw import YAW
 
 
@@ -28,7 +27,6 @@ class Motion:
         return len(self.dofs) > 1
 
     def index(self, dof: Dof) -> int:
-        """Place of a degree of freedom."""
         return self.dofs.index(dof)
 
 

@@ -22,13 +22,12 @@ __all__ = [
     "own_files", "register",
 ]  # fmt: skip
 
-NOT_EFFECTS = frozenset({"base", "inputs", "laws", "learned"})
+NOT_EFFECTS = frozenset({"base", "learned"})
 """Files of this folder that hold no effect of the library."""
 _REGISTERED: dict[str, Effect] = {}
 
 
 def names() -> tuple[str, ...]:
-    """Names of all effects of the library and of one's own, sorted."""
     return tuple(sorted({*built_in(), *_entry_points(), *_REGISTERED}))
 
 
@@ -52,20 +51,6 @@ def _entry_points() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group="automarine.effects") if point.name not in built_in()}
 
 
-@cache
-def _of_entry_point(name: str) -> Effect:
-    """The effect that a package brings. Raises ModelError in one sentence for whatever its code raises."""
-    point = _entry_points()[name]
-    try:
-        effect = point.load()()
-        why = "" if isinstance(effect, Effect) and effect.name == name else "expected a subclass of Effect of that name"
-    except Exception as problem:
-        why = f"{type(problem).__name__}: {problem}"
-    if why:
-        raise ModelError(f"effect {name!r} of the entry point {point.value}: {why}; correct or delete that package")
-    return effect
-
-
 def own_files() -> list[Path]:
     """Files in which effects of one's own are written, sorted; of a notebook's there are none."""
     files = set()
@@ -77,13 +62,11 @@ def own_files() -> list[Path]:
 
 @cache
 def built_in() -> tuple[str, ...]:
-    """Names of all effects in the library, sorted."""
     found = (m.name for m in pkgutil.iter_modules(__path__) if m.name not in NOT_EFFECTS)
     return tuple(sorted(name.replace("_", "-") for name in found))
 
 
 def known(name: str) -> bool:
-    """Whether there is an effect of that name."""
     return name in names() or (name.startswith(PREFIX) and len(name) > len(PREFIX))
 
 
@@ -91,30 +74,39 @@ def known(name: str) -> bool:
 def look_alikes(name: str) -> frozenset[str]:
     """Effects that one is mistaken for under any of its laws, and that are mistaken for it."""
 
-    def named(one: str) -> set[str]:
-        effect = get(one)
+    def named(effect: Effect) -> set[str]:
         return {*effect.mistaken_for, *(look for law in effect.laws for look in law.mistaken_for)}
 
-    return frozenset(named(name) | {one for one in names() if name in named(one)}) - {name}
+    return frozenset(named(get(name)) | {other for other in names() if name in named(get(other))}) - {name}
 
 
 def get(name: str) -> Effect:
     """The effect of that name; raises ModelError with the names that there are, and the nearest ones."""
-    if name in built_in() or name.startswith(PREFIX):
-        return _of_library(name)
     if name in _REGISTERED:
         return _REGISTERED[name]
-    if name in _entry_points():
-        return _of_entry_point(name)
+    if known(name) or name.startswith(PREFIX):
+        return _loaded(name)
     near = difflib.get_close_matches(name.lower().replace("_", "-"), names(), n=3, cutoff=0.5)
     meant = f". Did you mean {' or '.join(near)}?" if near else ""
     raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}{meant}")
 
 
 @cache
-def _of_library(name: str) -> Effect:
+def _loaded(name: str) -> Effect:
+    """An effect of the library or of a package; whatever the code of a package raises is one ModelError."""
     if name.startswith(PREFIX):
         return learned(name)
-    module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
-    classes = (c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect))
-    return next(c for c in classes if vars(c).get("name") == name)()
+    if name in built_in():
+        module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
+        return next(
+            kind for kind in vars(module).values() if isinstance(kind, type) and vars(kind).get("name") == name
+        )()
+    point = _entry_points()[name]
+    try:
+        effect = point.load()()
+        why = "" if isinstance(effect, Effect) and effect.name == name else "expected a subclass of Effect of that name"
+    except Exception as problem:
+        why = f"{type(problem).__name__}: {problem}"
+    if why:
+        raise ModelError(f"effect {name!r} of the entry point {point.value}: {why}; correct or delete that package")
+    return effect

@@ -2,16 +2,13 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place, inf
 
 
 class Backlash(Effect):
-    """The play operator: what is delivered stays within `width` of the command, and moves only when pushed."""
-
     name = "backlash"
     place = Place.ACTUATOR
-    parameters = (Parameter("width", "half width of the play", "{force}", 0.0, float("inf"), 0.05),)
+    parameters = (Parameter("width", "half width of the play", "{force}", 0.0, inf, 0.05),)
     equation = "{f}_delivered stays until |{f} - {f}_delivered| > width, then follows that far behind"
     says = "The thrusters follow a command only once it has moved by a play."
     reveals = "the same {force} reached from above and from below, and {forces} that return to zero"

@@ -4,49 +4,81 @@ An effect is one term of the equation of motion, baseline drag and hidden distur
 
     psi' = r,    I_r r' = tau_delivered + sum of moments,    reading = sensor(psi)
 
-Recipe: one file in this folder, one subclass of `Effect` with
+Recipe: one file in this folder, one subclass of `Effect`, which the registry and the contract test find by themselves:
 
-1. `name` (the contract's name, with hyphens), `place`, `equation`, `says` (the verdict's sentence), `reveals` (the runs
-   that show it), `mistaken_for` (names) and `separated_by` (the run that tells them apart), `source`;
-2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at
-   which the effect is off, so that the model with the effect switched off is exactly the model without it;
-3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
-   `derivatives` where it carries states of its own (a moment finds them in `stored`); `steered = True` where the
-   moment depends on the heading, `placed = True` where it does on the very heading and not on the turn since the
-   start, `power` where it is drag; `acts_in` where it needs a motion of some kind.
+1. `name` (with hyphens), `place`, `source`, and its texts, templates over `Dof.vocabulary`: `equation`, `says` (the
+   verdict's sentence), `reveals` (the runs that show it), `mistaken_for` (names), `separated_by` (the run that tells
+   them apart);
+2. `parameters`, in the order in which the methods take them; with all at their off value the model is exactly the model
+   without the effect;
+3. one of `deliver` for actuators, `moment` for moments, `read` for sensors; `states` with `derivatives` where it has
+   states of its own (a moment finds them in `stored`).
 
-Texts are templates over the vocabulary of a degree of freedom (`Dof.vocabulary`), such as "-{quadratic} |{v}| {v}" or
-"A constant {force} acts on the vehicle."; `card` fills them. An effect that acts in one motion only may say it plainly.
-
-The folder is the registry: `effects.get("my-effect")` and the contract test find the new file by themselves.
-Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast
-to it. An effect acts on one degree of freedom and sees the state of that one, and the flow along the others.
+Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast to it. An
+effect acts on one degree of freedom and sees the state of that one, and the flow along the others.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
+from math import inf, nan
 from typing import ClassVar
 
-from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.effects.inputs import Commands, State
+import numpy as np
 
-__all__ = [
-    "EVEN", "MIXED", "ODD", "Card", "Commands", "Effect", "Floats", "Law", "Parameter", "ParameterCard", "Place",
-    "State",
-]  # fmt: skip
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.quantities import Floats
 
-EVEN = "even"
-"""A mirrored campaign (heading and command negated) has the same parameters."""
-MIXED = "mixed"
-"""A mirrored campaign has the parameters of the mirrored equation: some negated, some not."""
-ODD = "odd"
-"""A mirrored campaign has all parameters negated."""
-
-
+EVEN, MIXED, ODD = "even", "mixed", "odd"
+"""What a mirrored campaign (heading and command negated) does to an effect's parameters: it leaves them, turns some as
+the mirrored equation says, or negates all."""
 SINGLE, TOGETHER, SLOWLY = range(3)
-"""Stages of actuators; see `Effect.stage`."""
+"""When an actuator acts, whatever the order in which a model lists its terms: SINGLE thrusters first, then what happens
+at once to what they give TOGETHER, at last what follows that SLOWLY."""
+
+
+@dataclass(slots=True)
+class State:
+    """State of one degree of freedom of all runs under all parameter sets at one instant: arrays that broadcast to
+    (P, R).
+
+    `position` [rad or m, unwrapped, true], `origin` the same at the run's start, `velocity` over ground [per s],
+    `relative` the velocity through the water, on which drag depends, `delivered` moment or force after the actuators,
+    `time` in the run [s], `signals` other logged columns held over the step, `flow` the velocities through the water
+    of all degrees of freedom that move together, by their place, `stored` the states of the effect that is asked for
+    its moment. The simulator fills it in anew for every instant. In the plane `position` is north, east or the heading.
+    """
+
+    position: Floats
+    origin: Floats
+    velocity: Floats
+    relative: Floats
+    delivered: Floats
+    time: Floats
+    signals: Mapping[str, Floats]
+    flow: Sequence[Floats] = ()
+    stored: Sequence[Floats] = ()
+
+    @property
+    def travelled(self) -> Floats:
+        return self.position - self.origin
+
+
+@dataclass(frozen=True)
+class Commands:
+    """The commands of all runs on the simulation grid, for actuator effects.
+
+    `force` (P, R, M), moment or force, is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
+    `before` (R, 1) is what was held before the first sample, `clock` (R, 1) the campaign's clock [s] at the run's
+    first sample; `signals` are other logged columns, (R, M).
+    """
+
+    force: Floats
+    start: Floats
+    length: Floats
+    before: Floats
+    clock: Floats
+    signals: Mapping[str, Floats]
 
 
 class Place(Enum):
@@ -74,9 +106,9 @@ class Parameter:
     name: str
     meaning: str
     unit: str
-    lower: float
-    upper: float
-    start: float
+    lower: float = -inf
+    upper: float = inf
+    start: float = 0.0
     off: float = 0.0
     scan: tuple[float, ...] = ()
     log: bool = False
@@ -91,35 +123,37 @@ class Parameter:
 
     @property
     def held(self) -> bool:
-        """Whether fits leave it as it is."""
         return bool(self.reference or self.choices)
 
     def scaled(self, value: float, largest: float) -> float:
-        """`value` for logs whose largest moment is `largest`."""
         power = 0.5 if self.unit.startswith("({force})^1/2") else 1.0 if "{force}" in self.unit else 0.0
         return float(value * largest**power)
 
-    def name_in(self, dof: Dof) -> str:
-        """What a motion calls it: its key in files."""
-        return dof.fill(self.name)
+
+def choice(name: str, meaning: str, words: str) -> Parameter:
+    """Return the parameter that counts in these words, which semicolons part."""
+    choices = tuple(words.split("; "))
+    return Parameter(name, meaning, "1", 0.0, len(choices) - 1.0, choices=choices)
+
+
+def reference(name: str, meaning: str, laws: tuple[int, ...] = ()) -> Parameter:
+    """Return the parameter that is the largest moment of the logs."""
+    return Parameter(name, meaning, "{force}", 0.0, start=1.0, reference="moment", laws=laws)
+
+
+def multiple(name: str, meaning: str, laws: tuple[int, ...]) -> Parameter:
+    """Return the parameter of some laws that is a multiple of another, about one."""
+    return Parameter(name, meaning, "1", 0.05, 20.0, 1.0, scan=(0.4, 2.5), log=True, laws=laws)
 
 
 @dataclass(frozen=True)
 class Law:
-    """A law of nature beside an effect's first one: its equation (a template), source, and look-alikes by name."""
+    """A law of nature beside an effect's first one: its equation (a template), source, and look-alikes by name; where
+    not given those of the effect."""
 
     equation: str
-    source: str
-    mistaken_for: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class ParameterCard:
-    """A parameter in the words, letters and units of a motion."""
-
-    name: str
-    meaning: str
-    unit: str
+    source: str = ""
+    mistaken_for: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -131,15 +165,18 @@ class Card:
     says: str
     reveals: str
     separated_by: str
-    parameters: tuple[ParameterCard, ...]
-    laws: tuple[str, ...] = ()
+    parameters: tuple[Parameter, ...]
+    laws: tuple[str, ...]
 
 
 class Effect:
-    """One term; see the module's docstring for how to write one."""
+    def __init_subclass__(cls) -> None:
+        cls.laws = tuple(
+            Law(law.equation, law.source or cls.source, law.mistaken_for or cls.mistaken_for) for law in cls.laws
+        )
 
     name: ClassVar[str]
-    place: ClassVar[Place]
+    place: ClassVar[Place] = Place.MOMENT
     parameters: ClassVar[tuple[Parameter, ...]]
     equation: ClassVar[str]
     says: ClassVar[str]
@@ -147,47 +184,24 @@ class Effect:
     mistaken_for: ClassVar[tuple[str, ...]]
     separated_by: ClassVar[str]
     source: ClassVar[str]
-    laws: ClassVar[tuple[Law, ...]] = ()
-    """Its laws beside the first, in the order of the choices."""
-
+    laws: ClassVar[tuple[Law, ...]] = ()  # beside the first, in the order of the choices
     parity: ClassVar[str] = EVEN
     states: ClassVar[tuple[str, ...]] = ()
-    needs: ClassVar[tuple[str, ...]] = ()
-    """Signals that its methods read."""
-
-    logged: ClassVar[tuple[str, ...]] = ()
-    """Columns of the log of which its signals are made, where they are no columns themselves."""
-
+    needs: ClassVar[tuple[str, ...]] = ()  # signals that its methods read
+    logged: ClassVar[tuple[str, ...]] = ()  # columns of which its signals are made, where they are none themselves
     stage: ClassVar[int] = TOGETHER
-    """When an actuator acts, whatever the order in which a model lists its terms: SINGLE thrusters first, then what
-    happens at once to what they give TOGETHER, at last what follows that SLOWLY."""
-
-    steered: ClassVar[bool] = False
-    placed: ClassVar[bool] = False
-    """Whether the moment depends on the heading; without such an effect the simulator sums the heading at the end."""
-
-    per_run: ClassVar[int] = 0
-    """How many coefficients each run may have of its own, in units of moment; the methods get them after the values."""
-
-    role: ClassVar[str] = ""
-    """What its one parameter is in a motion's own equation, by the names of `Dof.parameters`; none for effects that are
-    no part of that."""
-
-    power: ClassVar[int | None] = None
-    """With which power of the speed it resists; None for what is no drag."""
-
-    remembers: ClassVar[bool] = False
-    """Whether what a sensor shows depends on what it showed before; it then says how, in `remember`."""
-
-    fed: ClassVar[bool] = False
-    """Whether what its sensor shows depends on the moment delivered, which `read` then gets after the values."""
-
-    delays: ClassVar[bool] = False
-    """Whether it makes commands late."""
+    steered: ClassVar[bool] = False  # whether the moment depends on the heading, else summed at the end
+    placed: ClassVar[bool] = False  # whether on the very heading, not only on the turn since the start
+    per_run: ClassVar[int] = 0  # coefficients that each run may have of its own [force]; they come after the values
+    role: ClassVar[str] = ""  # what its one parameter is in a motion's own equation, by `Dof.parameters`
+    power: ClassVar[int | None] = None  # of the speed with which it resists; None for what is no drag
+    remembers: ClassVar[bool] = False  # whether what a sensor shows depends on what it showed: see `remember`
+    fed: ClassVar[bool] = False  # whether `read` gets the moment delivered after the values
+    delays: ClassVar[bool] = False  # whether it makes commands late
+    rotational: ClassVar[bool] = False  # whether it acts in rotations alone
 
     def acts_in(self, dof: Dof) -> bool:
-        """Whether it may act in a motion."""
-        return True
+        return dof.wraps or not self.rotational
 
     def shifts(self, values: Sequence[float]) -> bool:
         """Whether it makes every command late by the same time, as a logger's convention does."""
@@ -195,7 +209,7 @@ class Effect:
 
     def late(self, values: Sequence[float]) -> float:
         """Seconds by which it makes late what is seen of a command; not a number where it makes nothing late."""
-        return float("nan")
+        return nan
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -210,21 +224,16 @@ class Effect:
         """Its texts in a motion; without a unit of force that is called the force's unit."""
         unit = force_unit or f"{dof.words.force} unit"
         parameters = tuple(
-            ParameterCard(p.name_in(dof), dof.fill(p.meaning), dof.unit_in(p.unit, unit)) for p in self.parameters
+            replace(p, name=dof.fill(p.name), meaning=dof.fill(p.meaning), unit=dof.unit_in(p.unit, unit))
+            for p in self.parameters
         )
-        return Card(
-            name=self.name,
-            equation=dof.fill(self.equation),
-            says=dof.fill(self.says),
-            reveals=dof.fill(self.reveals),
-            separated_by=dof.fill(self.separated_by),
-            parameters=parameters,
-            laws=tuple(dof.fill(law.equation) for law in self.laws),
-        )
+        equation, says, reveals, separated = map(dof.fill, (self.equation, self.says, self.reveals, self.separated_by))
+        laws = tuple(dof.fill(law.equation) for law in self.laws)
+        return Card(self.name, equation, says, reveals, separated, parameters, laws)
 
     def names_in(self, dof: Dof) -> tuple[str, ...]:
         """What a motion calls its parameters: their keys in files."""
-        return tuple(parameter.name_in(dof) for parameter in self.parameters)
+        return tuple(dof.fill(parameter.name) for parameter in self.parameters)
 
     @property
     def shapes(self) -> tuple[bool, ...]:
@@ -293,3 +302,34 @@ class Effect:
         """What a sensor that remembers shows after a step of `length` [s] over which the truth went straight from
         `before` to `after`, when it showed `shown` at its beginning; arrays that broadcast to (P, R)."""
         return after
+
+
+Deliver = Callable[[Commands, tuple[Floats, ...]], Floats]
+
+
+def choose(law: Floats, *options: Callable[[], Floats]) -> Floats:
+    """What each parameter set's law gives, in the shape to which `law` (P, ...) and the options broadcast; only options
+    that some set asks for are worked out."""
+    asked = np.unique(law)
+    found = options[round(float(asked[0]))]()
+    for one in asked[1:]:
+        found = np.where(law == one, options[round(float(one))](), found)
+    return found
+
+
+def deliver_by_law(options: Sequence[Deliver], commands: Commands, values: tuple[Floats, ...], law: Floats) -> Floats:
+    """What each parameter set's own law delivers, (P, R, M): every law sees the sets that ask for it, and no others."""
+    asked = np.unique(law)
+    if len(asked) == 1:
+        return options[round(float(asked[0]))](commands, values)
+    shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, law.shape)
+    delivered = np.empty(shape)
+    for one in asked:
+        here = np.broadcast_to(law, (shape[0], 1, 1))[:, 0, 0] == one
+
+        def own(x: Floats, here: Floats = here) -> Floats:
+            return x[here] if len(x) == len(here) else x
+
+        part = replace(commands, force=own(commands.force), start=own(commands.start), length=own(commands.length))
+        delivered[here] = options[round(float(one))](part, tuple(own(value) for value in values))
+    return delivered

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place
-from automarine_cli.effects.laws import choose
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, choose, inf, reference
 
 
 class BatterySag(Effect):
@@ -24,13 +22,9 @@ class BatterySag(Effect):
         Parameter(
             "load", "share of thrust lost at tau_ref; by the charge drawn, in a minute of it", "1", 0.0, 0.9, 0.05
         ),
-        Parameter("tau_ref", "{force} at which load is told", "{force}", 0.0, float("inf"), 1.0, reference="moment"),
-        Parameter(
-            "t_ref", "clock at which nothing was lost yet", "s", -float("inf"), float("inf"), 0.0, reference="clock"
-        ),
-        Parameter(
-            "law", "how the load tells", "1", 0.0, 2.0, 0.0, choices=("at once", "after a time", "by the charge drawn")
-        ),
+        reference("tau_ref", "{force} at which load is told"),
+        Parameter("t_ref", "clock at which nothing was lost yet", "s", -inf, inf, 0.0, reference="clock"),
+        choice("law", "how the load tells", "at once; after a time; by the charge drawn"),
         Parameter(
             "T_V",
             "time constant of the sag under load",

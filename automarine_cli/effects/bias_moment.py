@@ -1,16 +1,12 @@
 """A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady
 current."""
 
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, State, inf
 
 
 class BiasMoment(Effect):
-    """+b, whatever the vehicle does; the only effect whose drift of k is odd in the moment with power -1."""
-
     name = "bias-moment"
-    place = Place.MOMENT
-    parameters = (Parameter("b", "constant {force}", "{force}", -float("inf"), float("inf"), 0.02),)
+    parameters = (Parameter("b", "constant {force}", "{force}", -inf, inf, 0.02),)
     equation = "+b"
     says = "A constant {force} acts on the vehicle in one direction, commanded or not."
     reveals = "a rest record (the vehicle drifts), and equal {forces} {both_ways} (one {way} {moves} faster)"
@@ -21,5 +17,4 @@ class BiasMoment(Effect):
     role = "constant"
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (b,) = values
-        return b
+        return values[0]

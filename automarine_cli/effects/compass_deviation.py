@@ -2,15 +2,10 @@
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, Place, choice
 
 
 class CompassDeviation(Effect):
-    """psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi; the constant A is part of the start
-    heading."""
-
     name = "compass-deviation"
     place = Place.SENSOR
     parameters = (
@@ -18,7 +13,7 @@ class CompassDeviation(Effect):
         Parameter("C", "hard iron, cosine", "{x}", -0.5, 0.5, 0.0),
         Parameter("D", "soft iron, sine", "{x}", -0.3, 0.3, 0.0),
         Parameter("E", "soft iron, cosine", "{x}", -0.3, 0.3, 0.0),
-        Parameter("law", "what iron", "1", 0.0, 2.0, 0.0, choices=("hard and soft", "hard alone", "soft alone")),
+        choice("law", "what iron", "hard and soft; hard alone; soft alone"),
     )
     equation = "psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi"
     says = "The compass deviates with the heading, the same in both directions and at all moments."
@@ -27,21 +22,11 @@ class CompassDeviation(Effect):
     separated_by = "start headings a quarter turn apart, at a small and a large moment"
     source = "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment"
     laws = (
-        Law(
-            "psi_m = psi + B sin psi + C cos psi",
-            "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment",
-            ("heading-moment", "thrust-asymmetry"),
-        ),
-        Law(
-            "psi_m = psi + D sin 2 psi + E cos 2 psi",
-            "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment",
-            ("wall", "heading-moment"),
-        ),
+        Law("psi_m = psi + B sin psi + C cos psi"),
+        Law("psi_m = psi + D sin 2 psi + E cos 2 psi", mistaken_for=("wall", "heading-moment")),
     )
     parity = MIXED
-
-    def acts_in(self, dof: Dof) -> bool:
-        return dof.wraps
+    rotational = True
 
     def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
         no_hard, no_soft = self.law(values) == 2, self.law(values) == 1

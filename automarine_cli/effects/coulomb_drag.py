@@ -2,21 +2,17 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, inf
 
 CREEP = 0.02  # rad/s within which the sign is smoothed, far below any rate that a step reaches
 
 
 class CoulombDrag(Effect):
-    """-c sgn(r), smoothed within CREEP; with Stribeck's law it is larger near rest, by c_s exp(-(r/r_s)²)."""
-
     name = "coulomb-drag"
-    place = Place.MOMENT
     parameters = (
-        Parameter("c", "dry friction {force}", "{force}", 0.0, float("inf"), 0.03),
-        Parameter("law", "whether it grows near rest", "1", 0.0, 1.0, 0.0, choices=("the same", "Stribeck")),
-        Parameter("c_s", "what is more of it at rest", "{force}", 0.0, float("inf"), 0.03, off=0.0, laws=(1,)),
+        Parameter("c", "dry friction {force}", "{force}", 0.0, inf, 0.03),
+        choice("law", "whether it grows near rest", "the same; Stribeck"),
+        Parameter("c_s", "what is more of it at rest", "{force}", 0.0, inf, 0.03, off=0.0, laws=(1,)),
         Parameter(
             "v_s",
             "{speed} at which that has faded to 1/e",
@@ -39,7 +35,6 @@ class CoulombDrag(Effect):
         Law(
             "-(c + c_s exp(-({v}/v_s)^2)) sgn({v})",
             "Armstrong-Helouvry, Dupont and Canudas de Wit (1994), Automatica 30:1083",
-            ("dead-band", "linear-drag"),
         ),
     )
     power = 0

@@ -1,16 +1,12 @@
 """Cubic drag: drag that grows faster than the square, as quadratic coefficients rise with Reynolds number
 or tilt."""
 
-from automarine_cli.effects.base import Effect, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, State, inf
 
 
 class CubicDrag(Effect):
-    """-k_rrr r³, the second term of Norrbin's steering models."""
-
     name = "cubic-drag"
-    place = Place.MOMENT
-    parameters = (Parameter("{cubic}", "cubic {motion} drag", "{force} s³{/x3}", 0.0, float("inf"), 0.1),)
+    parameters = (Parameter("{cubic}", "cubic {motion} drag", "{force} s³{/x3}", 0.0, inf, 0.1),)
     equation = "-{cubic} {v}³"
     says = "Drag at high {speeds} grows faster than the square of the {rate}."
     reveals = "high {forces} against middle ones, and the first second of coast-downs from high {speeds}"
@@ -20,5 +16,4 @@ class CubicDrag(Effect):
     power = 3
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (k_rrr,) = values
-        return -k_rrr * state.relative * state.relative * state.relative
+        return -values[0] * state.relative * state.relative * state.relative

@@ -2,20 +2,16 @@
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, reference
 
 
 class CurrentDeviation(Effect):
-    """psi_m = psi + (d tau + e |tau|) / tau_ref: a current that turns round with the thrust, or one that does not."""
-
     name = "current-deviation"
     place = Place.SENSOR
     parameters = (
         Parameter("d", "deviation at tau_ref that changes its sign with the {force}", "{x}", -0.5, 0.5, 0.05),
         Parameter("e", "deviation at tau_ref that does not", "{x}", -0.5, 0.5, 0.0),
-        Parameter("tau_ref", "{force} at which both are told", "{force}", 0.0, float("inf"), 1.0, reference="moment"),
+        reference("tau_ref", "{force} at which both are told"),
     )
     equation = "psi_m = psi + (d tau + e |tau|)/tau_ref"
     says = "The compass is pulled by the thrusters' current."
@@ -25,9 +21,7 @@ class CurrentDeviation(Effect):
     source = "Bowditch (2019), The American Practical Navigator, chapter on the compass (electromagnetic deviation)"
     parity = MIXED
     fed = True
-
-    def acts_in(self, dof: Dof) -> bool:
-        return dof.wraps
+    rotational = True
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
         odd, even, largest, moment = values

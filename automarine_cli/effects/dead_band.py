@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place
-from automarine_cli.effects.laws import deliver_by_law
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, deliver_by_law, inf
 
 EDGE = 0.1
 CUTS = tuple(0.02 * 1.3**i for i in range(14))
@@ -21,16 +19,8 @@ class DeadBand(Effect):
     name = "dead-band"
     place = Place.ACTUATOR
     parameters = (
-        Parameter("width", "half width of the dead-band", "{force}", 0.0, float("inf"), 0.03),
-        Parameter(
-            "law",
-            "what is left above the width",
-            "1",
-            0.0,
-            2.0,
-            0.0,
-            choices=("the rest", "all", "all, until it stalls"),
-        ),
+        Parameter("width", "half width of the dead-band", "{force}", 0.0, inf, 0.03),
+        choice("law", "what is left above the width", "the rest; all; all, until it stalls"),
         Parameter("stall", "share of the width at which it stalls", "1", 0.0, 1.0, 0.5, scan=(0.3, 0.6), laws=(2,)),
     )
     equation = "{f}_delivered = sgn({f}) max(|{f}| - width, 0)"

@@ -1,21 +1,17 @@
 """A hull that drags more turning one way than the other."""
 
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, State, inf
 
 
 class DragAsymmetry(Effect):
-    """-e r²: adds to the quadratic drag on turns to starboard, takes from it on turns to port."""
-
     name = "drag-asymmetry"
-    place = Place.MOMENT
     parameters = (
         Parameter(
             "e",
             "half the difference of quadratic drag {to_positive} and {to_negative}",
             "{force} s²{/x2}",
-            -float("inf"),
-            float("inf"),
+            -inf,
+            inf,
             0.05,
         ),
     )
@@ -30,5 +26,4 @@ class DragAsymmetry(Effect):
     power = 2
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (e,) = values
-        return -e * state.relative**2
+        return -values[0] * state.relative**2

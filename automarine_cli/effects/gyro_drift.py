@@ -1,12 +1,9 @@
 """A heading integrated from a gyro with a bias."""
 
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place
 
 
 class GyroDrift(Effect):
-    """psi_m = psi + g t."""
-
     name = "gyro-drift"
     place = Place.SENSOR
     parameters = (Parameter("g", "drift of the {position}", "{x}/s", -0.2, 0.2, 0.003),)
@@ -21,5 +18,4 @@ class GyroDrift(Effect):
     parity = ODD
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
-        (drift,) = values
-        return heading + drift * time
+        return heading + values[0] * time

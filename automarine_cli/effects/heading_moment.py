@@ -2,19 +2,14 @@
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, State, inf
 
 
 class HeadingMoment(Effect):
-    """b sin psi + c cos psi on the true heading."""
-
     name = "heading-moment"
-    place = Place.MOMENT
     parameters = (
-        Parameter("b", "sine part", "{force}", -float("inf"), float("inf"), 0.03),
-        Parameter("c", "cosine part", "{force}", -float("inf"), float("inf"), 0.0),
+        Parameter("b", "sine part", "{force}", -inf, inf, 0.03),
+        Parameter("c", "cosine part", "{force}", -inf, inf, 0.0),
     )
     equation = "b sin psi + c cos psi"
     says = "A moment turns the vehicle towards one heading, like a weathervane."
@@ -28,9 +23,7 @@ class HeadingMoment(Effect):
     parity = MIXED
     steered = True
     placed = True
-
-    def acts_in(self, dof: Dof) -> bool:
-        return dof.wraps
+    rotational = True
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         b, c = values

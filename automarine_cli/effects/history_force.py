@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
-from automarine_cli.effects.laws import choose
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, choose, inf
 
 TIMES, SHARES = (0.327, 2.62, 39.3), (2.0, 0.752, 0.379)
 """Time constants [s] and sizes of the exponentials whose sum is sqrt(1 s/t) to 4 % from 0.2 to 30 s."""
@@ -18,11 +16,10 @@ class HistoryForce(Effect):
     """
 
     name = "history-force"
-    place = Place.MOMENT
     parameters = (
-        Parameter("h", "{force} by change of {speed}", "{force} s{/x}", 0.0, float("inf"), 0.1),
+        Parameter("h", "{force} by change of {speed}", "{force} s{/x}", 0.0, inf, 0.1),
         Parameter("T", "time in which it fades", "s", 0.1, 30.0, 2.0, off=2.0, scan=(0.7, 3.0, 12.0), log=True),
-        Parameter("law", "how it fades", "1", 0.0, 1.0, 0.0, choices=("exponentially", "as 1/sqrt(t)")),
+        choice("law", "how it fades", "exponentially; as 1/sqrt(t)"),
     )
     equation = "-h ({v} - past), T past' = {v} - past"
     says = "A {force} opposes every change of the {speed} and fades only with time: the water remembers."

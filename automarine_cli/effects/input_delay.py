@@ -5,22 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place
-from automarine_cli.effects.laws import deliver_by_law
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, deliver_by_law
 
 FAR = 10.0  # seconds before the log over which its first command is taken to have held
 
 
 class InputDelay(Effect):
-    """tau(t - t_d), or another dead time t_off for what falls; a delay below half a sample interval is the logger's
-    convention and is fitted apart."""
-
     name = "input-delay"
     place = Place.ACTUATOR
     parameters = (
         Parameter("t_d", "dead time of the command", "s", 0.0, 3.0, 0.2),
-        Parameter("law", "of what", "1", 0.0, 1.0, 0.0, choices=("every change", "on and off apart")),
+        choice("law", "of what", "every change; on and off apart"),
         Parameter("t_off", "dead time of what falls", "s", 0.0, 3.0, 0.1, laws=(1,)),
     )
     equation = "{f}_delivered(t) = {f}(t - t_d)"
@@ -33,13 +28,11 @@ class InputDelay(Effect):
         Law(
             "{f}_delivered(t) = {f}(t - t_d) as |{f}| rises, {f}(t - t_off) as it falls",
             "Wie (2008), Space Vehicle Dynamics and Control (delays of thrusters that open and close)",
-            ("thruster-lag", "sensor-lag"),
         ),
     )
     delays = True
 
     def shifts(self, values: Sequence[float]) -> bool:
-        """Where rises and falls are late apart, either may be on time."""
         return values[1] == 0.0
 
     def late(self, values: Sequence[float]) -> float:

@@ -6,12 +6,13 @@ it closes on itself. Which curve is likely is said by its `spread` alone, see `r
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.effects.base import MIXED, Effect, Parameter, Place, State
+from automarine_cli.effects.base import MIXED, Effect, Parameter, State, choice, reference
 from automarine_cli.errors import ModelError
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 
@@ -52,53 +53,38 @@ class Variable:
 
 
 def hyphened(words: str) -> str:
-    """Words as the name of a variable."""
     return words.replace(" ", "-")
 
 
 def variable_of(name: str) -> Variable:
     """The variable of that name: of the motion, of its command, a time, or else a logged column."""
-    return _own(name) or Variable(name, "", lambda state: state.signals[name], needs=(name,))
-
-
-def _own(name: str) -> Variable | None:
     if name == TIME:
         return Variable(name, "s", lambda state: state.time, code="state.time")
-    if name == CLOCK:
-        return Variable(name, "s", lambda state: state.signals[name], needs=(name,))
-    if name == SINCE:
-        return Variable(name, "s", lambda state: state.signals[name], kinds=(GAIN,), needs=(name,))
+    column = Variable(name, "", lambda state: state.signals[name], needs=(name,))
+    if name in (CLOCK, SINCE):
+        return replace(column, unit="s", kinds=(GAIN,) if name == SINCE else KINDS)
 
-    def those(of: Callable[[Dof], str]) -> tuple[str, ...]:
-        return tuple(dof.name for dof in DOFS.values() if hyphened(of(dof)) == name)
+    def motions(word: str) -> tuple[str, ...]:
+        return tuple(dof.name for dof in DOFS.values() if hyphened(getattr(dof.words, word)) == name)
 
-    turning = tuple(one for one in those(lambda dof: dof.words.position) if DOFS[one].wraps)
-    if moving := those(lambda dof: dof.words.rate):
-        return Variable(
-            name, "{x}/s", lambda state: state.relative, (MOMENT, GAIN), sized=True, motions=moving,
-            code="state.relative",
-        )  # fmt: skip
-    if moving := those(lambda dof: dof.words.force):
-        return Variable(
-            name, "{force}", lambda state: state.delivered, (GAIN,), sized=True, motions=moving, code="state.delivered"
-        )
-    if moving := those(lambda dof: dof.words.travelled):
-        return Variable(
-            name, "{x}", lambda state: state.travelled, steered=True, motions=moving, code="state.travelled"
-        )
-    if turning:
-        turn = DOFS[turning[0]].turn
-        return Variable(
-            name, "{x}", lambda state: state.position % turn, turn=turn, steered=True, placed=True,
-            motions=turning,
-        )  # fmt: skip
-    return None
+    if own := motions("rate"):
+        return Variable(name, "{x}/s", lambda state: state.relative, (MOMENT, GAIN), sized=True, motions=own,
+                        code="state.relative")  # fmt: skip
+    if own := motions("force"):
+        return Variable(name, "{force}", lambda state: state.delivered, (GAIN,), sized=True, motions=own,
+                        code="state.delivered")  # fmt: skip
+    if own := motions("travelled"):
+        return Variable(name, "{x}", lambda state: state.travelled, steered=True, motions=own, code="state.travelled")
+    if own := tuple(motion for motion in motions("position") if DOFS[motion].wraps):
+        turn = DOFS[own[0]].turn
+        return Variable(name, "{x}", lambda state: state.position % turn, turn=turn, steered=True, placed=True,
+                        motions=own)  # fmt: skip
+    return column
 
 
 class Learned(Effect):
     """f(x), f(x) times the thrust, or -f(x) times the speed; `learned` makes one for a variable x."""
 
-    place = Place.MOMENT
     mistaken_for = ()
     source = "Wood (2017), Generalized Additive Models, sections 5 and 6 (penalised splines, smoothness by likelihood)"
     parity = MIXED
@@ -191,29 +177,17 @@ def learned(name: str) -> Effect:
         raise ModelError(f"effect {name!r}: expected learned: and a variable, such as learned:yaw-rate")
     variable = variable_of(own)
     text = own.replace("{", "{{").replace("}", "}}")
-    knots = tuple(
-        Parameter(f"y{k}", f"the curve at knot {k} of {KNOTS}", "1", -np.inf, np.inf, 0.0) for k in range(1, KNOTS + 1)
-    )
+    logs = partial(Parameter, reference="logs")
     members = {
         "name": name,
         "variable": variable,
         "parameters": (
-            Parameter(
-                "low", f"{text} at the first knot", variable.unit, -np.inf, np.inf, 0.0, reference="logs"
-            ),
-            Parameter(
-                "high", f"{text} at the last knot", variable.unit, -np.inf, np.inf, 1.0, reference="logs"
-            ),
-            Parameter(
-                "size", "{force} of which a curve of {forces} is told in shares", "{force}", 0.0, np.inf, 1.0,
-                reference="moment",
-            ),
-            Parameter(
-                "spread", "how much neighbouring slopes of the curve may differ", "1", 0.0, np.inf, 1.0,
-                reference="logs",
-            ),
-            *knots,
-            Parameter("kind", "what the curve is", "1", 0.0, len(KINDS) - 1.0, 0.0, choices=KINDS),
+            logs("low", f"{text} at the first knot", variable.unit),
+            logs("high", f"{text} at the last knot", variable.unit, start=1.0),
+            reference("size", "{force} of which a curve of {forces} is told in shares"),
+            logs("spread", "how much neighbouring slopes of the curve may differ", "1", 0.0, start=1.0),
+            *(Parameter(f"y{k}", f"the curve at knot {k} of {KNOTS}", "1") for k in range(1, KNOTS + 1)),
+            choice("kind", "what the curve is", "; ".join(KINDS)),
         ),
         "equation": f"y({text}) times {{f}}_delivered, the size, or -{{v}} times the size",
         "says": f"The {{force}} depends on {text}; no effect of the library does this.",

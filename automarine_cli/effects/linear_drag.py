@@ -1,15 +1,11 @@
 """Linear drag: laminar friction, dominant at low rates."""
 
-from automarine_cli.effects.base import Effect, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, State, inf
 
 
 class LinearDrag(Effect):
-    """-k_r r; the whole drag of model 1, one of two terms of model 2."""
-
     name = "linear-drag"
-    place = Place.MOMENT
-    parameters = (Parameter("{linear}", "linear {motion} drag", "{force} s{/x}", 0.0, float("inf"), 0.05),)
+    parameters = (Parameter("{linear}", "linear {motion} drag", "{force} s{/x}", 0.0, inf, 0.05),)
     equation = "-{linear} {v}"
     says = "Part of the drag grows with the {rate} itself, not with its square."
     reveals = "low {forces}, and coast-downs, which end exponentially instead of as 1/t"
@@ -20,5 +16,4 @@ class LinearDrag(Effect):
     power = 1
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (k_r,) = values
-        return -k_r * state.relative
+        return -values[0] * state.relative

@@ -3,23 +3,14 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, State, inf
 
 
 class LinearDragAsymmetry(Effect):
-    """-e |r|: adds to the linear drag of motion one way, takes from it the other way."""
-
     name = "linear-drag-asymmetry"
-    place = Place.MOMENT
     parameters = (
         Parameter(
-            "e",
-            "half the difference of linear drag {to_positive} and {to_negative}",
-            "{force} s{/x}",
-            -float("inf"),
-            float("inf"),
-            0.05,
+            "e", "half the difference of linear drag {to_positive} and {to_negative}", "{force} s{/x}", -inf, inf, 0.05
         ),
     )
     equation = "-e |{v}|"
@@ -36,5 +27,4 @@ class LinearDragAsymmetry(Effect):
         return dof.directional
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (e,) = values
-        return -e * np.abs(state.relative)
+        return -values[0] * np.abs(state.relative)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, State, choice, inf
 
 
 class PeriodicDisturbance(Effect):
@@ -14,12 +13,11 @@ class PeriodicDisturbance(Effect):
     """
 
     name = "periodic-disturbance"
-    place = Place.MOMENT
     parameters = (
-        Parameter("A", "amplitude of the sine", "{force}", -float("inf"), float("inf"), 0.03),
-        Parameter("B", "amplitude of the cosine", "{force}", -float("inf"), float("inf"), 0.0),
+        Parameter("A", "amplitude of the sine", "{force}", -inf, inf, 0.03),
+        Parameter("B", "amplitude of the cosine", "{force}", -inf, inf, 0.0),
         Parameter("T", "period", "s", 0.3, 20.0, 3.0, scan=tuple(1.0 * 1.04**i for i in range(70)), log=True),
-        Parameter("phase", "phase at the start of a run", "1", 0.0, 1.0, 0.0, choices=("the same", "its own in each")),
+        choice("phase", "phase at the start of a run", "the same; its own in each"),
     )
     equation = "A sin(2 pi t/T) + B cos(2 pi t/T)"
     says = "A {force} comes and goes with a fixed period, as waves or a sloshing pool would make it."
@@ -31,7 +29,6 @@ class PeriodicDisturbance(Effect):
         Law(
             "the same with A and B of its own in every run",
             "Faltinsen and Timokha (2009), Sloshing; waves do not wait for a run to begin",
-            ("heading-moment", "dead-band"),
         ),
     )
     parity = MIXED

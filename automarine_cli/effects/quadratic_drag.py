@@ -2,16 +2,12 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, State, inf
 
 
 class QuadraticDrag(Effect):
-    """-k_rr |r| r; the whole drag of model 3, one of two terms of model 2."""
-
     name = "quadratic-drag"
-    place = Place.MOMENT
-    parameters = (Parameter("{quadratic}", "quadratic {motion} drag", "{force} s²{/x2}", 0.0, float("inf"), 1.0),)
+    parameters = (Parameter("{quadratic}", "quadratic {motion} drag", "{force} s²{/x2}", 0.0, inf, 1.0),)
     equation = "-{quadratic} |{v}| {v}"
     says = "Part of the drag grows with the square of the {rate}."
     reveals = "high {forces}, and the first seconds of coast-downs"
@@ -22,5 +18,4 @@ class QuadraticDrag(Effect):
     power = 2
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (k_rr,) = values
-        return -k_rr * np.abs(state.relative) * state.relative
+        return -values[0] * np.abs(state.relative) * state.relative

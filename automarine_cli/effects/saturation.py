@@ -2,24 +2,18 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place
-from automarine_cli.effects.laws import choose
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, choose, inf
 
 SOFT = (0.9, 1.4, 2.2)
 """Limits at which a soft one is tried, as shares of the largest moment: it bends moments far below it."""
 
 
 class Saturation(Effect):
-    """min(|tau|, tau_max) with the sign of tau, or, where the limit comes on softly, tau_max tanh(tau / tau_max)."""
-
     name = "saturation"
     place = Place.ACTUATOR
     parameters = (
-        Parameter(
-            "tau_max", "largest {force}", "{force}", 0.0, float("inf"), 1.0, off=float("inf"), scan=(0.6, 0.75, 0.9)
-        ),
-        Parameter("law", "how the limit comes on", "1", 0.0, 1.0, 0.0, choices=("hard", "soft")),
+        Parameter("tau_max", "largest {force}", "{force}", 0.0, inf, 1.0, off=inf, scan=(0.6, 0.75, 0.9)),
+        choice("law", "how the limit comes on", "hard; soft"),
     )
     equation = "{f}_delivered = sgn({f}) min(|{f}|, tau_max)"
     says = "The thrusters give no more than a largest {force}, whatever is commanded."

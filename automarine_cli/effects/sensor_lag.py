@@ -4,13 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place
 
 
 class SensorLag(Effect):
-    """T_s psi_m' = psi - psi_m."""
-
     name = "sensor-lag"
     place = Place.SENSOR
     parameters = (Parameter("T_s", "time constant of the {position} sensor", "s", 0.0, 3.0, 0.1),)

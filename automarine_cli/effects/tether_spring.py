@@ -2,21 +2,16 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
-from automarine_cli.effects.laws import choose
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, choose, inf
 
 
 class TetherSpring(Effect):
-    """-kappa (psi - psi_start); beyond a slack that it takes up first; or hardening with the cube of the way."""
-
     name = "tether-spring"
-    place = Place.MOMENT
     parameters = (
-        Parameter("kappa", "{stiffness} of the tether", "{force}/{x}", 0.0, float("inf"), 0.01),
-        Parameter("law", "how it pulls", "1", 0.0, 2.0, 0.0, choices=("taut", "with slack", "hardening")),
+        Parameter("kappa", "{stiffness} of the tether", "{force}/{x}", 0.0, inf, 0.01),
+        choice("law", "how it pulls", "taut; with slack; hardening"),
         Parameter("slack", "way before it pulls", "{x}", 0.0, 30.0, 1.0, scan=(0.7, 1.5, 3.0), laws=(1,)),
-        Parameter("kappa_3", "part that grows with the cube", "{force}/{x}^3", 0.0, float("inf"), 0.001, laws=(2,)),
+        Parameter("kappa_3", "part that grows with the cube", "{force}/{x}^3", 0.0, inf, 0.001, laws=(2,)),
     )
     equation = "-kappa ({x} - {x}_start)"
     says = "The tether pulls back like a {spring}, the more the vehicle has {moved}."

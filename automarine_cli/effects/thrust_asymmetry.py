@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import ODD, Commands, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import ODD, Commands, Effect, Floats, Parameter, Place
 
 
 class ThrustAsymmetry(Effect):
@@ -23,5 +22,4 @@ class ThrustAsymmetry(Effect):
     parity = ODD
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (a,) = values
-        return (1.0 + a * np.sign(commands.force)) * commands.force
+        return (1.0 + values[0] * np.sign(commands.force)) * commands.force

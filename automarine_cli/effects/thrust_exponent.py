@@ -2,18 +2,15 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place, reference
 
 
 class ThrustExponent(Effect):
-    """tau_ref (|tau|/tau_ref)^p with the sign of tau."""
-
     name = "thrust-exponent"
     place = Place.ACTUATOR
     parameters = (
         Parameter("p", "exponent of the {force} delivered against the one commanded", "1", 0.3, 3.0, 0.9, off=1.0),
-        Parameter("tau_ref", "{force} that both agree on", "{force}", 0.0, float("inf"), 1.0, reference="moment"),
+        reference("tau_ref", "{force} that both agree on"),
     )
     equation = "{f}_delivered = sgn({f}) tau_ref (|{f}|/tau_ref)^p"
     says = "Thrust grows with another power of the command than the map says."

@@ -2,21 +2,14 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, inf
 
 
 class ThrustLoss(Effect):
-    """-b n r with n = sqrt|tau|, the second term of the bilinear thruster model; or only while the vehicle moves the
-    way it is pushed, so that the propellers advance."""
-
     name = "thrust-loss"
-    place = Place.MOMENT
     parameters = (
-        Parameter(
-            "b", "loss of {force} by {speed} and root of {force}", "({force})^1/2 s{/x}", 0.0, float("inf"), 0.05
-        ),
-        Parameter("law", "when thrust is lost", "1", 0.0, 1.0, 0.0, choices=("both ways", "in advance only")),
+        Parameter("b", "loss of {force} by {speed} and root of {force}", "({force})^1/2 s{/x}", 0.0, inf, 0.05),
+        choice("law", "when thrust is lost", "both ways; in advance only"),
     )
     equation = "-b sqrt|{f}| {v}"
     says = "Thrust falls as the {move} feeds the propellers with moving water."
@@ -30,7 +23,6 @@ class ThrustLoss(Effect):
         Law(
             "-b sqrt|{f}| {v} where {f} {v} > 0, else 0",
             "Carlton (2007), Marine Propellers and Propulsion (the quadrants of a propeller)",
-            ("quadratic-drag", "linear-drag"),
         ),
     )
 

@@ -2,18 +2,13 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Parameter
+from automarine_cli.effects.base import Commands, Floats, Parameter, inf
 from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect, each
-from automarine_cli.quantities import Floats
 
 
 class ThrusterDeadBand(SingleThrusterEffect):
-    """Of what each of two thrusters gives a width is lost, and all of it below that."""
-
     name = "thruster-dead-band"
-    parameters = (
-        Parameter("width", "half width of the dead-band of one thruster", "{force}", 0.0, float("inf"), 0.03),
-    )
+    parameters = (Parameter("width", "half width of the dead-band of one thruster", "{force}", 0.0, inf, 0.03),)
     equation = "{f}_delivered = sum over thrusters of sgn({f}_i) max(|{f}_i| - width, 0)"
     says = "Each thruster gives nothing below a smallest share of the {force}."
     reveals = "small commands of one thruster beside large ones of the other"
@@ -22,5 +17,4 @@ class ThrusterDeadBand(SingleThrusterEffect):
     source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (width,) = values
-        return commands.force - sum(np.clip(one, -width, width) for one in each(commands))
+        return commands.force - sum(np.clip(one, -values[0], values[0]) for one in each(commands))

@@ -1,8 +1,7 @@
 """Two thrusters that are not as equal as their one map says: one pulls harder, forward or backward."""
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, SINGLE, Commands, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, SINGLE, Commands, Effect, Floats, Parameter, Place
 
 PARTS = ("port_forward", "port_backward", "stbd_forward", "stbd_backward")
 """Signals: what each thruster adds to the moment or force while it pushes that way, zero while it pushes the other."""
@@ -30,7 +29,6 @@ class SingleThrusterEffect(Effect):
     stage = SINGLE
 
     def acts_in(self, dof: Dof) -> bool:
-        """Where two thrusters make the moment or force."""
         return len(dof.thrusters) == 2
 
 

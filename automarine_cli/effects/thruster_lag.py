@@ -5,8 +5,18 @@ from functools import partial
 
 import numpy as np
 
-from automarine_cli.effects.base import SLOWLY, Commands, Effect, Law, Parameter, Place
-from automarine_cli.effects.laws import deliver_by_law
+from automarine_cli.effects.base import (
+    SLOWLY,
+    Commands,
+    Effect,
+    Law,
+    Parameter,
+    Place,
+    choice,
+    deliver_by_law,
+    multiple,
+    reference,
+)
 from automarine_cli.quantities import Floats
 
 SHORTEST = 1e-6  # s
@@ -26,36 +36,13 @@ class ThrusterLag(Effect):
     stage = SLOWLY
     parameters = (
         Parameter("T", "time constant; of a slew limit the time to the speed at tau_ref", "s", 0.0, 3.0, 0.15),
-        Parameter(
+        choice(
             "law",
             "what is slow",
-            "1",
-            0.0,
-            4.0,
-            0.0,
-            choices=("propeller speed", "thrust", "propeller, faster at speed", "slew limit", "own time as it falls"),
+            "propeller speed; thrust; propeller, faster at speed; slew limit; own time as it falls",
         ),
-        Parameter(
-            "tau_ref",
-            "{force} at whose speed T is meant",
-            "{force}",
-            0.0,
-            float("inf"),
-            1.0,
-            reference="moment",
-            laws=(2, 3),
-        ),
-        Parameter(
-            "fall",
-            "time constant as the speed falls, as a multiple of T",
-            "1",
-            0.05,
-            20.0,
-            1.0,
-            scan=(0.4, 2.5),
-            log=True,
-            laws=(4,),
-        ),
+        reference("tau_ref", "{force} at whose speed T is meant", laws=(2, 3)),
+        multiple("fall", "time constant as the speed falls, as a multiple of T", laws=(4,)),
     )
     equation = "T n' = n_c - n, {f} = n |n|"
     says = "The thrusters reach what is commanded only after a lag."
@@ -71,8 +58,7 @@ class ThrusterLag(Effect):
         ),
         Law(
             "2 T n_ref n' = {f}_c - n |n|, {f} = n |n|, n_ref = sqrt(tau_ref)",
-            "Yoerger, Cooke and Slotine (1990), IEEE J. Oceanic Engineering 15:167",
-            ("input-delay", "dead-band"),
+            mistaken_for=("input-delay", "dead-band"),
         ),
         Law(
             "|n'| <= n_ref/T, {f} = n |n|, n_ref = sqrt(tau_ref)",

@@ -2,14 +2,11 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Parameter
+from automarine_cli.effects.base import Commands, Floats, Parameter, inf
 from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect, each
-from automarine_cli.quantities import Floats
 
 
 class ThrusterLimit(SingleThrusterEffect):
-    """What each of two thrusters gives is cut at a limit: way on takes from the turn, and the turn from way on."""
-
     name = "thruster-limit"
     parameters = (
         Parameter(
@@ -17,9 +14,9 @@ class ThrusterLimit(SingleThrusterEffect):
             "largest share of the {force} of one thruster",
             "{force}",
             0.0,
-            float("inf"),
+            inf,
             0.5,
-            off=float("inf"),
+            off=inf,
             scan=(0.25, 0.33, 0.42, 0.55, 0.7, 0.9),
         ),
     )
@@ -31,5 +28,4 @@ class ThrusterLimit(SingleThrusterEffect):
     source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (limit,) = values
-        return commands.force - sum(one - np.clip(one, -limit, limit) for one in each(commands))
+        return commands.force - sum(one - np.clip(one, -values[0], values[0]) for one in each(commands))

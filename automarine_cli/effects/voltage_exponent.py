@@ -2,15 +2,12 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Parameter, Place
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
 
 DEAD = 1e-9  # share of V_ref below which a supply is dead: a power of nothing has no derivative
 
 
 class VoltageExponent(Effect):
-    """tau (V/V_ref)^p."""
-
     name = "voltage-exponent"
     place = Place.ACTUATOR
     parameters = (

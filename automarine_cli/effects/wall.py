@@ -2,24 +2,15 @@
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place, State
-from automarine_cli.effects.laws import choose
-from automarine_cli.quantities import Floats
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, State, choice, choose, inf
 
 
 class Wall(Effect):
-    """-(p cos 2 psi + q sin 2 psi) |r| r on the true heading: a body lies alongside and across twice a turn.
-
-    Or the same of the thrust, whose jets meet the wall and come back.
-    """
-
     name = "wall"
-    place = Place.MOMENT
     parameters = (
-        Parameter("p", "cosine part", "{force} s^2/{x}^2", -float("inf"), float("inf"), 0.1),
-        Parameter("q", "sine part", "{force} s^2/{x}^2", -float("inf"), float("inf"), 0.0),
-        Parameter("law", "what differs", "1", 0.0, 1.0, 0.0, choices=("drag", "thrust")),
+        Parameter("p", "cosine part", "{force} s^2/{x}^2", -inf, inf, 0.1),
+        Parameter("q", "sine part", "{force} s^2/{x}^2", -inf, inf, 0.0),
+        choice("law", "what differs", "drag; thrust"),
         Parameter("p_f", "share of the thrust lost, cosine part", "1", -0.9, 0.9, 0.05, off=0.0, laws=(1,)),
         Parameter("q_f", "share of the thrust lost, sine part", "1", -0.9, 0.9, 0.0, laws=(1,)),
     )
@@ -34,15 +25,12 @@ class Wall(Effect):
             "-(p_f cos 2 psi + q_f sin 2 psi) {f}",
             "Nienhuis (1992), Analysis of thruster effectivity for dynamic positioning and low speed manoeuvring, "
             "thesis, Delft (thrusters at a plate)",
-            ("heading-moment", "compass-deviation"),
         ),
     )
     parity = MIXED
     steered = True
     placed = True
-
-    def acts_in(self, dof: Dof) -> bool:
-        return dof.wraps
+    rotational = True
 
     def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
         thrust = self.law(values) == 1

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
-from automarine_cli.effects.laws import choose
+from automarine_cli.effects.base import Effect, Law, Parameter, Place, State, choice, choose, multiple, reference
 from automarine_cli.quantities import Floats
 
 
@@ -21,36 +20,14 @@ class WaterSwirl(Effect):
     parameters = (
         Parameter("chi", "share of the {rate} that the water reaches", "1", 0.0, 0.9, 0.15),
         Parameter("T_w", "time constant of the water", "s", 0.5, 200.0, 10.0, scan=(2.5, 10.0, 40.0), log=True),
-        Parameter(
+        choice(
             "law",
             "what stirs the water, and how it calms",
-            "1",
-            0.0,
-            6.0,
-            0.0,
-            choices=(
-                "linear",
-                "turbulent",
-                "by slip and speed",
-                "by the jets",
-                "turbulent, calms as its square",
-                "own time to calm",
-                "by the jets, calms as its square",
-            ),
+            "linear; turbulent; by slip and speed; by the jets; turbulent, calms as its square; own time to calm; "
+            "by the jets, calms as its square",
         ),
-        Parameter(
-            "tau_ref",
-            "{force} whose jets stir as a slip of one",
-            "{force}",
-            0.0,
-            float("inf"),
-            1.0,
-            reference="moment",
-            laws=(3, 6),
-        ),
-        Parameter(
-            "calm", "time to calm, as a multiple of T_w", "1", 0.05, 20.0, 1.0, scan=(0.4, 2.5), log=True, laws=(5,)
-        ),
+        reference("tau_ref", "{force} whose jets stir as a slip of one", laws=(3, 6)),
+        multiple("calm", "time to calm, as a multiple of T_w", laws=(5,)),
     )
     equation = "drag on s = {v} - {water}, T_w {water}' = chi s - (1 - chi) {water}"
     says = "The water begins to {move} with the vehicle and carries it along."
@@ -65,7 +42,6 @@ class WaterSwirl(Effect):
         Law(
             "T_w {water}' = chi |s| s - (1 - chi) {water}",
             "Pope (2000), Turbulent Flows (stress as the square of the slip)",
-            ("tether-spring", "battery-sag"),
         ),
         Law(
             "T_w {water}' = chi |{v}| s - (1 - chi) {water}",
@@ -80,12 +56,10 @@ class WaterSwirl(Effect):
         Law(
             "T_w {water}' = chi |s| s - (1 - chi) |{water}| {water}",
             "Pope (2000), Turbulent Flows (decay as the square)",
-            ("tether-spring", "battery-sag"),
         ),
         Law(
             "T_w {water}' = chi s - (1 - chi) {water}, or calm T_w for T_w as |{water}| falls",
             "Greenspan (1968), The Theory of Rotating Fluids (spin-up and spin-down)",
-            ("tether-spring", "battery-sag"),
         ),
         Law(
             "T_w {water}' = chi {f}/tau_ref - (1 - chi) |{water}| {water}",

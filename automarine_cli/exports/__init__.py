@@ -22,7 +22,6 @@ def _targets() -> dict[str, Target]:
 
 
 def names() -> tuple[str, ...]:
-    """Names of all targets, sorted."""
     return tuple(sorted(_targets()))
 
 

@@ -12,6 +12,7 @@ The folder is the registry; the tests ask for a reader in `tests/helpers/export_
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from importlib.resources import files
 from typing import Any
 
 from automarine_cli import __version__, effects
@@ -27,8 +28,6 @@ TURNS = {
 }
 DRAG = ("linear-drag", "quadratic-drag")
 YAW_MODEL, THRUSTER_MAP = "yaw model", "thruster map"
-
-
 FORCES, PLACES = "XYZKMN", ("first", "second", "third", "fourth", "fifth", "last")
 """Of the six motions: the letter of force or moment (SNAME 1950), and where they stand in vectors."""
 
@@ -51,11 +50,6 @@ class Settings:
     n_max: float | None = None
     lag: float | None = None
     allow_partial: bool = False
-
-    @property
-    def given(self) -> tuple[str, ...]:
-        """Names of the settings that the user gave."""
-        return tuple(name for name, value in vars(self).items() if value is not None and value is not False)
 
 
 @dataclass(frozen=True)
@@ -101,16 +95,13 @@ class YawSubject:
 
     @property
     def dof(self) -> Dof:
-        """The motion."""
         return self.model.dof
 
     @property
     def values(self) -> dict[str, tuple[float, ...]]:
-        """Values of each term by its effect's name."""
         return {term.name: term.values for term in self.model.terms}
 
     def value(self, effect: str) -> float:
-        """The first value of an effect, zero where the model has it not."""
         return self.values.get(effect, (0.0,))[0]
 
     def equation_of(self, effect: str) -> str:
@@ -125,30 +116,26 @@ class YawSubject:
 
     @property
     def force(self) -> str:
-        """The letter of force or moment (SNAME 1950)."""
         return FORCES[self.dof.number]
 
     @property
     def rate_unit(self) -> str:
-        """Unit of the rate."""
         return f"{self.dof.units.base}/s"
 
     @property
     def unit(self) -> str:
-        """Unit of inertia, in plain letters."""
         return plain(self.dof.unit_of("inertia", self.model.moment_unit))
 
     def about_inertia(self) -> str:
-        """The sentence on how the inertia is told."""
         rigid, added = self.inertias
         word = self.dof.words.inertia
-        told = f"{word.capitalize()}: {self.dof.symbols.inertia} = {number(self.model.inertia)} {self.unit}"
-        if self.settings.rigid_inertia is None:
-            return (
-                f"{told} is the identified total of rigid and added {word} and stands in one place, as rigid; no "
-                f"added {word} beside it."
-            )
-        return f"{told} = {number(rigid)} rigid (given) + {number(added)} added."
+        total = f"{word.capitalize()}: {self.dof.symbols.inertia} = {number(self.model.inertia)} {self.unit}"
+        if self.settings.rigid_inertia is not None:
+            return f"{total} = {number(rigid)} rigid (given) + {number(added)} added."
+        return (
+            f"{total} is the identified total of rigid and added {word} and stands in one place, as rigid; no added "
+            f"{word} beside it."
+        )
 
     def about_entries(self) -> str:
         """The sentence on what was not identified, for vectors and matrices of all six motions."""
@@ -218,13 +205,7 @@ class Target:
     planar: Planar | None = None
 
 
-def in_ascii(text: str) -> str:
-    """Text with escapes for all letters but those of ASCII."""
-    return text.encode("ascii", "backslashreplace").decode("ascii")
-
-
 def plain(text: str) -> str:
-    """Powers in letters of ASCII."""
     return text.replace("²", "^2").replace("³", "^3")
 
 
@@ -234,7 +215,6 @@ def number(value: float) -> str:
 
 
 def row(values: Iterable[float], between: str = " ") -> str:
-    """Numbers in one line."""
     return between.join(number(value) for value in values)
 
 
@@ -256,21 +236,32 @@ def mirrored(dof: Dof) -> bool:
 
 def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) -> list[str]:
     """What every file begins with: where it came from, equation, frame, units, notes; letters of ASCII only."""
-    lines = [
-        f"Written by automarine {__version__} from {subject.origin}.",
-        f"Equation: {equation}",
-        f"Frame: {frame_in_words(subject.frame, subject.dof if isinstance(subject, YawSubject) else YAW)}.",
-    ]
+    lines = [f"Equation: {equation}"]
     if isinstance(subject, YawSubject):
         unit, words = subject.model.moment_unit, subject.dof.words
-        rate = f"{words.speed} {subject.rate_unit}"
-        lines.append(f"Units: {words.force} {unit}, {rate}, {words.inertia} {subject.unit}.")
-        lines += map(str, subject.left_out)
-    return [in_ascii(line) for line in (*lines, *notes)]
+        lines += [
+            f"Frame: {frame_in_words(subject.frame, subject.dof)}.",
+            f"Units: {words.force} {unit}, {words.speed} {subject.rate_unit}, {words.inertia} {subject.unit}.",
+            *map(str, subject.left_out),
+        ]
+    else:
+        lines.append(f"Frame: {frame_in_words(subject.frame, YAW)}.")
+    return headed(subject.origin, (*lines, *notes))
+
+
+def headed(origin: Origin, lines: Iterable[str]) -> list[str]:
+    """Lines below the one that says where the file came from, in letters of ASCII alone."""
+    every = (f"Written by automarine {__version__} from {origin}.", *lines)
+    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in every]
+
+
+def filled(template: str, fields: Mapping[str, object]) -> str:
+    """Return the text of a file of `templates` with its fields filled."""
+    text = files("automarine_cli.exports").joinpath("templates", f"{template}.txt").read_text(encoding="utf-8")
+    return text.format_map(fields)
 
 
 def commented(lines: Iterable[str], sign: str) -> str:
-    """Lines of comment in a language whose comments end with the line."""
     return "".join(f"{sign} {line}\n" for line in lines)
 
 

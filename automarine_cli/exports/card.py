@@ -22,7 +22,6 @@ NO_LOGS = "Not known: there is no manifest.json beside the model file that is of
 
 
 def write(subject: YawSubject) -> Written:
-    """The card in Markdown."""
     file = subject.file
     assert file is not None, "the card is written of a file"
     entry = file.models[subject.origin.number] or ModelEntry()
@@ -81,7 +80,6 @@ def _rows(subject: YawSubject, entry: ModelEntry, added: Sequence[AddedEffect]) 
 
 
 def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
-    """Numbers of the file as the subject's unit and frame have them."""
     model = replace(subject.model, terms=(replace(term, values=tuple(column)),))
     if subject.settings.newton_metres_per_nu is not None:
         model = in_newton_metres(model, subject.settings.newton_metres_per_nu)

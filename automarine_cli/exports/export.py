@@ -39,8 +39,6 @@ from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.map import ThrusterMap
 
-WHY_NAMED = {"thruster-lag": "it acts in the thrusters; --to thrusters has --lag for it"}
-WHY_CONSTANT = "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
 WHY = {
     "sensor": "it acts on the reading, not on the vehicle",
     "actuator": "it acts in the thrusters, before the {force}",
@@ -76,31 +74,22 @@ class Exported:
 
     @property
     def text(self) -> str:
-        """The file's content."""
         return self.written.text
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the reader must not miss: effects left out, and the notes that warn."""
-        return (
-            *map(str, self.left_out),
-            *(note for note in self.written.notes if note.startswith(("Warning", "Left out"))),
-        )
+        notes = (note for note in self.written.notes if note.startswith(("Warning", "Left out")))
+        return (*map(str, self.left_out), *notes)
 
     def to_json(self) -> dict[str, Any]:
-        """Schema automarine/export/1."""
+        source = {"file": self.origin.file, "sha256": self.origin.sha256, "model": self.origin.number or None}
         return {
-            "schema": "automarine/export/1",
-            "target": self.target,
-            "form": self.form,
-            "frame": self.frame,
-            "moment_unit": self.moment_unit,
-            "source": {"file": self.origin.file, "sha256": self.origin.sha256, "model": self.origin.number or None},
-            "carried": list(self.carried),
-            "left_out": [vars(effect) for effect in self.left_out],
-            "notes": list(self.written.notes),
+            "schema": "automarine/export/1", "target": self.target, "form": self.form, "frame": self.frame,
+            "moment_unit": self.moment_unit, "source": source, "carried": list(self.carried),
+            "left_out": [vars(effect) for effect in self.left_out], "notes": list(self.written.notes),
             "text": self.text,
-        }
+        }  # fmt: skip
 
 
 @sections.register
@@ -118,24 +107,13 @@ class Targets:
     targets: tuple[Target, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Schema automarine/export-targets/1."""
-        return {
-            "schema": "automarine/export-targets/1",
-            "targets": [
-                {
-                    "name": target.name,
-                    "says": target.says,
-                    "takes": target.takes,
-                    "motions": _motions(target),
-                    "forms": dict(target.forms),
-                    "frames": list(target.frames),
-                    "effects": sorted(target.carries),
-                    "newton_metres": target.si,
-                    "source": target.source,
-                }
-                for target in self.targets
-            ],
-        }
+        rows = [
+            {"name": target.name, "says": target.says, "takes": target.takes, "motions": _motions(target),
+             "forms": dict(target.forms), "frames": list(target.frames), "effects": sorted(target.carries),
+             "newton_metres": target.si, "source": target.source}
+            for target in self.targets
+        ]  # fmt: skip
+        return {"schema": "automarine/export-targets/1", "targets": rows}
 
 
 @sections.register
@@ -150,13 +128,11 @@ def _(result: Targets) -> Sections:
 
 
 def _motions(target: Target) -> list[str]:
-    """Motions whose models a target takes; none where it takes thruster maps."""
     together = [PLANAR.name] * (target.planar is not None)
     return [*target.motions, *together] if target.takes == YAW_MODEL else []
 
 
 def export_targets() -> Targets:
-    """List every target there is."""
     return Targets(tuple(targets.get(name) for name in targets.names()))
 
 
@@ -283,13 +259,14 @@ def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Te
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     dof = model.dof
     live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
-    kept = tuple(term for term in live if not _why_not(target, term, dof, settings))
-    lost = (term for term in live if term not in kept)
-    return kept, tuple(LeftOut(term.name, _why_not(target, term, dof, settings)) for term in lost)
+    reasons = [(term, _why_not(target, term, dof, settings)) for term in live]
+    return (
+        tuple(term for term, why in reasons if not why),
+        tuple(LeftOut(term.name, why) for term, why in reasons if why),
+    )
 
 
 def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
-    """Why the target cannot carry a term; empty where it can."""
     effect = effects.get(term.name)
     carried = target.carries_with(settings) if target.carries_with else target.carries
     if effect.varies(term.values) and not target.varying:
@@ -298,11 +275,10 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
         return ""
     if term.name in carried:
         return target.lacks.get((term.name, effect.law(term.values)), "")
-    named = WHY_NAMED | dict(target.why)
     if dof.has_constant and term.name == "bias-moment":
-        return WHY_CONSTANT
-    if term.name in named:
-        return named[term.name]
+        return "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
+    if term.name in target.why or term.name == "thruster-lag":
+        return target.why.get(term.name, "it acts in the thrusters; --to thrusters has --lag for it")
     return f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
 
 
@@ -322,7 +298,6 @@ def _matters(term: Term) -> bool:
 
 
 def _cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str:
-    """The sentence for effects that the target has no term for."""
     missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
     python = targets.get("python")
     has = target is not python and all(effect.name in python.carries for effect in left_out)
@@ -363,8 +338,8 @@ def _refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:
 
 def _refuse_unused(target: Target, settings: Settings) -> None:
     """Raise SettingError for a setting that the target does not use."""
-    for name in settings.given:
-        if name not in target.uses and name != "allow_partial":
+    for name, value in vars(settings).items():
+        if value not in (None, False) and name not in target.uses and name != "allow_partial":
             users = [one for one in targets.names() if name in targets.get(one).uses]
             option = f"--{name.replace('_', '-')}"
             raise SettingError(f"{option} means nothing to {target.name}; it is for {listed(users)}, so leave it out")
@@ -398,18 +373,13 @@ def _mirrored(term: Term) -> Term:
 def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
     """The same motion under moments in N m (forces in N): inertia and drag times the factor, other effects by their
     units."""
-    terms = tuple(
-        replace(
-            term,
-            values=tuple(
-                parameter.scaled(value, newton_metres_per_nu)
-                for parameter, value in zip(effects.get(term.name).parameters, term.values)
-            ),
-        )
-        for term in model.terms
-    )
+
+    def scaled(term: Term) -> Term:
+        pairs = zip(effects.get(term.name).parameters, term.values)
+        return replace(term, values=tuple(parameter.scaled(value, newton_metres_per_nu) for parameter, value in pairs))
+
     inertia, unit = model.inertia * newton_metres_per_nu, model.dof.units.forces[1]
-    return replace(model, inertia=inertia, terms=terms, moment_unit=unit)
+    return replace(model, inertia=inertia, terms=tuple(map(scaled, model.terms)), moment_unit=unit)
 
 
 def _logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:

@@ -21,7 +21,7 @@ Hydrodynamics, and src/systems/hydrodynamics/Hydrodynamics.cc; sdformat.org, ele
 from collections.abc import Mapping
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, head, number, xml_comment
+from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, filled, head, number, xml_comment
 from automarine_cli.exports.planar import PlanarSubject, rigid_of
 from automarine_cli.models.planar import FORCES, VELOCITIES
 
@@ -71,25 +71,8 @@ def _sdf(
         entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in fluid.items())
         added = f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n"
     told = "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in system.items())
-    return f"""<?xml version="1.0"?>
-{xml_comment(lines)}<sdf version="1.10">
-  <model name="vehicle">
-    <link name="base_link">
-      <inertial>
-        <mass>{number(mass)}</mass>
-        <inertia>
-          <ixx>{number(moment)}</ixx>
-          <iyy>{number(moment)}</iyy>
-          <izz>{number(moment)}</izz>
-        </inertia>
-{added}      </inertial>
-    </link>
-    <plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
-      <link_name>base_link</link_name>
-{told}    </plugin>
-  </model>
-</sdf>
-"""
+    fields = {"head": xml_comment(lines), "mass": number(mass), "moment": number(moment), "added": added, "told": told}
+    return filled("gz-sim", fields)
 
 
 ENTRIES = (("xx", 0, 0), ("xy", 0, 1), ("xr", 0, 2), ("yy", 1, 1), ("yr", 1, 2), ("rr", 2, 2))

@@ -8,7 +8,6 @@ from automarine_cli.exports.base import Target, Written, YawSubject, at_place, c
 
 
 def write(subject: YawSubject) -> Written:
-    """The YAML text."""
     index, turns, r = subject.dof.number, subject.dof.wraps, subject.dof.symbols.velocity
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias

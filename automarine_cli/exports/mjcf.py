@@ -12,7 +12,18 @@ import math
 from collections.abc import Mapping
 
 from automarine_cli.effects.coulomb_drag import CREEP
-from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, head, mirrored, number, row, xml_comment
+from automarine_cli.exports.base import (
+    DRAG,
+    Target,
+    Written,
+    YawSubject,
+    filled,
+    head,
+    mirrored,
+    number,
+    row,
+    xml_comment,
+)
 
 STEP = 0.001  # s; at 50 degrees/s a semi-implicit step is late by a twentieth of a degree
 AXES = ("1 0 0", "0 1 0", "0 0 1")
@@ -39,7 +50,6 @@ LACKS = {
 
 
 def write(subject: YawSubject) -> Written:
-    """The MJCF text."""
     dof = subject.dof
     rigid, added = subject.inertias
     kind = "hinge" if dof.wraps else "slide"
@@ -61,29 +71,13 @@ def write(subject: YawSubject) -> Written:
     notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
     notes += [STICKS] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
-    return Written(
-        f"""{xml_comment(head(subject, equation, notes))}<mujoco model="vehicle">
-  <compiler angle="radian"/>
-  <option timestep="{number(STEP)}" integrator="implicitfast" gravity="0 0 0"/>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <body name="vehicle">
-      <inertial pos="0 0 0" mass="{number(mass)}" diaginertia="{row([moment] * 3)}"/>
-      <joint name="{dof.name}" type="{kind}" axis="{axis}"{_attributes(joint)}/>
-      <geom type="box" size="0.25 0.15 0.1" contype="0" conaffinity="0"/>
-    </body>
-  </worldbody>
-  <actuator>
-    <general name="{dof.words.force}" joint="{dof.name}"{_attributes(_actuator(subject))}/>
-  </actuator>
-  <sensor>
-    <jointpos name="{dof.words.position}" joint="{dof.name}"/>
-    <jointvel name="{dof.words.rate.replace(" ", "_")}" joint="{dof.name}"/>
-  </sensor>
-</mujoco>
-""",
-        tuple(notes),
-    )
+    fields = {
+        "head": xml_comment(head(subject, equation, notes)), "step": number(STEP), "mass": number(mass),
+        "moments": row([moment] * 3), "name": dof.name, "kind": kind, "axis": axis, "joint": _attributes(joint),
+        "force": dof.words.force, "actuator": _attributes(_actuator(subject)), "position": dof.words.position,
+        "rate": dof.words.rate.replace(" ", "_"),
+    }  # fmt: skip
+    return Written(filled("mjcf", fields), tuple(notes))
 
 
 def _friction(subject: YawSubject) -> dict[str, str]:

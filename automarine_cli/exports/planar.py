@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli import __version__
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, LeftOut, Origin, Settings, in_ascii, number
+from automarine_cli.exports.base import FRAMES, LeftOut, Origin, Settings, headed, number
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
 from automarine_cli.quantities import Floats
 
@@ -51,15 +50,13 @@ class PlanarSubject:
                 yield f"{FORCES[i]}_{VELOCITIES[k]}{VELOCITIES[j]}", (i, k, j), float(value)
 
     def head(self) -> list[str]:
-        """What every file begins with, letters of ASCII only."""
-        lines = [
-            f"Written by automarine {__version__} from {self.origin}.",
+        lines = (
             "Equation: M nu' + C(nu) nu + D(nu) nu = tau, nu = (u, v, r) through the water: surge, sway, yaw.",
             f"Frame: {FRAMES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
             "M is rigid and added inertia together; C follows from it, the Munk moment among it.",
             *map(str, self.left_out),
-        ]
-        return [in_ascii(line) for line in lines]
+        )
+        return headed(self.origin, lines)
 
     def about_water(self) -> tuple[str, ...]:
         """The note on the current of the runs, which is no part of the vehicle."""

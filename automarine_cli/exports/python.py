@@ -12,10 +12,10 @@ from collections.abc import Iterable
 from types import ModuleType
 
 from automarine_cli import effects
-from automarine_cli.effects import base, inputs, laws
+from automarine_cli.effects import base
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
-from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, head, number, plain
+from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, filled, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.planar import VELOCITIES
 from automarine_cli.models.yaw_model import Term
@@ -26,74 +26,8 @@ METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember",
 CARRIES = [name for name in effects.built_in() if not (effects.get(name).columns or effects.get(name).fed)]
 """Effects that need no logged column."""
 
-FILE = '''{head}from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from types import SimpleNamespace
-from typing import ClassVar
-
-import numpy as np
-
-Floats = np.ndarray
-{constants}
-
-{runtime}
-
-TERMS = [
-{terms}]
-
-
-def simulate(time, {given}, {x}0=0.0, {v}0=0.0{more}):
-    """{title} as it is read [{base_unit}] and {speed} [{base_unit}/s] at `time` [s] under `{given}` [{unit}], all (N,).
-
-    {given}[i] holds from time[i] to time[i + 1]; before time[0] there is none.{columns}
-    """
-    time, begin = np.asarray(time, float), np.full((1, 1), {x}0, float)
-    steps = np.maximum(1, np.ceil(np.diff(time) / {step})).astype(int)
-    node = np.append(0, np.cumsum(steps))  # of each sample
-    sample = np.repeat(np.arange(len(steps)), steps)  # of each step
-    length = (np.diff(time) / steps)[sample]
-    clock = np.append(0.0, np.cumsum(length))
-    signals = {signals}
-    force = np.asarray({given}, float)[None, None, sample]
-    terms = [(effect, tuple(np.full((1, 1, 1), value) for value in values)) for effect, values in TERMS]
-    none = np.zeros((1, 1))
-    for effect, values in terms:
-        commands = Commands(force, clock[None, None, :-1], length[None, None], none, none + time[0], signals)
-        force = effect.deliver(commands, values)
-    movers = [(effect, tuple(value[..., 0] for value in values)) for effect, values in terms]
-
-    def slope(i, t, y):
-        stored, left = [], list(y[2:])
-        for effect, _ in movers:
-            stored.append(tuple(left[: len(effect.states)]))
-            left = left[len(effect.states) :]
-        held = {{name: column[..., i] for name, column in signals.items()}}
-        water = sum(effect.water_rate(own, values) for (effect, values), own in zip(movers, stored))
-        state = State(y[0], begin, y[1], y[1] - water, force[..., i], t + none, held)
-        total, rates = state.delivered, []
-        for (effect, values), state.stored in zip(movers, stored):
-            total = total + effect.moment(state, values)
-            rates += effect.derivatives(state, state.stored, values) if state.stored else ()
-        return np.array([y[1], total / {inertia}, *rates])
-
-    y = np.array([begin, none + {v}0, *[none] * sum(len(effect.states) for effect, _ in movers)])
-    states = [y]
-    for i, (t, h) in enumerate(zip(clock, length)):
-        a = slope(i, t, y)
-        b = slope(i, t + h / 2, y + h / 2 * a)
-        c = slope(i, t + h / 2, y + h / 2 * b)
-        y = y + h / 6 * (a + 2 * b + 2 * c + slope(i, t + h, y + h * c))
-        states.append(y)
-    {x}, {v} = np.array(states)[:, :2, 0, 0].T
-    for effect, values in terms:
-        {x} = np.broadcast_to(effect.read({x}, clock[None, None], values), (1, 1, len(clock)))[0, 0]
-    return {x}[node], {v}[node]
-'''
-
 
 def write(subject: YawSubject) -> Written:
-    """The text of the file."""
     terms, dof, own = subject.model.terms, subject.dof, subject.dof.symbols
     inertia = own.inertia.upper()  # I_R, M_U, M_W
     logged = [name for term in terms for name in effects.get(term.name).needs]
@@ -115,20 +49,14 @@ def write(subject: YawSubject) -> Written:
         "signals": "{name: np.asarray(column)[None, sample] for name, column in columns.items()}" if logged else "{}",
         "step": number(STEP),
     }
-    return Written(FILE.format_map(text))
+    return Written(filled("python", text))
 
 
 def runtime(chosen: Iterable[Effect]) -> str:
     """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
     classes = [type(effect) for effect in chosen]
     own = {kind.__module__ for kind in classes} - {Learned.__module__}
-    modules: list[ModuleType] = [
-        inputs,
-        base,
-        laws,
-        sys.modules[Learned.__module__],
-        *(sys.modules[name] for name in sorted(own)),
-    ]
+    modules: list[ModuleType] = [base, sys.modules[Learned.__module__], *(sys.modules[name] for name in sorted(own))]
     found = {name: part for module in modules for name, part in definitions(module).items()}
     needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}
     while new:
@@ -156,7 +84,6 @@ def definitions(module: ModuleType) -> dict[str, tuple[str, set[str]]]:
 
 
 def _bound(node: ast.stmt) -> list[str]:
-    """Names that a statement defines."""
     if isinstance(node, ast.ClassDef | ast.FunctionDef):
         return [node.name]
     targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
@@ -174,7 +101,6 @@ def maker(effect: Effect) -> str:
 
 
 def constants(subject: YawSubject, term: Term) -> str:
-    """One line for each parameter that counts: name, value, unit and meaning."""
     effect = effects.get(term.name)
     cards = effect.card(subject.dof, subject.model.moment_unit).parameters
     return "".join(
@@ -201,54 +127,6 @@ def arguments(subject: YawSubject, term: Term) -> str:
     return f"({', '.join([*values, *['0.0'] * effects.get(term.name).per_run])},)"
 
 
-PLANAR_FILE = '''{head}import numpy as np
-
-M = np.array([{inertia}])  # kg, kg m, kg m^2: rigid and added together
-CURRENT = {current}  # m/s north, east: the water of the runs
-{constants}
-
-def simulate(time, X, Y, N, north=0.0, east=0.0, psi=0.0, u=0.0, v=0.0, r=0.0, current=CURRENT):
-    """Positions (north, east [m], psi [rad]) and velocities over ground (u, v [m/s], r [rad/s]) at `time` [s], (n, 3)
-    both, under forces `X`, `Y` [N] and a moment `N` [N m], all (n,).
-
-    Element i of a command holds from time[i] to time[i + 1]. {axes}
-    """
-    time = np.asarray(time, float)
-    tau = np.stack([np.broadcast_to(np.asarray(one, float), time.shape) for one in (X, Y, N)], axis=1)
-    inverse = np.linalg.inv(M)
-
-    def water(psi):
-        c, s = np.cos(psi), np.sin(psi)
-        return np.array([{water}, 0.0])
-
-    def slope(state, force):
-        psi, (u, v, r) = state[2], state[3:]
-        p = M @ state[3:]
-        c_nu = np.array([-p[1] * r, p[0] * r, p[1] * u - p[0] * v])
-        drag = np.array([
-{drags}
-        ])
-        ground = state[3:] + water(psi)
-        c, s = np.cos(psi), np.sin(psi)
-        moved = np.array([{moved}, ground[2]])
-        return np.concatenate([moved, inverse @ (force - c_nu - drag)])
-
-    state = np.array([north, east, psi, u, v, r], float)
-    state[3:] -= water(psi)
-    found = [state]
-    for i in range(len(time) - 1):
-        steps = max(1, int(np.ceil((time[i + 1] - time[i]) / {step})))
-        h = (time[i + 1] - time[i]) / steps
-        for _ in range(steps):
-            a = slope(state, tau[i])
-            b = slope(state + h / 2 * a, tau[i])
-            c = slope(state + h / 2 * b, tau[i])
-            state = state + h / 6 * (a + 2 * b + 2 * c + slope(state + h * c, tau[i]))
-        found.append(state)
-    found = np.array(found)
-    over_ground = np.array([row[3:] + water(row[2]) for row in found])
-    return found[:, :3], over_ground
-'''
 AXES = {
     "NED": "u ahead, v to starboard, r clockwise; psi clockwise from north.",
     "ENU": "u ahead, v to port, r anticlockwise; psi anticlockwise from east.",
@@ -265,7 +143,6 @@ MOVED = {
 
 
 def write_planar(subject: PlanarSubject) -> Written:
-    """The text of the file."""
     rows = [", ".join(number(one) for one in line) for line in subject.inertia]
     sums: list[list[str]] = [[], [], []]
     constants = []
@@ -281,18 +158,18 @@ def write_planar(subject: PlanarSubject) -> Written:
             constants.append(f"{'XYN'[i]}_0 = {number(value)}  # always acts")
     drags = "\n".join(f"            {_sum(one)}," for one in sums)
     north, east = subject.water or (0.0, 0.0)
-    text = PLANAR_FILE.format(
-        head=commented(subject.head(), "#"),
-        inertia=", ".join(f"[{row}]" for row in rows),
-        current=f"({number(north)}, {number(east)})",
-        constants="\n".join(constants) + "\n" * bool(constants),
-        drags=drags,
-        step=number(STEP),
-        axes=AXES[subject.frame],
-        water=WATER[subject.frame],
-        moved=MOVED[subject.frame],
-    )
-    return Written(text, subject.about_water())
+    text = {
+        "head": commented(subject.head(), "#"),
+        "inertia": ", ".join(f"[{row}]" for row in rows),
+        "current": f"({number(north)}, {number(east)})",
+        "constants": "\n".join(constants) + "\n" * bool(constants),
+        "drags": drags,
+        "step": number(STEP),
+        "axes": AXES[subject.frame],
+        "water": WATER[subject.frame],
+        "moved": MOVED[subject.frame],
+    }
+    return Written(filled("python_planar", text), subject.about_water())
 
 
 def _sum(parts: list[str]) -> str:

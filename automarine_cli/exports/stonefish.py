@@ -38,7 +38,6 @@ def carries_with(settings: Settings) -> frozenset[str]:
 
 
 def write(subject: YawSubject) -> Written:
-    """The elements that belong into the body's definition."""
     total = number(subject.model.inertia)
     notes: tuple[str, ...]
     drag, notes = "", (ADDED, DRAG_UNSET, OTHERS)

@@ -25,6 +25,7 @@ from automarine_cli.exports.base import (
     Target,
     Written,
     commented,
+    filled,
     head,
     number,
     row,
@@ -113,7 +114,6 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
 
 
 def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_max: float) -> Written:
-    equation, body = BODIES[subject.form]
     lag = subject.settings.lag
     uuv, fish, constant = "<type>ZeroOrder</type>", '<rotor_dynamics type="zero_order"/>', ""
     if lag is not None:
@@ -125,10 +125,9 @@ def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_ma
         **values, "limit": number(n_max), "minus": number(-n_max), "density": number(DENSITY),
         "diameter": number(DIAMETER), "uuv_lag": uuv, "fish_lag": fish, "T_n": constant,
     }  # fmt: skip
-    lines = head(subject, equation, notes)
-    if subject.form == "constants":
-        return Written(commented(lines, "#") + body.format(**own), tuple(notes))
-    return Written(f'<?xml version="1.0"?>\n{xml_comment(lines)}{body.format(**own)}', tuple(notes))
+    lines = head(subject, EQUATIONS[subject.form], notes)
+    own["head"] = commented(lines, "#") if subject.form == "constants" else xml_comment(lines)
+    return Written(filled(f"thrusters_{subject.form}", own), tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,6 @@ def largest_signal(subject: MapSubject) -> float:
 
 
 def _signal(curve: Curve, force: float) -> float:
-    """Control signal of a thrust, no more than the saturation."""
     n = curve.n_0 + (force / curve.a) ** (1.0 / curve.p)
     return float(n if curve.n_sat is None else min(n, curve.n_sat))
 
@@ -202,12 +200,10 @@ def _knots(curve: Curve | None, n_max: float, points: int) -> Floats:
 
 
 def force_of(map_: ThrusterMap, n: Floats) -> Floats:
-    """Thrust [N] of the map; nothing in a direction that was never measured."""
     return thrust_both_ways(map_.forward, map_.backward, n, unmeasured=0.0)
 
 
 def top(map_: ThrusterMap, n_max: float) -> float:
-    """The largest thrust [N] of the map up to n_max."""
     return float(np.max(np.abs(force_of(map_, np.array([-n_max, n_max])))))
 
 
@@ -217,92 +213,20 @@ def worst(map_: ThrusterMap, law: Callable[[Floats], Floats], n_max: float) -> f
     return float(np.max(np.abs(law(n) - force_of(map_, n))))
 
 
-_CONSTANTS = """k_pos = {k_pos}  # N per n^2, ahead
-k_neg = {k_neg}  # N per n^2, astern
-n_max = {n_pos}
-n_min = {n_neg}
-{T_n}"""
-_FISH = """<actuator name="thruster" type="thruster">
-  <specs max_setpoint="{limit}" inverted_setpoint="false"/>
-  {fish_lag}
-  <thrust_model type="TYPE">
-MODEL
-  </thrust_model>
-</actuator>
-"""
-_BAND = """    <thrust_coeff forward="{k_pos}" reverse="{k_neg}"/>
-    <deadband lower="{lower}" upper="{upper}"/>"""
-_POINTS = """    <input value="{n}"/>
-    <output value="{force}"/>"""
-_UUV = """<robot name="vehicle">
-  <gazebo>
-    <plugin name="thruster_0_plugin" filename="libuuv_thruster_ros_plugin.so">
-      <linkName>thruster_0</linkName>
-      <jointName>thruster_0_joint</jointName>
-      <thrusterID>0</thrusterID>
-      <gain>1</gain>
-      <clampMax>MAX</clampMax>
-      <clampMin>MIN</clampMin>
-      <dynamics>
-        {uuv_lag}
-      </dynamics>
-      <conversion>
-MODEL
-      </conversion>
-    </plugin>
-  </gazebo>
-</robot>
-"""
-_BESSA = """        <type>Bessa</type>
-        <rotorConstantL>{k_neg}</rotorConstantL>
-        <rotorConstantR>{k_pos}</rotorConstantR>
-        <deltaL>{lower}</deltaL>
-        <deltaR>{upper}</deltaR>"""
-_INTERP = """        <type>LinearInterp</type>
-        <inputValues>{n}</inputValues>
-        <outputValues>{force}</outputValues>"""
-_GZ = """<sdf version="1.10">
-  <model name="vehicle">
-    <plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">
-      <joint_name>propeller_joint</joint_name>
-      <use_angvel_cmd>true</use_angvel_cmd>
-      <velocity_control>true</velocity_control>
-      <fluid_density>{density}</fluid_density>
-      <propeller_diameter>{diameter}</propeller_diameter>
-      <thrust_coefficient>{coefficient}</thrust_coefficient>
-      <max_thrust_cmd>{limit}</max_thrust_cmd>
-      <min_thrust_cmd>{minus}</min_thrust_cmd>
-    </plugin>
-  </model>
-</sdf>
-"""
-SQUARE = "F = k_pos n |n| ahead, k_neg n |n| astern"
-BODIES = {
-    "constants": (SQUARE, _CONSTANTS),
-    "stonefish-deadband": (
-        "F = forward (n |n| - upper) above upper, reverse (n |n| - lower) below lower",
-        _FISH.replace("TYPE", "deadband").replace("MODEL", _BAND),
-    ),
-    "stonefish-table": (
-        "F by straight lines between the points",
-        _FISH.replace("TYPE", "linear_interpolation").replace("MODEL", _POINTS),
-    ),
-    "uuv-bessa": (
-        "F = rotorConstantR (n |n| - deltaR) above deltaR, rotorConstantL (n |n| - deltaL) below deltaL",
-        _UUV.replace("MODEL", _BESSA).replace("MAX", "{n_pos}").replace("MIN", "{n_neg}"),
-    ),
-    "uuv-table": (
-        "F by straight lines between the points",
-        _UUV.replace("MODEL", _INTERP).replace("MAX", "{limit}").replace("MIN", "{minus}"),
-    ),
-    "gz-thruster": ("F = thrust_coefficient fluid_density propeller_diameter^4 n |n|", _GZ),
+EQUATIONS = {
+    "constants": "F = k_pos n |n| ahead, k_neg n |n| astern",
+    "stonefish-deadband": "F = forward (n |n| - upper) above upper, reverse (n |n| - lower) below lower",
+    "stonefish-table": "F by straight lines between the points",
+    "uuv-bessa": "F = rotorConstantR (n |n| - deltaR) above deltaR, rotorConstantL (n |n| - deltaL) below deltaL",
+    "uuv-table": "F by straight lines between the points",
+    "gz-thruster": "F = thrust_coefficient fluid_density propeller_diameter^4 n |n|",
 }
 
 TARGET = Target(
     name="thrusters",
     says="a thruster map: constants, Stonefish, uuv_simulator or Gazebo",
     source="see each form's own: stonefish.readthedocs.io, gazebosim.org/api/sim/9, uuv_gazebo_plugins",
-    forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in BODIES},
+    forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in EQUATIONS},
     carries=frozenset(),
     si=False,
     uses=frozenset({"symmetrise", "n_max", "lag"}),

@@ -12,63 +12,43 @@ OPTIONS = "`automarine {command} --help` lists all options."
 
 
 @dataclass(frozen=True)
-class Topic:
-    """A page of the guide: its name, and what it is about in one line."""
-
-    name: str
-    about: str
-
-    def to_json(self) -> dict[str, str]:
-        """Name and one line."""
-        return {"topic": self.name, "about": self.about}
-
-
-@dataclass(frozen=True)
 class Contents:
-    """All topics: the commands, and the other pages."""
+    """All topics with what each is about in one line: the commands, and the other pages."""
 
-    commands: tuple[Topic, ...]
-    pages: tuple[Topic, ...]
+    commands: tuple[tuple[str, str], ...]
+    pages: tuple[tuple[str, str], ...]
 
     def to_json(self) -> dict[str, object]:
-        """Schema automarine/guide/1."""
-        topics = [topic.to_json() for topic in (*self.commands, *self.pages)]
+        topics = [{"topic": name, "about": about} for name, about in (*self.commands, *self.pages)]
         return {"schema": "automarine/guide/1", "topics": topics}
 
 
 @dataclass(frozen=True)
 class Page:
-    """One page: its topic and its Markdown."""
-
     topic: str
     markdown: str
 
     def to_json(self) -> dict[str, str]:
-        """Schema automarine/guide/1."""
         return {"schema": "automarine/guide/1", "topic": self.topic, "text": self.markdown}
 
 
 def commands() -> tuple[str, ...]:
-    """Names of the commands that have a page, sorted."""
     return tuple(sorted(path.stem for path in FOLDER.glob("commands/*.md")))
 
 
 def pages() -> tuple[str, ...]:
-    """Names of all other pages, sorted."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.md")))
 
 
 def title(topic: str) -> str:
-    """The heading of a topic's page."""
     return page(topic).markdown.partition("\n")[0].removeprefix("# ")
 
 
 def page(topic: str) -> Page:
     """The page of that name, as on disk; raises SettingError with the nearest names where there is none."""
-    if topic in commands():
-        return Page(topic, (FOLDER / "commands" / f"{topic}.md").read_text(encoding="utf-8"))
-    if topic in pages():
-        return Page(topic, (FOLDER / f"{topic}.md").read_text(encoding="utf-8"))
+    for file in (*FOLDER.glob("commands/*.md"), *FOLDER.glob("*.md")):
+        if file.stem == topic:
+            return Page(topic, file.read_text(encoding="utf-8"))
     asked = topic.lower().replace("_", "-").removesuffix(".md")
     near = difflib.get_close_matches(asked, (*commands(), *pages()), n=3, cutoff=0.5)
     meant = f"did you mean {' or '.join(near)}?" if near else "look at the list of automarine guide"

@@ -5,10 +5,11 @@ import http.client
 from collections.abc import Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
+from typing import NamedTuple
 from urllib.parse import quote, urlsplit
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.answers import Listing, State
+from automarine_cli.link.document import Listing, State
 from automarine_cli.pipeline.records import Codec, Document, read_plain
 from automarine_cli.pipeline.words import printable
 
@@ -60,16 +61,14 @@ class Client:
 
     @property
     def url(self) -> str:
-        """Its address."""
         return f"http://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
 
     def state(self) -> State:
-        """What the vehicle is at. Raises LinkCut, WrongAnswer."""
-        return _codec("state").read(State, self._json("GET", "/state"))
+        return Codec("the vehicle's state", refuse=WrongAnswer, writer="serve").read(State, self._json("GET", "/state"))
 
     def listing(self) -> Listing:
-        """Its logs. Raises LinkCut, WrongAnswer."""
-        return _codec("list of logs").read(Listing, self._json("GET", "/runs"))
+        codec = Codec("the vehicle's list of logs", refuse=WrongAnswer, writer="serve")
+        return codec.read(Listing, self._json("GET", "/runs"))
 
     def stop(self, ids: Sequence[str]) -> bool:
         """Stop some campaigns; whether it is silent. Raises LinkCut, WrongAnswer."""
@@ -120,18 +119,13 @@ class Client:
             connection.close()
 
 
-@dataclass(frozen=True)
-class _Answer:
+class _Answer(NamedTuple):
     """One answer; `is_cut` where not all came that was announced."""
 
     status: int
     tag: str | None
     content: bytes
     is_cut: bool
-
-
-def _codec(what: str) -> Codec:
-    return Codec(f"the vehicle's {what}", refuse=WrongAnswer, writer="serve")
 
 
 def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:

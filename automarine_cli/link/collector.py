@@ -2,14 +2,13 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.answers import Log, State
 from automarine_cli.link.client import PIECE, Client, LinkCut, WrongAnswer
-from automarine_cli.link.document import SHORT, LinkCampaign
+from automarine_cli.link.document import SHORT, LinkCampaign, Log, State
 from automarine_cli.link.store import sync_folder
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.progress import Progress, silent
@@ -52,27 +51,18 @@ class Collected:
         return ""
 
     def to_json(self) -> dict[str, Any]:
-        """Schema automarine/collected/1."""
-        return {
-            "schema": "automarine/collected/1", "state": asdict(self.state), "logs": self.logs, "new": self.new,
-            "bytes": self.bytes_in, "cuts": self.cuts,
-            "analysis": None if self.analysis is None else self.analysis.to_json(),
-        }  # fmt: skip
+        counts = {"new": self.new, "bytes": self.bytes_in, "cuts": self.cuts}
+        analysis = None if self.analysis is None else self.analysis.to_json()
+        state = {"schema": "automarine/collected/1", "state": asdict(self.state), "logs": self.logs}
+        return state | counts | {"analysis": analysis}
 
 
 @dataclass
-class Crossing:
-    """What crossed the link: cuts that were met, and bytes of logs that came."""
-
-    cuts: int = 0
-    bytes_in: int = 0
-
-
-@dataclass(frozen=True)
 class Collector:
     """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never).
 
-    A log that was changed here is fetched again with `overwrite`, else refused."""
+    A log that was changed here is fetched again with `overwrite`, else refused. `cuts` and `bytes_in` count what
+    crossed the link."""
 
     client: Client
     folder: Path
@@ -80,15 +70,15 @@ class Collector:
     progress: Progress = silent
     overwrite: bool = False
     poll_s: float = POLL_S
-    crossing: Crossing = field(default_factory=Crossing)
+    cuts: int = 0
+    bytes_in: int = 0
 
     def collected(self, campaign: LinkCampaign | None, stop: bool) -> Collected:
-        """Collect, and tell what came. Raises as `collect`."""
         before = len(self.ledger())
         state = self.collect(campaign, stop)
         logs, last = self.ledger(), None if campaign is None else state.of(campaign.id)
         early = printable(last.says) if last is not None and last.played < last.runs else ""
-        return Collected(state, logs, len(logs) - before, self.crossing.bytes_in, self.crossing.cuts, early)
+        return Collected(state, logs, len(logs) - before, self.bytes_in, self.cuts, early)
 
     def collect(self, campaign: LinkCampaign | None, stop: bool) -> State:
         """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
@@ -178,8 +168,8 @@ class Collector:
                 with one_sentence(self.folder):
                     file.write(came)
                     file.flush()
-                self.crossing.bytes_in += len(came)
-                self.crossing.cuts += len(came) < min(PIECE, size - have)
+                self.bytes_in += len(came)
+                self.cuts += len(came) < min(PIECE, size - have)
                 self.progress(f"fetching {name}", have + len(came), size)
 
     def _until_done(self, ask: Callable[[], Answer]) -> Answer:
@@ -199,5 +189,5 @@ class Collector:
                         f"no contact with {self.client.url} for {self.wait_s:g} s ({cut}); "
                         "what came is kept, run the same command again to go on"
                     ) from None
-            self.crossing.cuts += 1
+            self.cuts += 1
             time.sleep(min(self.poll_s, 0.2))

@@ -1,4 +1,5 @@
-"""A campaign as it crosses the link: one JSON document, known by the SHA-256 of its bytes; plain data, and checked."""
+"""What crosses the link: a campaign, one JSON document that is known by the SHA-256 of its bytes, and what the vehicle
+answers, its state and its list of logs; plain data, and checked."""
 
 import hashlib
 import re
@@ -9,13 +10,18 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
+from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping, told
 from automarine_cli.pipeline.result_files import PLAN, PlanFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
 from automarine_cli.simulation.checks import at_least_zero, between, positive
 
 SCHEMA = "automarine/link-campaign/1"
+STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"
+RUNS_SCHEMA: Literal["automarine/link-runs/1"] = "automarine/link-runs/1"
+LOG_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,140}\.(csv|part)")
+SHA256 = re.compile("[0-9a-f]{64}")
+LARGEST_LOG = 1 << 32
 MOST_BYTES = 4_000_000
 MOST_RUNS, MOST_COMMANDS, LONGEST_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
@@ -52,12 +58,10 @@ class PlannedRun:
 
     @property
     def driven(self) -> float:
-        """Length of the commands [s]."""
         return self.candidate.driven
 
     @property
     def candidate(self) -> Candidate:
-        """The run as a plan knows it."""
         return Candidate("planned", self.name, self.commands, start_heading=self.start_heading_deg)
 
 
@@ -78,7 +82,6 @@ class Battery:
 
     @property
     def supply(self) -> Supply:
-        """What is drawn."""
         return Supply(self.idle_A, self.full_A, self.at_moment)
 
 
@@ -110,16 +113,13 @@ class LinkCampaign:
 
     @property
     def text(self) -> str:
-        """The document."""
         return json_text(to_mapping(self))
 
     @cached_property
     def id(self) -> str:
-        """SHA-256 of the document."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def log_name(self, run: PlannedRun) -> str:
-        """Name of a run's log, without what marks its end."""
         return f"{self.id[:SHORT]}_{run.name}"
 
     def room(self, run: PlannedRun) -> int:
@@ -128,7 +128,6 @@ class LinkCampaign:
         return int(lines * LONGEST_LINE) + HEAD
 
     def begins(self, number: int) -> float:
-        """When a run's log begins on the campaign's clock [s]."""
         return round(sum(self.rest_s + run.driven + run.wait_s for run in self.runs[:number]), 3)
 
     def left(self, number: int) -> float:
@@ -149,6 +148,63 @@ class LinkCampaign:
                 )
 
 
+@dataclass(frozen=True)
+class CampaignState:
+    """How far a campaign is; `why_stopped` where somebody or something stopped it."""
+
+    id: str
+    runs: int
+    played: int
+    interrupted: int
+    over: bool
+    battery_left_Ah: float
+    why_stopped: str | None = None
+
+    def __post_init__(self) -> None:
+        if not SHA256.fullmatch(self.id):
+            raise SettingError(f"id is {told(self.id)}; expected the SHA-256 of a campaign")
+
+    @property
+    def says(self) -> str:
+        ended = f"campaign {self.id[:8]} ended after {self.played} of {self.runs} runs"
+        return ended if self.why_stopped is None else f"{ended}: {self.why_stopped}"
+
+
+@dataclass(frozen=True)
+class State:
+    """What the vehicle is at: the open log, every campaign, and sentences on what in its folder is not right."""
+
+    schema: Literal["automarine/link-state/1"]
+    campaigns: tuple[CampaignState, ...]
+    playing: str | None = None
+    troubles: tuple[str, ...] = ()
+
+    def of(self, campaign_id: str) -> CampaignState | None:
+        return next((one for one in self.campaigns if one.id == campaign_id), None)
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log in the vehicle's folder; one that is still written has no hash."""
+
+    name: str
+    size: int
+    closed: bool
+    sha256: str | None = None
+
+    def __post_init__(self) -> None:
+        if not LOG_NAME.fullmatch(self.name) or not 0 <= self.size < LARGEST_LOG:
+            raise SettingError(f"a log cannot be called {told(self.name)} and have {told(self.size)} bytes")
+        if self.closed and not (self.sha256 and SHA256.fullmatch(self.sha256) and self.name.endswith(".csv")):
+            raise SettingError(f"{self.name} is closed and has the SHA-256 {told(self.sha256)}; expected 64 hex digits")
+
+
+@dataclass(frozen=True)
+class Listing:
+    schema: Literal["automarine/link-runs/1"]
+    runs: tuple[Log, ...]
+
+
 def read_campaign(path: Path) -> LinkCampaign:
     """The campaign in a folder that `automarine plan` wrote, its plan.json, or a document. Raises SettingError."""
     file = path / PLAN.file if path.is_dir() else path
@@ -159,23 +215,16 @@ def read_campaign(path: Path) -> LinkCampaign:
 
 
 def campaign_in(content: bytes) -> LinkCampaign:
-    """The campaign in the bytes of a document. Raises SettingError."""
     source: Source = Document("campaign", content)
     return campaign_of(read_plain(source, "JSON", SettingError, most=MOST_BYTES), "campaign")
 
 
 def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
-    """The same of plain data. Raises SettingError with the key's path."""
     return Codec(where).read(LinkCampaign, data)
 
 
 def _of_plan(plan: PlanFile) -> dict[str, object]:
-    limits, supply = plan.limits, plan.supply
-    return {
-        "schema": SCHEMA,
-        "moment_unit": plan.moment_unit,
-        "rate_hz": limits.logger.rate_hz,
-        "rest_s": limits.runs.rest_before_s,
-        "battery": to_mapping(limits.battery) | to_mapping(supply),
-        "runs": [to_mapping(run) for run in plan.planned],
-    }
+    limits, runs = plan.limits, [to_mapping(run) for run in plan.planned]
+    battery = to_mapping(limits.battery) | to_mapping(plan.supply)
+    return {"schema": SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": limits.logger.rate_hz,
+            "rest_s": limits.runs.rest_before_s, "battery": battery, "runs": runs}  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from automarine_cli.errors import AutomarineError, OutputError
 from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
-from automarine_cli.link.store import HeldElsewhereError, Store, held, waiting
+from automarine_cli.link.store import HeldElsewhereError, Store, held
 from automarine_cli.link.vehicles.base import Vehicle
 
 LEASE_S = 3.0
@@ -28,7 +28,6 @@ class Lease:
         self._seen, self._when = -1, time.monotonic()
 
     def holds(self) -> bool:
-        """Whether the lease is the server's own and fresh."""
         try:
             touched = self._file.stat().st_mtime_ns
             if self._file.read_text(encoding="ascii") != self._word:
@@ -53,11 +52,10 @@ class Player:
     """Campaigns that ended here, whatever the disk says of them."""
 
     def play(self) -> None:
-        """Play all that comes until the server is gone."""
         with contextlib.suppress(OSError):  # a log that stays open is never begun again
             self.store.close_leftovers()
         while self.lives():
-            for campaign, number, _ in waiting(self.store):
+            for campaign, number in self.store.waiting():
                 if not self._waited(campaign, number):
                     break
                 self._run(campaign, number)
@@ -112,7 +110,6 @@ class Player:
 
 
 def play(store: Store, vehicle: Vehicle, speed: float, word: str) -> None:
-    """The whole life of a player's process: alone in its folder, deaf to Ctrl-C, which its server hears."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     lease = Lease(store, word)
     while lease.holds():  # a player of a server that was killed may still be closing its run

@@ -22,8 +22,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
-from automarine_cli.link.answers import SHA256, State
-from automarine_cli.link.document import MOST_BYTES, SHORT
+from automarine_cli.link.document import MOST_BYTES, SHA256, SHORT, State
 from automarine_cli.link.player import LEASE_S, play
 from automarine_cli.link.store import ASKED, HeldElsewhereError, Store, held, sync_folder
 from automarine_cli.link.vehicles.base import Vehicle
@@ -58,7 +57,6 @@ class Handler(BaseHTTPRequestHandler):
             self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
 
     def do_GET(self) -> None:
-        """`/state`, `/runs` and `/runs/NAME`."""
         if not self._is_allowed():
             return
         if self.path == "/state":
@@ -211,12 +209,10 @@ class LinkServer(ThreadingHTTPServer):
             self.store.lease.unlink(missing_ok=True)
 
     def state(self) -> State:
-        """That of the store, and what silenced it."""
         found = self.store.state()
         return replace(found, troubles=(*found.troubles, self.silenced)) if self.silenced else found
 
     def know(self, connection: socket.socket) -> None:
-        """Who is at the other end has shown the token."""
         with self._door:
             self._strangers.pop(connection, None)
 
@@ -236,7 +232,6 @@ class LinkServer(ThreadingHTTPServer):
                 self._hang_up(one)
 
     def shutdown_request(self, request: Any) -> None:
-        """Forget a connection."""
         self.know(request)
         super().shutdown_request(request)
 

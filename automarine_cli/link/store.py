@@ -18,8 +18,21 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.link.answers import LOG_NAME, RUNS_SCHEMA, SHA256, STATE_SCHEMA, CampaignState, Listing, Log, State
-from automarine_cli.link.document import ENDS, INTERRUPTED, SHORT, LinkCampaign, PlannedRun, campaign_in
+from automarine_cli.link.document import (
+    ENDS,
+    INTERRUPTED,
+    LOG_NAME,
+    RUNS_SCHEMA,
+    SHA256,
+    SHORT,
+    STATE_SCHEMA,
+    CampaignState,
+    LinkCampaign,
+    Listing,
+    Log,
+    State,
+    campaign_in,
+)
 from automarine_cli.pipeline.results_folder import write_whole
 from automarine_cli.pipeline.words import printable
 
@@ -42,7 +55,6 @@ class Store:
 
     @property
     def runs(self) -> Path:
-        """Where logs are."""
         return self.folder / "runs"
 
     @property
@@ -56,7 +68,6 @@ class Store:
         return self.folder / "lease"
 
     def prepare(self) -> None:
-        """Make the folders. Raises OutputError."""
         try:
             for folder in (self.runs, self.campaigns):
                 folder.mkdir(parents=True, exist_ok=True)
@@ -64,7 +75,6 @@ class Store:
             raise OutputError(f"{self.folder} cannot be written to ({problem.strerror}); give another folder") from None
 
     def accepted(self) -> list[LinkCampaign]:
-        """Every campaign that is not over, the first first."""
         return [one for one in self._documents() if isinstance(one, LinkCampaign)]
 
     def accept(self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None) -> bool:
@@ -112,7 +122,6 @@ class Store:
         sync_folder(self.campaigns)
 
     def is_stopped(self, campaign: LinkCampaign) -> bool:
-        """Whether it was stopped."""
         return self._stop_mark(campaign).exists()
 
     def next_run(self, campaign: LinkCampaign) -> int | None:
@@ -121,8 +130,13 @@ class Store:
         played = (_end_of(campaign.log_name(run), names) is not None for run in campaign.runs)
         return next((number for number, is_played in enumerate(played) if not is_played), None)
 
+    def waiting(self) -> Iterator[tuple[LinkCampaign, int]]:
+        """Campaign and number of the run that is to be played next, as long as there is something."""
+        for campaign in self.accepted():
+            while not self.is_stopped(campaign) and (number := self.next_run(campaign)) is not None:
+                yield campaign, number
+
     def part(self, name: str) -> Path:
-        """The log that is being written."""
         return self.runs / f"{name}.part"
 
     def begin(self, name: str, room: int) -> int:
@@ -145,7 +159,6 @@ class Store:
         return number
 
     def write(self, number: int, name: str, line: str) -> None:
-        """Add a line to an open log; the system knows it before the next command. Raises OutputError."""
         content = line.encode()
         with _one_sentence(name):
             if os.write(number, content) < len(content):
@@ -185,26 +198,22 @@ class Store:
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
         with suppress(OSError, SettingError):  # also a file that is too large for a log
-            if (found := self._status(name)) is not None:
+            if LOG_NAME.fullmatch(name) and stat.S_ISREG((found := (self.runs / name).lstat()).st_mode):
                 closed = name.endswith(".csv")
                 return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
         return None
 
     def listing(self) -> Listing:
-        """Every log."""
         names = sorted(name for name in self._names() if name.endswith((".csv", ".part")))
         return Listing(RUNS_SCHEMA, tuple(log for name in names if (log := self.log(name)) is not None))
 
     def open_log(self, name: str) -> BinaryIO:
-        """The bytes of a log. Raises OSError."""
         return _opened(self.runs / name)
 
     def is_playing(self) -> bool:
-        """Whether a log is open."""
         return _playing(self._names()) is not None
 
     def state(self) -> State:
-        """What the vehicle is at."""
         documents, names = self._documents(), self._names()
         campaigns = (self._state_of(one) if isinstance(one, LinkCampaign) else one for one in documents)
         odd = [one for one in documents if isinstance(one, str)]
@@ -213,14 +222,6 @@ class Store:
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
         found = tuple(one for one in campaigns if isinstance(one, CampaignState))
         return State(STATE_SCHEMA, found, _playing(names), tuple(odd))
-
-    def _status(self, name: str) -> os.stat_result | None:
-        """Of a log; None where there is none of that name."""
-        if LOG_NAME.fullmatch(name):
-            with suppress(FileNotFoundError):
-                found = (self.runs / name).lstat()
-                return found if stat.S_ISREG(found.st_mode) else None
-        return None
 
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
@@ -263,7 +264,6 @@ class Store:
         )
 
     def _names(self) -> dict[str, bool]:
-        """What is in the folder of logs, and whether it is a file."""
         with os.scandir(self.runs) as entries:
             return {entry.name: entry.is_file(follow_symlinks=False) for entry in entries}
 
@@ -319,7 +319,6 @@ def _deaths(name: str, names: Collection[str]) -> int:
 
 
 def _playing(names: Mapping[str, bool]) -> str | None:
-    """The open log."""
     parts = (name for name in sorted(names) if name.endswith(".part") and names[name] and LOG_NAME.fullmatch(name))
     return next((name.removesuffix(".part") for name in parts), None)
 
@@ -392,10 +391,3 @@ def sync_folder(folder: Path) -> None:
         os.fsync(number)
     finally:
         os.close(number)
-
-
-def waiting(store: Store) -> Iterator[tuple[LinkCampaign, int, PlannedRun]]:
-    """Campaign, number and run of what is to be played next, as long as there is something."""
-    for campaign in store.accepted():
-        while not store.is_stopped(campaign) and (number := store.next_run(campaign)) is not None:
-            yield campaign, number, campaign.runs[number]

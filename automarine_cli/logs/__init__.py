@@ -7,20 +7,7 @@ from automarine_cli.logs.reader import read_log
 from automarine_cli.logs.table import LogTable, is_thruster_test, require, require_motion, require_thruster
 
 __all__ = [
-    "ColumnMap",
-    "ColumnRule",
-    "LogFile",
-    "LogTable",
-    "Logs",
-    "column_rules",
-    "find_logs",
-    "given_columns",
-    "is_thruster_test",
-    "read_column_map",
-    "read_log",
-    "require",
-    "require_motion",
-    "require_thruster",
-    "whole_logs",
+    "ColumnMap", "ColumnRule", "LogFile", "LogTable", "Logs", "column_rules", "find_logs", "given_columns",
+    "is_thruster_test", "read_column_map", "read_log", "require", "require_motion", "require_thruster", "whole_logs",
     "with_joined",
-]
+]  # fmt: skip

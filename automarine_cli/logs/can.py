@@ -16,12 +16,11 @@ used where there is one. Source: the LAWICEL protocol.
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import LABELS
@@ -81,22 +80,13 @@ def _time(arrived: Floats, clock: Floats, source: str) -> Floats:
 
 
 OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
-Bits = NDArray[np.uint8]
 Name = tuple[int, bool]  # identifier, and whether it is an extended one
 Captured = Mapping[Name, tuple[Floats, list[bytes]]]
-Reader = Callable[[Path, str], tuple[Captured, tuple[str, ...]]]
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
-    """Read an ASC, BLF or SLCAN capture. Raises LogError for what is none, and without a DBC."""
-    return decoded(path, name, columns, _slcan if path.suffix.lower() == ".slcan" else _vector)
-
-
-FORMAT = Format("CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"("))
-
-
-def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog:
-    """The signals of a capture on the clock of the heading. Raises LogError as `read`."""
+    """Read an ASC, BLF, SLCAN or candump capture. Raises LogError for what is none, and without a DBC."""
+    reader = {".slcan": _slcan, ".log": _candump}.get(path.suffix.lower(), _vector)
     needed("can", "can", name, "CAN captures")
     needed("cantools", "can", name, "DBC files")
     with unsound_is_refused(name, "CAN"):
@@ -122,8 +112,11 @@ def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog
     return on_one_clock(Recording(streams, "CAN messages", (*known, *rest), notes), columns, name)
 
 
+CANDUMP = Format("candump", (".log",), read, begins=(b"(",))
+FORMAT = Format("CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"("))
+
+
 def grouped(time: Floats, names: list[Name], frames: list[bytes]) -> Captured:
-    """Frames in the order of the file, by their identifiers."""
     places: dict[Name, list[int]] = {}
     for i, name in enumerate(names):
         places.setdefault(name, []).append(i)
@@ -198,86 +191,47 @@ def messages_of(columns: ColumnMap) -> list[Any]:
 
 def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap) -> Iterator[Stream]:
     """The signals of a message, if the column map names one of them: those of each multiplexer value on their own."""
-    asked = columns.sources
-    if not any(f"{message.name}.{signal.name}" in asked for signal in message.signals):
+    if not any(f"{message.name}.{signal.name}" in columns.sources for signal in message.signals):
         return
-    good = np.array([len(frame) >= message.length for frame in frames])
-    if not good.any():
-        return
-    time, bits = time[good], bits_of([frame for frame, whole in zip(frames, good) if whole], message.length)
+    from cantools.database.utils import start_bit
+
+    fitting = [signal for signal in message.signals if start_bit(signal) + signal.length <= 8 * message.length]
+    if len(fitting) < len(message.signals):  # a DBC in use may describe more than a frame holds
+        identity = message.frame_id, message.name, message.length
+        message = type(message)(*identity, fitting, is_extended_frame=message.is_extended_frame, strict=False)
     words = {columns.columns[label].source for label in LABELS if label in columns.columns}
-    by_name = {signal.name: signal for signal in message.signals}
-    groups: dict[tuple[str, tuple[int, ...]], dict[str, object]] = {}
+    good = np.array([len(frame) >= message.length for frame in frames])
+    rows = [_decoded(message, frame[: message.length]) for frame, fits in zip(frames, good) if fits]
+    groups: dict[tuple[str, tuple[int, ...]], list[Any]] = {}
     for signal in message.signals:
-        if places_of(signal).max() >= bits.shape[1]:  # a DBC in use may describe more than a frame holds
-            continue
-        key = (signal.multiplexer_signal or "", tuple(signal.multiplexer_ids or ()))
-        groups.setdefault(key, {})[f"{message.name}.{signal.name}"] = signal
+        if any(signal.name in row for row in rows):
+            key = (signal.multiplexer_signal or "", tuple(signal.multiplexer_ids or ()))
+            groups.setdefault(key, []).append(signal)
     for (switch, ids), signals in groups.items():
-        chosen = np.isin(raw_of(bits, by_name[switch]), ids) if switch else np.ones(len(time), dtype=bool)
-        if chosen.any():
-            values = {name: _values(bits[chosen], one, name in words) for name, one in signals.items()}
-            which = f" ({switch} {listed(map(str, ids))})" if switch else ""
-            yield Stream(f"{message.name}{which}", time[chosen], values)
+        chosen = np.array([signals[0].name in row for row in rows])
+        values = {}
+        for signal in signals:
+            name, numbers = f"{message.name}.{signal.name}", [row[signal.name] for row in rows if signal.name in row]
+            column: Any = np.array(numbers, dtype=np.float64)
+            if name in words:  # a value without a word stays a number
+                column = named(np.rint((column - signal.offset) / signal.scale), signal.choices or {})
+            values[name] = column
+        which = f" ({switch} {listed(map(str, ids))})" if switch else ""
+        yield Stream(f"{message.name}{which}", time[good][chosen], values)
 
 
-def _values(bits: Bits, signal: Any, as_words: bool) -> NDArray[Any]:
-    return words_of(bits, signal) if as_words else values_of(bits, signal)
-
-
-def bits_of(frames: list[bytes], length: int) -> Bits:
-    """The bits of frames of at least `length` bytes, shape (N, 8 length): bit i of byte b at 8 b + i, lowest first."""
-    data = np.frombuffer(b"".join(frame[:length] for frame in frames), dtype=np.uint8)
-    return np.unpackbits(data.reshape(len(frames), length), axis=1, bitorder="little")
-
-
-def places_of(signal: Any) -> NDArray[np.int64]:
-    """Where the bits of a signal are, the lowest first.
-
-    Intel's signals (little-endian) run upwards from their start; Motorola's (big-endian) begin with their highest bit,
-    run down to the end of the byte and go on at the top of the next.
-    """
-    if signal.byte_order == "little_endian":
-        return signal.start + np.arange(signal.length)
-    byte, bit = divmod(signal.start, 8)
-    upwards = 8 * byte + 7 - bit + np.arange(signal.length)  # counted with the highest bit of each byte first
-    return (8 * (upwards // 8) + 7 - upwards % 8)[::-1]
-
-
-def raw_of(bits: Bits, signal: Any) -> NDArray[Any]:
-    """The numbers that a signal holds in each frame, before scale and offset, shape (N,): integers or floats."""
-    weights = np.uint64(1) << np.arange(signal.length, dtype=np.uint64)
-    whole = (bits[:, places_of(signal)].astype(np.uint64) * weights).sum(axis=1, dtype=np.uint64)
-    if signal.is_float:
-        size = signal.length // 8
-        return whole.astype(f"<u{size}").view(f"<f{size}")
-    if not signal.is_signed:
-        return whole
-    up = np.uint64(64 - signal.length)  # the sign is carried down from the top
-    return (whole << up).view(np.int64) >> up.astype(np.int64)
-
-
-def values_of(bits: Bits, signal: Any) -> Floats:
-    """Physical values of a signal, shape (N,), in its own unit."""
-    return raw_of(bits, signal).astype(np.float64) * float(signal.scale) + float(signal.offset)
-
-
-def words_of(bits: Bits, signal: Any) -> NDArray[np.str_]:
-    """The words that a DBC gives to the values of a signal, shape (N,); a value without one stays a number."""
-    return named(raw_of(bits, signal), signal.choices or {})
+def _decoded(message: Any, frame: bytes) -> Mapping[str, float]:
+    """The signals in a frame; none in one of a multiplexer value that the DBC does not know."""
+    try:
+        decoded: Mapping[str, float] = message.decode(frame, decode_choices=False)
+    except Exception:
+        return {}
+    return decoded
 
 
 CANDUMP_LINE = re.compile(
     r"\(\d+\.\d+\) +\S+ +(?:[0-9A-F]{3}|[0-9A-F]{8})#(?:#[0-9A-F])?(?:R\d?|(?:[0-9A-F]{2})*)(?: [RT])?", re.I
 )
-
-
-def _read_candump(path: Path, name: str, columns: ColumnMap) -> RawLog:
-    """Read a candump capture. Raises LogError as `can.read`."""
-    return decoded(path, name, columns, _candump)
-
-
-CANDUMP = Format("candump", (".log",), _read_candump, begins=(b"(",))
 
 
 def _candump(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:

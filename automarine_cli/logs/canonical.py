@@ -179,7 +179,6 @@ def called(quantity: str) -> str:
 
 
 def names_of(quantity: str) -> tuple[str, ...]:
-    """Canonical column names of one quantity."""
     return tuple(name for name, canonical in CANONICAL.items() if canonical.quantity == quantity)
 
 
@@ -212,18 +211,10 @@ def likely_canonical(quantity: str, column: str) -> str:
     """The canonical name to propose for a column of the file, with the unit that its name shows."""
     plain = column.lower()
     choices = names_of(quantity)
-    for word, ending in (
-        ("rad", "_rad"),
-        ("deg", "_deg"),
-        ("kgf", "_kgf"),
-        ("lbf", "_lbf"),
-        ("ms", "_ms"),
-        ("milli", "_ms"),
-        ("us", "_us"),
-        ("nm", "_Nm"),
-    ):
-        if word in plain:
-            for choice in choices:
-                if choice.endswith((ending, f"{ending}_s")):
-                    return choice
-    return choices[0]
+    endings = {
+        "rad": "_rad", "deg": "_deg", "kgf": "_kgf", "lbf": "_lbf", "ms": "_ms", "milli": "_ms", "us": "_us",
+        "nm": "_Nm",
+    }  # fmt: skip
+    fit = (choice for word, ending in endings.items() if word in plain
+           for choice in choices if choice.endswith((ending, f"{ending}_s")))  # fmt: skip
+    return next(fit, choices[0])

@@ -24,7 +24,6 @@ def is_number(cell: str, decimal: str = ".") -> bool:
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell, blanks stripped, says that there is no value."""
     return cell in MISSING
 
 
@@ -170,7 +169,6 @@ def _clock(clock: Any, half: Any) -> tuple[Floats, float]:
 
 
 def _past_midnight(clock: Floats, again: float) -> Floats:
-    """A clock that goes on where it begins again."""
     known = np.isfinite(clock)
     seconds = clock.copy()
     seconds[known] += again * np.cumsum(np.diff(clock[known], prepend=clock[known][:1]) < -again / 2)

@@ -44,24 +44,26 @@ class Join:
     def others(self) -> tuple[str, ...]:
         return (self.with_,) if isinstance(self.with_, str) else self.with_
 
-    def beside(self, path: Path) -> tuple[Path, ...]:
-        """Return the files joined to the log at `path`, none where it is not of those meant. Raises LogError for one
-        that is not there."""
+    def places(self, path: Path) -> tuple[Path, ...]:
+        """Return where the files joined to the log at `path` should be; none where it is not of those meant."""
         depth = len(PurePosixPath(self.logs).parts)
         stars = "([^/]*)".join(re.escape(part) for part in self.logs.split("*"))
         match = re.fullmatch(stars, "/".join(path.absolute().parts[-depth:]))
         if match is None:
             return ()
         parts = [(other.split("*"), [*match.groups()[: other.count("*")], ""]) for other in self.others]
-        names = ["".join(text + letters for text, letters in zip(*part)) for part in parts]
         base = path.parents[depth - 1] if depth <= len(path.parents) else path.absolute().parents[depth - 1]
-        lost = next((name for name in names if not (base / name).is_file()), None)
-        if lost is not None:
+        return tuple(base / "".join(text + letters for text, letters in zip(*part)) for part in parts)
+
+    def beside(self, path: Path) -> tuple[Path, ...]:
+        """Return the files joined to the log at `path`. Raises LogError for one that is not there."""
+        places = self.places(path)
+        if lost := next((place for place in places if not place.is_file()), None):
             raise LogError(
-                f"{printable(path.name)}: no {printable(lost)} beside it, which join expects; copy it there, or "
+                f"{printable(path.name)}: no {printable(lost.name)} beside it, which join expects; copy it there, or "
                 "correct the names in join"
             )
-        return tuple(base / name for name in names)
+        return places
 
 
 def matches(path: Path, pattern: str) -> bool:

@@ -30,7 +30,6 @@ LONGEST_HEADER = 10_000_000  # bytes
 MOST_COMMENTS = 1_000_000  # lines
 MOST_CELLS = 100_000  # looked at; a log of thousands of columns shows itself in fewer lines
 PIECE = 4 << 20  # bytes
-LINE_END = ord("\n")
 SIGNATURES = {
     b"\x1f\x8b": "is gzip-compressed; expected plain text (name it .csv.gz)",
     b"PAR1": "is a Parquet file; expected plain text (name it .parquet)",
@@ -73,7 +72,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
             raise _no_table(data, head, name, error) from None
         table = _converted(body, data, head, name, columns.source_of(RUN))
     if table.num_rows != len(rows):
-        raise _open_quote(data, head, name)
+        raise _no_table(data, head, name, None)
     return RawLog(head.names, tuple(table.columns), rows, head.decimal)
 
 
@@ -134,9 +133,7 @@ def _text(path: Path, name: str) -> tuple[bytes, Ends]:
 
 
 def _line_ends(data: bytes) -> Ends:
-    text = np.frombuffer(data, dtype=np.uint8)
-    pieces = [at + np.flatnonzero(text[at : at + PIECE] == LINE_END) for at in range(0, len(text), PIECE)]
-    return np.concatenate(pieces) if pieces else np.zeros(0, dtype=np.int64)
+    return np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
 
 
 def _row_numbers(data: bytes, ends: Ends, head: _Head) -> NDArray[np.int64]:
@@ -181,13 +178,13 @@ def _head(data: bytes, name: str, text: str) -> _Head:
             "expected commas, semicolons or tabs. Write one of these between them"
         )
     sample = sample[: max(2, MOST_CELLS // max(1, len(names)))]
-    rows = [[cell.strip() for cell in _cells(one, delimiter)] for one in sample]
-    decimal = "," if delimiter != "," and _decimal_comma(rows) else "."
-    number = [True] * len(names)
-    for row in rows:
-        for i, cell in enumerate(row[: len(names)]):
-            number[i] = number[i] and (is_number(cell, decimal) or is_missing(cell))
-    types = tuple(pa.float64() if yes and column != text else pa.binary() for yes, column in zip(number, names))
+    rows = [[cell.strip() for cell in _cells(line, delimiter)] for line in sample]
+    cells = [cell for row in rows for cell in row]
+    commas = sum(_DECIMAL_COMMA.fullmatch(cell) is not None for cell in cells)
+    points = sum("." in cell and is_number(cell) for cell in cells)
+    decimal = "," if delimiter != "," and commas > points else "."
+    words = {i for row in rows for i, cell in enumerate(row) if not (is_number(cell, decimal) or is_missing(cell))}
+    types = tuple(pa.binary() if i in words or name == text else pa.float64() for i, name in enumerate(names))
     return _Head(names, line, min(end + 1, len(data)), delimiter, decimal, types, max(b - a for a, b in lines))
 
 
@@ -232,12 +229,6 @@ def _delimiter(header: str, sample: list[str]) -> str:
     return best
 
 
-def _decimal_comma(rows: list[list[str]]) -> bool:
-    commas = sum(_DECIMAL_COMMA.fullmatch(cell) is not None for row in rows for cell in row)
-    points = sum("." in cell and is_number(cell) for row in rows for cell in row)
-    return commas > points
-
-
 def _arrow(body: pa.Buffer, head: _Head, types: tuple[pa.DataType, ...]) -> pa.Table:
     keys = [str(i) for i in range(len(types))]
     if not body.size:
@@ -276,22 +267,18 @@ def _converted(body: pa.Buffer, data: bytes, head: _Head, name: str, text: str) 
     return max(tables, key=lambda pair: pair[0])[1]
 
 
-def _open_quote(data: bytes, head: _Head, name: str) -> LogError:
-    """The refusal for a quoted cell that runs over a line end, which would shift all row numbers."""
-    lines = data[head.body :].split(b"\n")
-    row = head.line + 1 + next((i for i, line in enumerate(lines) if line.count(b'"') % 2), 0)
-    return LogError(
-        f"{name}, row {row}: found a quoted cell that runs over the line end, expected each row on one line. "
-        "Close the quote or take the line break out"
-    )
-
-
-def _no_table(data: bytes, head: _Head, name: str, error: Exception) -> LogError:
-    """The refusal for a body that is no table: the first row with too few or too many cells."""
+def _no_table(data: bytes, head: _Head, name: str, error: Exception | None) -> LogError:
+    """The refusal for a body that is no table, with the first row of too few or too many cells; without an error for a
+    quoted cell that runs over a line end, which would shift all row numbers."""
     expected = len(head.names)
     for row, line in enumerate(data[head.body :].split(b"\n"), head.line + 1):
         text = line.removesuffix(b"\r").decode("latin-1")
-        if not text:
+        if error is None and text.count('"') % 2:
+            return LogError(
+                f"{name}, row {row}: found a quoted cell that runs over the line end, expected each row on one line. "
+                "Close the quote or take the line break out"
+            )
+        if error is None or not text:
             continue
         try:
             cells = len(next(csv.reader([text], delimiter=head.delimiter)))

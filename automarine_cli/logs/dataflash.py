@@ -6,7 +6,6 @@ of one type are unpacked at once. Source: ArduPilot, libraries/AP_Logger/LogStru
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.mixing import Asked, Parameters, asked_of_pulses, is_commanded_by, parameters
+from automarine_cli.logs.mixing import Asked, parameters, with_pulses
 from automarine_cli.logs.streams import (
     Recording,
     Stream,
@@ -153,20 +152,14 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
             fields = {key: values for key, values in fields.items() if values.any()}
         if time is not None:
             stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == "RCOU")
-            if name == "RCOU" and stream is not None and not is_commanded_by(columns):
-                asked = asked_of_pulses(
-                    name, time, {int(key[1:]): values for key, values in fields.items()}, _parameters(messages)
-                )
-                stream = replace(stream, columns={**stream.columns, **asked.columns})
+            if name == "RCOU":
+                told = messages.get("PARM", {})
+                clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
+                known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
+                stream, asked = with_pulses(stream, name, fields, known, columns)
             streams += [] if stream is None else [stream]
     holds = tuple(f"{name} ({len(next(iter(fields.values())))})" for name, fields in messages.items())
     return Recording(streams, "messages", holds, (*asked.notes, *notes), asked.origin)
-
-
-def _parameters(messages: Mapping[str, Message]) -> Parameters:
-    told = messages.get("PARM", {})
-    time = _clock(told)
-    return {} if time is None or not {"Name", "Value"} <= told.keys() else parameters(told["Name"], time, told["Value"])
 
 
 def _clock(fields: Message) -> Floats | None:

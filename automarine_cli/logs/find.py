@@ -34,12 +34,10 @@ TABLES = "a file, a folder, a glob, a DataFrame, columns by name ({'time_s': ...
 
 
 def suffix_of(name: str) -> str | None:
-    """Return the longest ending of a file name that is a log's (case does not matter), or None."""
     return max(filter(name.lower().endswith, FORMAT_OF), key=len, default=None)
 
 
 def stem_of(name: str) -> str:
-    """Return a file name without the ending of its format."""
     return name[: len(name) - len(suffix_of(name) or "")]
 
 
@@ -168,7 +166,6 @@ def _matching(pattern: str) -> list[LogFile]:
 
 
 def _told_apart(logs: list[LogFile]) -> list[LogFile]:
-    """Files of one name get the folders above them in front until all names differ."""
     for _ in range(64):
         times = Counter(log.name for log in logs)
         if len(times) == len(logs):

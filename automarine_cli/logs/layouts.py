@@ -48,13 +48,11 @@ class Layout:
 
     @property
     def rules(self) -> dict[str, ColumnRule]:
-        """The column map as everything is taken to be; where a column is open the likelier reading."""
         rules = column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
         return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     @property
     def clock(self) -> "Layout":
-        """The same with nothing but its time."""
         times = tuple(one for one in self.columns if CANONICAL[one.key].quantity == "time")
         return replace(self, columns=times, lacking=(), names=tuple(one.source for one in times))
 
@@ -69,7 +67,6 @@ class Layout:
 
     @property
     def foreign(self) -> bool:
-        """Whether it is no log of a vehicle: nothing that moves and nothing that drives."""
         of_vehicle = {YAW.position, YAW.velocity, YAW.command, *YAW.thrusters}
         found = {CANONICAL[one.key].quantity for one in self.columns}
         return not self.bollard and self.dof is YAW and not found & of_vehicle
@@ -86,13 +83,11 @@ class Maps:
     given: ColumnMap = field(default_factory=ColumnMap)
 
     def columns(self) -> ColumnMap:
-        """All of it as a column map."""
         parts = tuple(ColumnsOf(names, merged(layouts)) for names, layouts in self.own)
         return replace(self.given, columns=merged(self.shared), columns_of=parts, join=self.join)
 
 
 def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
-    """The rules of layouts that share a map."""
     return {key: rule for layout in reversed(layouts) for key, rule in layout.rules.items()}
 
 
@@ -113,26 +108,15 @@ def recognised(layout: Layout, alike: Mapping[str, Span], given: ColumnMap) -> L
         found |= _tests(found, layout, known)
     elif not all(found[side] is not None for side in YAW.thrusters):
         found |= {side: known.get(side) for side in YAW.thrusters}
-    needed = BOLLARD[:2] if layout.bollard else _needed(found)
-    return replace(
-        layout,
-        columns=_each_once(one for one in found.values() if one is not None),
-        lacking=tuple(quantity for quantity in needed if found.get(quantity) is None),
-    )
-
-
-def _needed(found: Mapping[str, Recognised | None]) -> tuple[str, ...]:
-    """What no log of yaw does without; thruster commands stand in for a moment that is not there."""
-    return NEEDED[:2] if all(found[side] is not None for side in YAW.thrusters) else NEEDED
-
-
-def _each_once(found: Iterable[Recognised]) -> tuple[Recognised, ...]:
-    """A column that was recognised as two quantities is the first of them."""
-    return tuple({one.source: one for one in reversed(list(found))}.values())[::-1]
+    commanded = all(found.get(side) is not None for side in YAW.thrusters)  # in place of a moment
+    needed = BOLLARD[:2] if layout.bollard else NEEDED[:2] if commanded else NEEDED
+    lacking = tuple(quantity for quantity in needed if found.get(quantity) is None)
+    # a column that was recognised as two quantities is the first of them
+    first = {column.source: column for column in reversed(list(found.values())) if column is not None}
+    return replace(layout, columns=tuple(first.values())[::-1], lacking=lacking)
 
 
 def _given(key: str, rule: ColumnRule, seen: Mapping[str, Span]) -> Recognised:
-    """A column as the user's own map says."""
     keys = {"source": "from"}
     defaults = ColumnRule("")
     more = {keys.get(name, name): value for name, value in to_mapping(rule).items()
@@ -147,7 +131,6 @@ def _given(key: str, rule: ColumnRule, seen: Mapping[str, Span]) -> Recognised:
 def _tests(
     found: Mapping[str, Recognised | None], layout: Layout, known: Mapping[str, Recognised]
 ) -> dict[str, Recognised | None]:
-    """Control signal and force of bollard tests, looked at together."""
     n, force = found["n"], found["force"]
     if n is None and force is not None:  # a throttle called thrust, beside a force with its unit
         free = [name for name in layout.names if name.lower().startswith("thrust") and name != force.source]
@@ -179,20 +162,15 @@ def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, g
     shared: list[Layout] = []
     own: list[list[Layout]] = []
     for layout in layouts:
-        group = next((one for one in (shared, *own) if all(_agree(layout, other) for other in one)), None)
+        groups = (part for part in (shared, *own) if all(_fits(layout, o) and _fits(o, layout) for o in part))
+        group = next(groups, None)
         if group is None:
             own.append(group := [])
         group.append(layout)
     named = []
     for group in own:
-        wanted = [file for layout in group for file in layout.files]
-        named.append((_names(wanted, files, folder), tuple(group)))
+        named.append((_names([file for layout in group for file in layout.files], files, folder), tuple(group)))
     return Maps(tuple(shared), tuple(named), given.join, given)
-
-
-def _agree(one: Layout, other: Layout) -> bool:
-    """Whether two layouts can be read by one map: no rule of the one means another column of the other."""
-    return _fits(one, other) and _fits(other, one)
 
 
 def _fits(one: Layout, other: Layout) -> bool:
@@ -208,47 +186,44 @@ def _fits(one: Layout, other: Layout) -> bool:
 
 
 def _names(wanted: Sequence[LogFile], every: Sequence[LogFile], folder: Path) -> tuple[str, ...]:
-    """Patterns that mean these files of all."""
-    top = folder.resolve()
-    inner = {file: Path(os.path.relpath(file.path.resolve(), top)).as_posix() for file in every}
-    places = places_of([inner[file] for file in wanted], list(inner.values()))
-    found = []
-    for place in places:
-        stray = [file for file in every if file not in wanted and matches(file.path, place)]
-        found.append(f"{top.name}/{place}" if stray else place)
-    return tuple(found)
+    inner = {file: _within(folder, file).as_posix() for file in every}
+    names = []
+    for place in places_of([inner[file] for file in wanted], list(inner.values())):
+        stray = any(file not in wanted and matches(file.path, place) for file in every)
+        names.append(f"{folder.resolve().name}/{place}" if stray else place)
+    return tuple(names)
+
+
+def _within(folder: Path, file: LogFile) -> Path:
+    return Path(os.path.relpath(file.path.resolve(), folder.resolve()))
 
 
 def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
-    """Which files of a folder are one log, by their names: those that hold what moves beside those that hold what
-    drives."""
-    moved = [layout for layout in kinds if _moves(layout) and not _drives(layout)]
-    driven = [one for one in kinds if not _moves(one) and (_drives(one) or _stands_beside(one, moved, folder))]
+    """Return which files of a folder are one log, by their names: those that hold what moves beside those that hold
+    what drives."""
+    moving = [layout for layout in kinds if _moves(layout) and not _drives(layout)]
+    main = [_within(folder, file) for layout in moving for file in layout.files]
+    driving = [
+        layout for layout in kinds if not _moves(layout) and (_drives(layout) or _goes_with(layout, main, folder))
+    ]
+    others = [_within(folder, file) for layout in driving for file in layout.files]
     found: dict[tuple[str, str], None] = {}
-    top = folder.resolve()
-    there = [(Path(os.path.relpath(f.path.resolve(), top)), one) for one in driven for f in one.files]
-    for layout in moved:
-        for file in layout.files:
-            own = Path(os.path.relpath(file.path.resolve(), top))
-            pairs = (_pattern(own, path) for path, _ in there)
-            pair = next((one for one in pairs if one), None)
-            beside = [path for path, _ in there if path.parent == own.parent]
-            if pair is None and len(beside) == 1:
-                pair = own.name, beside[0].name
-            if pair is not None:
-                found.setdefault(pair)
-    longest = max((_gap(one) for one in driven), default=0.0)
+    for path in main:
+        pair = next(filter(None, (_pattern(path, other) for other in others)), None)
+        near = [other for other in others if other.parent == path.parent]
+        if pair is None and len(near) == 1:
+            pair = path.name, near[0].name
+        if pair is not None:
+            found.setdefault(pair)
+    longest = max(map(_longest_gap, driving), default=0.0)
     age = OLDEST if longest < OLDEST else float(np.ceil(1.1 * longest))
     return tuple(Join(*pair, max_age_s=age) for pair in found)
 
 
-def _stands_beside(layout: Layout, moved: Sequence[Layout], folder: Path) -> bool:
+def _goes_with(layout: Layout, main: Sequence[Path], folder: Path) -> bool:
     """Whether each file with a clock stands, by its name, beside one that holds what moves: then it holds what drives,
     whatever that is called."""
-    top = folder.resolve()
-    theirs = [Path(os.path.relpath(file.path.resolve(), top)) for one in moved for file in one.files]
-    own = [Path(os.path.relpath(file.path.resolve(), top)) for file in layout.files]
-    paired = all(any(_pattern(other, mine) for other in theirs) for mine in own)
+    paired = all(any(_pattern(other, _within(folder, file)) for other in main) for file in layout.files)
     clock, signal = (recognise(quantity, layout.names, layout.seen) for quantity in ("time", "n"))
     return paired and clock is not None and not (layout.bollard and signal is not None)
 
@@ -262,7 +237,7 @@ def _drives(layout: Layout) -> bool:
     return not layout.bollard and (sides or any(is_called(dof.command, layout.names) for dof in DOFS.values()))
 
 
-def _gap(layout: Layout) -> float:
+def _longest_gap(layout: Layout) -> float:
     """The longest time [s] between two rows of a file that is written seldom; none of one that pauses now and then."""
     clock = recognise("time", layout.names, layout.seen)
     if clock is None:
@@ -276,10 +251,9 @@ def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
     """Patterns of two names that differ in one word: nav_*.csv and cmd_*.csv, or nav/*.csv and cmd/*.csv."""
     if one.name == other.name and one.parent.parent == other.parent.parent and one.parent != other.parent:
         return f"{one.parent.name}/*{one.suffix}", f"{other.parent.name}/*{other.suffix}"
-    if one.parent != other.parent:
-        return None
-    words = [re.split(r"([_\-. ]+)", stem_of(path.name)) for path in (one, other)]
-    if len(words[0]) != len(words[1]) or len(words[0]) < 3:
+    stems = [stem_of(path.name) for path in (one, other)]
+    words = [re.split(r"([_\-. ]+)", stem) for stem in stems]
+    if one.parent != other.parent or len(words[0]) != len(words[1]) or len(words[0]) < 3:
         return None
     differ = [i for i, (mine, theirs) in enumerate(zip(*words)) if mine != theirs]
     if len(differ) != 1:
@@ -287,21 +261,18 @@ def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
     i = differ[0]
     before = "*" + words[0][i - 1] if i else ""
     after = words[0][i + 1] + "*" if i + 1 < len(words[0]) else ""
-    endings = [path.name[len(stem_of(path.name)) :] for path in (one, other)]
+    endings = [path.name[len(stem) :] for path, stem in zip((one, other), stems)]
     return f"{before}{words[0][i]}{after}{endings[0]}", f"{before}{words[1][i]}{after}{endings[1]}"
 
 
 def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
-    """What each column does over several logs."""
-    whole: dict[str, Span] = {}
-    for one in seen:
-        for name, span in one.items():
-            whole[name] = whole[name] + span if name in whole else span
-    return whole
+    spans: dict[str, Span] = {}
+    for part in seen:
+        spans |= {name: spans[name] + span if name in spans else span for name, span in part.items()}
+    return spans
 
 
 def quantities_of(names: Iterable[str]) -> set[str]:
-    """What columns of these names hold by themselves."""
     return {CANONICAL[name].quantity for name in names if name in CANONICAL}
 
 
@@ -334,7 +305,7 @@ def layouts_of(
         clocks = maps_of([layout.clock for layout in apart], logs, folder, given).columns()
         logs = whole_logs(logs, given)
         beside = [layout.clock for layout in apart if not set(layout.files) & set(logs)]
-        seen |= {file: _layout_of(file, clocks) for file in logs if _is_joined(given, file)}
+        seen |= {file: _layout_of(file, clocks) for file in logs if any(join.places(file.path) for join in given.join)}
         seen = {file: seen[file] for file in logs}
     layouts = _recognised(seen.values(), given)
     ours = {file for layout in layouts if not layout.foreign for file in layout.files}
@@ -347,14 +318,6 @@ def layouts_of(
     maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *beside], files, folder, given)
     unread = {file: error for file, error in seen.items() if isinstance(error, LogError)}
     return Layouts(tuple(logs), tuple(layouts), maps, strangers, unread)
-
-
-def _is_joined(columns: ColumnMap, file: LogFile) -> bool:
-    """Whether other files are joined to a log, or would be if they were there."""
-    try:
-        return bool(columns.beside(file.path))
-    except LogError:
-        return True
 
 
 def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
@@ -402,27 +365,24 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
     The folder at the top is never one of them: results that are written into it later would be taken for logs.
     """
     left, found = set(wanted), []
-    for folder in _folders(everywhere):
+    folders = {"/".join(name.split("/")[:i]) for name in everywhere for i in range(1, name.count("/") + 1)}
+    for folder in sorted(folders, key=lambda folder: (folder.count("/"), folder)):  # outer ones first
+        if re.search(r"[*?[]", folder):
+            continue
         inside = {name for name in everywhere if name.startswith(f"{folder}/")}
         if inside and inside <= left:
             found.append(folder)
             left -= inside
     for glob in _globs(sorted(left)):
-        meant = {name for name in everywhere if _is_meant(name, glob)}
+        folder = glob.rpartition("/")[0]
+        meant = {name for name in everywhere if name.rpartition("/")[0] == folder and fnmatchcase(name, glob)}
         if len(meant & left) > 1 and meant <= set(wanted):
             found.append(glob)
             left -= meant
     return sorted([*found, *left])
 
 
-def _folders(names: Sequence[str]) -> list[str]:
-    """Folders that hold logs at any depth, outer ones first."""
-    found = {"/".join(name.split("/")[:i]) for name in names for i in range(1, name.count("/") + 1)}
-    return sorted((one for one in found if not re.search(r"[*?[]", one)), key=lambda one: (one.count("/"), one))
-
-
 def _globs(names: Sequence[str]) -> list[str]:
-    """Globs by ending and by the first word of a name, the wider ones first."""
     wide, narrow = [], []
     for name in names:
         folder, slash, last = name.rpartition("/")
@@ -434,8 +394,3 @@ def _globs(names: Sequence[str]) -> list[str]:
         if word and word[0] != stem:
             narrow += [f"{folder}{slash}{word[0]}*", f"{folder}{slash}{word[0]}*{ending}"]
     return list(dict.fromkeys([*wide, *narrow]))
-
-
-def _is_meant(name: str, glob: str) -> bool:
-    """Whether a glob means a name; a star stays within its folder."""
-    return name.rpartition("/")[0] == glob.rpartition("/")[0] and fnmatchcase(name, glob)

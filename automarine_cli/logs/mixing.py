@@ -14,7 +14,7 @@ and SRV_Channel.cpp (`pwm_from_angle`); libraries/AR_Motors/AP_MotorsUGV.cpp (`o
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +24,7 @@ from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
 from automarine_cli.logs.canonical import CANONICAL, COMMANDS, NORMALISED, names_of
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import LOGGED, Origin
+from automarine_cli.logs.streams import Stream
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 
@@ -149,12 +150,10 @@ def worked_back(
 
 
 def meaning(names: Sequence[str] | Mapping[str, Floats]) -> str:
-    """`tau (clockwise from above), X (ahead), from -1 to 1`."""
     return f"{', '.join(f'{name} ({SIGNS[name]})' for name in names)}, from -1 to 1,"
 
 
 def refuse_lacking(source: str, lacking: Sequence[str]) -> None:
-    """Raise Unclear where parameters are lacking."""
     if lacking:
         raise Unclear(
             f"{source} would tell it, but the log does not hold the parameter{'s' * (len(lacking) > 1)} "
@@ -199,7 +198,25 @@ def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Paramete
 
     `source` is what the file calls the outputs.
     """
-    return worked_back(source, time, pulses, {name: told for name, told in known.items() if _drives(name)}, part_of)
+    ends = ("_FUNCTION", "_MIN", "_MAX", "_TRIM", "_REVERSED", "_DIRECTION")
+    driving = {
+        name: told
+        for name, told in known.items()
+        if name == "FRAME_CONFIG" or (name.startswith(("SERVO", "MOT_")) and name.endswith(ends))
+    }
+    return worked_back(source, time, pulses, driving, part_of)
+
+
+def with_pulses(
+    stream: Stream | None, name: str, fields: Mapping[str, Floats], known: Parameters, columns: ColumnMap
+) -> tuple[Stream | None, Asked]:
+    """Return a stream of ArduPilot's outputs, fields of which the name holds the number, with what was asked of the
+    vehicle, unless a column map names a command itself."""
+    if stream is None or is_commanded_by(columns):
+        return stream, Asked()
+    pulses = {int("".join(filter(str.isdigit, key))): values for key, values in fields.items()}
+    asked = asked_of_pulses(name, stream.time, pulses, known)
+    return replace(stream, columns={**stream.columns, **asked.columns}), asked
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -209,12 +226,6 @@ def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     kept = inverse @ factors
     found = np.abs(kept - np.eye(len(kept)))[ROW].max(axis=1) < ROUNDING
     return inverse[ROW] * np.array([[1.0], [1.0], [1.0], [-1.0]]), found  # ArduPilot counts up, SNAME down
-
-
-def _drives(name: str) -> bool:
-    """Whether a parameter has a part in how outputs are read."""
-    ends = ("_FUNCTION", "_MIN", "_MAX", "_TRIM", "_REVERSED", "_DIRECTION")
-    return name == "FRAME_CONFIG" or (name.startswith(("SERVO", "MOT_")) and name.endswith(ends))
 
 
 def part_of(source: str, channels: Channels, values: Values) -> Part:
@@ -248,7 +259,6 @@ def part_of(source: str, channels: Channels, values: Values) -> Part:
 
 
 def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Sequence[str]) -> Part:
-    """ArduSub's frame."""
     number = int(values["FRAME_CONFIG"])
     if number not in FRAMES:
         name = "custom" if number == CUSTOM else "not one that we know"

@@ -76,7 +76,6 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def _text_bytes(column: Any) -> int:
-    """Bytes of a text column with each cell written out."""
     total = 0
     for chunk in column.chunks:
         if pa.types.is_dictionary(chunk.type):
@@ -95,7 +94,6 @@ def _readable(field: pa.Field) -> bool:
 
 
 def _plain(array: pa.ChunkedArray) -> pa.ChunkedArray:
-    """float64, timestamp or binary text."""
     if pa.types.is_dictionary(array.type):
         array = pc.cast(array, array.type.value_type)
     if pa.types.is_timestamp(array.type):

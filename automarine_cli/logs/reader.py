@@ -27,8 +27,6 @@ OR_EMPTY = "Correct the cell, or leave it empty if the value is missing"
 
 @dataclass(frozen=True)
 class _Use:
-    """One quantity taken from one column of the file."""
-
     canonical: Canonical
     index: int
     rule: ColumnRule

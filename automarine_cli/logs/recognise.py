@@ -69,7 +69,6 @@ def is_pulses(name: str, one: Span) -> bool:
 
 
 def pulses(seen: Mapping[str, Span]) -> tuple[str, ...]:
-    """Columns that may be pulses to thrusters."""
     return tuple(name for name, one in seen.items() if name not in CANONICAL and is_pulses(name, one))
 
 
@@ -120,22 +119,9 @@ EXACT = {
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
 ABOUT = {
-    "n",
-    "cmd",
-    "command",
-    "pwm",
-    "rpm",
-    "rps",
-    "us",
-    "esc",
-    "thruster",
-    "motor",
-    "throttle",
-    "thr",
-    "effort",
-    "pct",
+    "n", "cmd", "command", "pwm", "rpm", "rps", "us", "esc", "thruster", "motor", "throttle", "thr", "effort", "pct",
     "percent",
-}
+}  # fmt: skip
 """Words in names of thruster commands that do not say which thruster it is."""
 UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "percent", *FORCE}
 
@@ -159,8 +145,11 @@ class Recognised:
 
     @property
     def as_named(self) -> bool:
-        """Whether the file's own name says it all."""
         return self.source == self.key and self.unit is None and not self.open and not self.more
+
+    @property
+    def neutral(self) -> float:
+        return self.more.get("subtract", 0)  # type: ignore[return-value]
 
     @property
     def rule(self) -> dict[str, object]:
@@ -204,7 +193,6 @@ def words_of(name: str) -> list[str]:
 
 
 def _named_exactly(quantity: str, source: str) -> bool:
-    """Whether the name, without its unit, is a word for the quantity."""
     words = words_of(source)
     if quantity == "voltage" and len(words) > 1 and words[-1] in ("v", "mv", "volt", "volts"):
         return True
@@ -230,12 +218,8 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
     fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
     fits = fits or [u for u in ("s", "ms", "us") if FASTEST_OF_ALL <= step * UNITS["time"][u] <= SLOWEST_OF_ALL]
     told = _told(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
-    unit = told if told in fits or not fits else fits[0]
-    key = f"time_{unit or 's'}"
-    if len(fits) == 1 and told in (None, fits[0]):
-        return Recognised(key, source, seen)
-    if told in fits:
-        return Recognised(key, source, seen)
+    if told in fits or (len(fits) == 1 and told is None):
+        return Recognised(f"time_{told or fits[0]}", source, seen)
     if told is not None and fits:
         why = f"the name says {told}, the samples say {' or '.join(fits)}"
     else:
@@ -284,7 +268,7 @@ def _moment(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _force(quantity: str, source: str, span: Span) -> Recognised:
-    told = _told(source, FORCE) if source not in CANONICAL else UNITS_OF_KEYS[source]
+    told = _told(source, FORCE) if source not in CANONICAL else CANONICAL[source].unit
     if told is None and words_of(source)[-1:] in (["v"], ["mv"], ["volts"]):
         why = f'volts of a load cell? Then write {{ from = "{source}", scale = NEWTONS_PER_VOLT }}'
         return Recognised("force_N", source, _range(span), open=why)
@@ -307,7 +291,6 @@ def _voltage(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _speed(quantity: str, source: str, span: Span) -> Recognised:
-    """A speed of the body with the unit that its name tells."""
     key, words = names_of(quantity)[0], words_of(source)
     if source == key:
         return Recognised(key, source, _range(span))
@@ -318,18 +301,17 @@ def _speed(quantity: str, source: str, span: Span) -> Recognised:
 
 def _signal(quantity: str, source: str, span: Span) -> Recognised:
     """A control signal: as it is, pulses about a neutral, or one of which neutral or direction is open."""
-    key, seen = source if source in CANONICAL else names_of(quantity)[0], _range(span)
+    plain = _plain(quantity, source, span)
     low, high = span.low, span.high
     if is_pulses(source, span):
-        return Recognised(key, source, f"{seen}, pulses about 1500", "us", more={"subtract": PULSES[1]})
+        return replace(plain, seen=f"{plain.seen}, pulses about 1500", unit="us", more={"subtract": PULSES[1]})
     if low >= 0 and 0 < span.middle < high and abs(span.middle - (low + high) / 2) <= 0.02 * (high - low):
         why = f"never below 0, mostly {span.middle:.4g}: which value stops the thruster, 0 or {span.middle:.4g}?"
-        return Recognised(key, source, seen, open=why, more={"subtract": span.middle}, ask="subtract")
-    unit = unit_in(source)
-    if low >= 0 and unit in ("rpm", "rev/s") and quantity != "n":
+        return replace(plain, open=why, more={"subtract": span.middle}, ask="subtract")
+    if low >= 0 and unit_in(source) in ("rpm", "rev/s") and quantity != "n":
         why = "never below 0: the column whose sign says which way it turns; its own name if it never reverses"
-        return Recognised(key, source, seen, open=why, more={"sign_from": source}, ask="sign_from")
-    return Recognised(key, source, seen)
+        return replace(plain, open=why, more={"sign_from": source}, ask="sign_from")
+    return plain
 
 
 def _plain(quantity: str, source: str, span: Span) -> Recognised:
@@ -337,19 +319,16 @@ def _plain(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _name(quantity: str, unit: str) -> str:
-    """The canonical name of a quantity in a unit."""
     return next(name for name in names_of(quantity) if CANONICAL[name].unit == unit)
 
 
 def _told(source: str, words: Mapping[str, str]) -> str | None:
-    """The unit that a name says."""
     if source in CANONICAL and CANONICAL[source].unit != TIMESTAMP:
         return CANONICAL[source].unit
     found = words_of(source)
     return next((words[word] for word in reversed(found) if word in words and (len(found) > 1 or len(word) > 3)), None)
 
 
-UNITS_OF_KEYS = {name: one.unit for name, one in CANONICAL.items()}
 _JUDGES = {
     "time": _time,
     "force": _force,
@@ -389,13 +368,10 @@ def directed(
         near = np.abs(signal - middle) <= LITTLE * np.ptp(signal) / 2
         rests = near.any() and np.abs(pull[near]).max() < LITTLE * np.abs(pull).max()
         n = _about(n, middle, middle, middle) if rests else replace(n, open="", ask="", more={})
-    neutral = n.more.get("subtract", 0.0)
-    assert isinstance(neutral, int | float)
-    return n, _signed(force, n, signal - neutral, pull)
+    return n, _signed(force, n, signal - n.neutral, pull)
 
 
 def _both_ways(values: Floats) -> bool:
-    """Whether values go beyond noise to both sides of zero."""
     largest = float(np.abs(values).max(initial=0.0))
     return bool(values.min() < -LITTLE * largest and values.max() > LITTLE * largest)
 
@@ -426,7 +402,6 @@ def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
 
 
 def _turned_by(n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]) -> Recognised:
-    """The unsigned signal with the sign of a command beside it that goes the way of the force, else of the force."""
     pull, other = columns[force.source], _signed_by(force.source, 0)
     strong = np.abs(pull) > LITTLE * np.nanmax(np.abs(pull))
     for name, values in columns.items():
@@ -447,9 +422,7 @@ def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> R
     back = signal < -LITTLE * np.abs(signal).max()
     if pull.min() >= -LITTLE * pull.max() and pull[back].max(initial=0.0) > LITTLE * pull.max():
         told = f"{force.seen}, one sign while {n.source} goes both ways: unsigned"
-        neutral = n.more.get("subtract", 0)
-        assert isinstance(neutral, int | float)
-        return replace(force, seen=told, more={"sign_from": _signed_by(n.source, neutral)})
+        return replace(force, seen=told, more={"sign_from": _signed_by(n.source, n.neutral)})
     if np.sum(signal * np.abs(signal) * pull) < 0:
         why = f"negative while {n.source} drives ahead: -1 if ahead is logged as negative force"
         return replace(force, open=why, more={"sign": -1}, ask="sign")
@@ -457,5 +430,4 @@ def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> R
 
 
 def _signed_by(name: str, neutral: float) -> object:
-    """The value of `sign_from`."""
     return {"from": name, "subtract": neutral} if neutral else name

@@ -62,7 +62,9 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
                 whole = False
                 break
             counted[topic] += 1
-            if encoding == "json" and _is_wanted_topic(topic, asked):
+            prefixes = (f"{topic}.", f"{_mavlink(topic) or topic}.")
+            wanted = _mavlink(topic) in MAVLINK_OWN or any(source.startswith(prefixes) for source in asked)
+            if encoding == "json" and wanted:
                 found = json.loads(data)
                 if isinstance(found, dict):
                     rows.setdefault(topic, []).append((stamp / 1e9, found))
@@ -92,13 +94,6 @@ def _mavlink(topic: str) -> str:
     """The message of a topic of MAVLink, "" for another; single fields have topics of their own, which are not read."""
     parts = topic.split("/")
     return parts[3] if topic.startswith(ROOT) and len(parts) == 4 else ""
-
-
-def _is_wanted_topic(topic: str, asked: set[str]) -> bool:
-    name = _mavlink(topic)
-    return name in MAVLINK_OWN or any(
-        source.startswith((f"{topic}.", f"{name}." if name else f"{topic}.")) for source in asked
-    )
 
 
 def _json_recording(
@@ -190,7 +185,6 @@ Getter = Callable[[Any], Any]
 LONGEST_ARRAY = 16  # numbers of an array that become columns
 DEEPEST = 6  # messages within messages
 NUMBERS = ("bool", "float", "int", "uint", "octet", "byte", "char")
-NAN = float("nan")
 Fields = dict[str, NDArray[Any]]
 
 
@@ -263,8 +257,13 @@ def _topics(bag: Any, wanted: list[Any], one: bool, asked: set[str]) -> Iterable
             stamps.append(stamp)
             messages.append(read_one(raw, link.msgtype))
     for topic, (kind, stamps, messages) in found.items():
-        serves = partial(_serves, topic, kind, asked)
-        fields = _columns(getters(store.fielddefs, kind, messages[0], serves), messages)
+        getters = _inside(store.fielddefs, kind, "", messages[0], 0)
+        columns = {
+            name: np.array([get(message) for message in messages])
+            for name, get in getters
+            if _serves(topic, kind, asked, name)
+        }
+        fields = {name: c if c.dtype.kind == "U" else c.astype(np.float64) for name, c in columns.items()}
         seconds, rest = fields.pop("header.stamp.sec", None), fields.pop("header.stamp.nanosec", None)
         none = np.full(len(stamps), np.nan)
         stamped = none if seconds is None or rest is None else np.where(seconds > 0, seconds + rest / 1e9, np.nan)
@@ -279,11 +278,6 @@ def _serves(topic: str, kind: str, asked: set[str], path: str) -> bool:
         return path == NOT_MEASURED or path.rpartition(".")[0] in POSES[kind]
     own = {STATE: ("mode", "armed"), BATTERY: ("voltage",)}
     return path in own[kind] if kind in own else kind.startswith(STANDARD) and not path.startswith("layout.")
-
-
-def _columns(found: Mapping[str, Getter], messages: list[Any]) -> Fields:
-    columns = {name: np.array([get(message) for message in messages]) for name, get in found.items()}
-    return {name: c if c.dtype.kind == "U" else c.astype(np.float64) for name, c in columns.items()}
 
 
 def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) -> Recording:
@@ -344,12 +338,8 @@ def _clocks(turning: list[Topic]) -> tuple[float, list[str]]:
     return shift, [f"the stamps are {shift:+.3f} s from the recorder's clock; its times are moved by that"]
 
 
-def getters(types: Mapping[str, Any], kind: str, first: Any, wanted: Callable[[str], bool]) -> dict[str, Getter]:
-    """Path -> getter, for every wanted number and word of a message type; `first` shows how long its arrays are."""
-    return {path: get for path, get in _inside(types, kind, "", first, 0) if wanted(path)}
-
-
 def _inside(types: Mapping[str, Any], kind: str, prefix: str, first: Any, depth: int) -> Iterator[tuple[str, Getter]]:
+    """Path and getter of every number and word of a message type; `first` shows how long its arrays are."""
     for name, (node, about) in types[kind][1]:
         path = f"{prefix}{name}"
         if node.name == "BASE" and (about[0].startswith(NUMBERS) or about[0] == "string"):
@@ -359,15 +349,11 @@ def _inside(types: Mapping[str, Any], kind: str, prefix: str, first: Any, depth:
         elif node.name in ("ARRAY", "SEQUENCE"):
             (inner, what), _ = about
             if inner.name == "BASE" and what[0].startswith(NUMBERS):
-                values = attrgetter(path)(first)
-                yield from ((f"{path}[{i}]", _element(path, i)) for i in range(min(len(values), LONGEST_ARRAY)))
+                values = attrgetter(path)
+                for i in range(min(len(values(first)), LONGEST_ARRAY)):
+                    yield f"{path}[{i}]", partial(_element, values, i)
 
 
-def _element(path: str, i: int) -> Getter:
-    whole = attrgetter(path)
-
-    def get(message: Any) -> Any:
-        values = whole(message)
-        return values[i] if i < len(values) else NAN
-
-    return get
+def _element(values: Getter, i: int, message: Any) -> Any:
+    array = values(message)
+    return array[i] if i < len(array) else np.nan

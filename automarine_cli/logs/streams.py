@@ -85,7 +85,6 @@ def named(codes: NDArray[Any], names: Mapping[int, object], other: str = "{}") -
 
 
 def arming(armed: NDArray[np.bool_]) -> NDArray[np.str_]:
-    """`armed` or `disarmed`, shape (N,)."""
     return np.where(armed, "armed", "disarmed")
 
 
@@ -164,8 +163,13 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     }
     bollard = _is_bollard(streams, also, columns)
     if bollard:  # nothing turns in it, though a compass may have been on
-        streams = [one for one in map(_without_heading, streams) if one.columns]
-        also = {name: column for name, column in also.items() if column not in names_of("heading")}
+        headings = names_of("heading")
+        streams = [
+            replace(stream, columns={name: c for name, c in stream.columns.items() if name not in headings})
+            for stream in streams
+            if stream.columns.keys() - set(headings)
+        ]
+        also = {name: column for name, column in also.items() if column not in headings}
     master = _master(streams, also, columns, bollard)
     if master is None:
         there = f"found the {found.kind} {listed(found.holds)}" if found.holds else f"it holds no {found.kind}"
@@ -202,18 +206,12 @@ def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnM
 
 
 def _is_bollard(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> bool:
-    """Whether the file holds what the column map calls control signal and force, and nothing it calls a command."""
     there = {name for stream in streams for name in stream.columns} | set(also)
     named = {
         CANONICAL[name].quantity for name, rule in columns.columns.items() if name in CANONICAL and rule.source in there
     }
     commands = {name for dof in DOFS.values() for name in (dof.command, *dof.thrusters)}
     return named >= {"n", "force"} and not named & commands
-
-
-def _without_heading(stream: Stream) -> Stream:
-    kept = {name: c for name, c in stream.columns.items() if name not in names_of("heading")}
-    return replace(stream, columns=kept)
 
 
 def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
@@ -258,7 +256,6 @@ def _array(values: Floats) -> pa.ChunkedArray:
 
 
 def _age(stream: Stream, master: Stream, held: NDArray[np.int64], interpolated: bool) -> str:
-    """`RCOU 0.01 s old in the median, 0.1 s at most`."""
     name, known = printable(stream.name), held >= 0
     if not known.any():
         return f"{name} begins only after the last row"

@@ -123,19 +123,11 @@ def _name_of(quantity: str, table: LogTable) -> str:
 
 
 def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
-    """The columns as CSV behind a line of comment: every digit that a number has, a missing one empty."""
-    names = ",".join(_quoted(name) for name in columns)
-    rows = zip(*([_quoted(v) for v in c] if isinstance(c, list) else _cells(c) for c in columns.values()))
-    return "\n".join([f"# {comment}", names, *map(",".join, rows), ""])
+    """Return the columns as CSV behind a line of comment: every digit that a number has, a missing one empty."""
+    import pandas as pd  # here, as whoever only reads logs needs none of it
 
-
-def _cells(values: Floats) -> Sequence[str]:
-    return ["" if value != value else repr(value).removesuffix(".0") for value in values.tolist()]
-
-
-def _quoted(text: str) -> str:
-    special = any(character in text for character in ',"\n\r;\t') or text[:1] in ("#", " ")
-    return '"' + text.replace('"', '""') + '"' if special else text
+    frame, number = pd.DataFrame(columns), lambda value: repr(float(value)).removesuffix(".0")
+    return f"# {comment}\n" + frame.to_csv(index=False, lineterminator="\n", float_format=number)
 
 
 MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean

@@ -5,8 +5,8 @@ has them: the station's hold the delays of the link. All messages of one kind ar
 looked at, at once. Source: MAVLink 1 and 2, packet serialisation; CRC-16/MCRF4XX.
 """
 
+import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.mixing import Asked, asked_of_pulses, is_commanded_by, parameters
+from automarine_cli.logs.mixing import Asked, parameters, with_pulses
 from automarine_cli.logs.streams import (
     Recording,
     Stream,
@@ -73,12 +73,11 @@ def _messages(data: bytes, known: Mapping[int, Any]) -> tuple[dict[str, Message]
         good = packets.sound(kind.crc_extra)
         bad += len(starts) - int(np.count_nonzero(good))
         if good.any():
-            found[kind.msgname] = packets.only(good).fields(kind)
+            found[kind.msgname] = _Packets(whole, packets.at[good]).fields(kind)
     return of_the_vehicle(found), bad
 
 
 def _indexed(data: bytes, known: Mapping[int, Any]) -> dict[int, list[int]]:
-    """Where the stamps of the packets of each kind begin."""
     places: dict[int, list[int]] = {}
     at, end = 0, len(data)
     while at + STAMP + 8 <= end:
@@ -109,10 +108,6 @@ class _Packets:
         self.head = np.where(whole[at + STAMP] == 0xFD, 10, 6)
         self.length = whole[at + STAMP + 1].astype(np.int64)
 
-    def only(self, chosen: NDArray[np.bool_]) -> "_Packets":
-        """Some of them."""
-        return _Packets(self.whole, self.at[chosen])
-
     def _bytes(self, start: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
         return self.whole[np.minimum((self.at + start)[:, None] + np.arange(count), len(self.whole) - 1)]
 
@@ -131,9 +126,8 @@ class _Packets:
         return crc == written[:, 0] | written[:, 1] << 8
 
     def fields(self, kind: Any) -> Message:
-        """The fields that are single numbers or words, and who sent them."""
-        characters = kind.unpacker.format[1:]
-        layout = np.dtype([(key, _type(c)) for key, c in zip(kind.ordered_fieldnames, _one_a_field(characters))])
+        types = re.findall(r"(\d*)(\D)", kind.unpacker.format[1:])  # I16sB: I, 16s, B
+        layout = np.dtype([(key, _type(*parts)) for key, parts in zip(kind.ordered_fieldnames, types)])
         content = self._bytes(STAMP + self.head, layout.itemsize)
         content[np.arange(layout.itemsize) >= self.length[:, None]] = 0
         table = np.ascontiguousarray(content).view(layout)[:, 0]
@@ -148,24 +142,10 @@ class _Packets:
         return {"received": stamps / 1e6, "sender": sender + component, **found}
 
 
-def _one_a_field(characters: str) -> list[str]:
-    """`I16sB` -> I, 16s, B."""
-    found, count = [], ""
-    for character in characters:
-        if character.isdigit():
-            count += character
-        else:
-            found.append(count + character)
-            count = ""
-    return found
-
-
-def _type(character: str) -> str:
+def _type(count: str, character: str) -> str:
     """The numpy type of a field; an array of numbers counts as bytes, which are not looked at."""
-    if character[:-1] and character[-1] == "s":
-        return f"S{character[:-1]}"
-    if character[:-1]:
-        return f"V{int(character[:-1]) * np.dtype(character[-1]).itemsize}"
+    if count:
+        return f"S{count}" if character == "s" else f"V{int(count) * np.dtype(character).itemsize}"
     return f"<{np.dtype(character).str[1:]}"
 
 
@@ -195,12 +175,10 @@ def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[
         if name == SERVOS:
             fields = {key: values for key, values in fields.items() if key != "port" and values.any()}
         stream = taken(name, _clock(message, starts), fields, TAKEN.get(name, {}), columns, keep=name == SERVOS)
-        if name == SERVOS and stream is not None and not is_commanded_by(columns):
-            pulses = {int(key.removeprefix("servo").removesuffix("_raw")): values for key, values in fields.items()}
+        if name == SERVOS:
             told = messages.get("PARAM_VALUE")
             known = parameters(told["param_id"], told["received"], told["param_value"]) if told else {}
-            asked = asked_of_pulses(name, stream.time, pulses, known)
-            stream = replace(stream, columns={**stream.columns, **asked.columns})
+            stream, asked = with_pulses(stream, name, fields, known, columns)
         streams += [] if stream is None else [stream]
     if "HEARTBEAT" in messages:
         beat = messages["HEARTBEAT"]

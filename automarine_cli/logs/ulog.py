@@ -112,8 +112,9 @@ def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known
             fields["heading"] = yaw_of(w, x, y, z) % (2 * np.pi)
             own = own if "vehicle_angular_velocity" in topics else {**own, **BEFORE}
         commands = bool(motors) and name.partition("[")[0] == motors
-        if commands:
-            fields = _commands(fields)
+        if commands:  # PX4 says by NaN that a motor is stopped
+            fields = {key: np.nan_to_num(c) for key, c in fields.items() if key.startswith(("control[", "output["))}
+            fields = {key: values for key, values in fields.items() if np.any(values)}
         stream = taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands)
         if stream is not None and name == MOTORS[0]:
             stream = replace(stream, columns={**stream.columns, **asked.columns})
@@ -179,9 +180,3 @@ def _clock(data: Mapping[str, NDArray[Any]], sampled: bool = False) -> Floats:
     """Seconds since the vehicle started, shape (N,): when a sensor was read, if that is told, else when it was told."""
     stamps = data.get("timestamp_sample", data["timestamp"]) if sampled else data["timestamp"]
     return np.asarray(stamps if np.all(stamps > 0) else data["timestamp"], dtype=np.float64) / 1e6
-
-
-def _commands(fields: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Commands of the motors that are there; PX4 says by NaN that a motor is stopped."""
-    named = {key: values for key, values in fields.items() if key.startswith(("control[", "output["))}
-    return {key: np.nan_to_num(values) for key, values in named.items() if np.any(np.nan_to_num(values))}

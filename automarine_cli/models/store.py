@@ -169,7 +169,8 @@ def _effects(
 
 
 def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tuple[float, ...]:
-    effect, keys = effects.get(entry.name), [parameter.name_in(dof) for parameter in effects.get(entry.name).parameters]
+    effect = effects.get(entry.name)
+    keys = [dof.fill(parameter.name) for parameter in effect.parameters]
     for key in entry.parameters:
         if key not in keys:
             raise codec.refusal(place, f"unknown key {told(key)}; {entry.name} takes {', '.join(keys) or 'none'}")

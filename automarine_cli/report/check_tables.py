@@ -56,7 +56,8 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
     rows = []
     for run in runs:
         turn, dropped = run.half_turn, ("missing", "duplicates", "glitches")
-        part = turn and f"{turn.kept_samples} samples, {turn.gone:.0f} {dof.units.shown} of {number(turn.moment, 3)}"
+        gone = f"{turn[f'{dof.words.gone_key}_{dof.units.key}']:.0f} {dof.units.shown}" if turn else ""
+        part = turn and f"{turn['kept_samples']} samples, {gone} of {number(turn[dof.words.force], 3)}"
         rows.append({
             "run": run.run,
             "samples": run.samples,
@@ -69,7 +70,7 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             "levels": _levels(run.levels),
             "turns" if dof.wraps else dof.units.base: number(run.extent, 2),
             "kept of the step": part,
-            "cut by": turn and turn.cut_by,
+            "cut by": turn and turn["cut_by"],
             f"no {dof.words.step} because": run.why and run.why.split(":")[0],
         })  # fmt: skip
     return Table.of(f"{dof.name.capitalize()} runs", rows, _notes(runs, dof)).without_empty_columns()

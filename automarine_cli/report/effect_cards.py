@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects import Effect, Parameter
-from automarine_cli.effects.base import EVEN, MIXED, ODD, ParameterCard
+from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, number
 
@@ -91,7 +91,7 @@ def _card(effect: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
     return (sentences, Table("Parameters", header, rows, notes=(note,)))
 
 
-def _parameter_row(card: ParameterCard, parameter: Parameter, shape: bool, dof: Dof) -> tuple[str, ...]:
+def _parameter_row(card: Parameter, parameter: Parameter, shape: bool, dof: Dof) -> tuple[str, ...]:
     return (
         card.name,
         card.meaning,

@@ -36,7 +36,7 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
     dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     fits: Mapping[str, DragFit] = {} if fit.seed_method is None else fit.seed_method.drag
-    quadratic, linear = Math(symbols.quadratic_print, symbols.quadratic_math), Math(symbols.linear, symbols.linear_math)
+    quadratic, linear = Math(symbols.quadratic_print, symbols.quadratic_math), Math(symbols.linear, symbols.linear)
     of = {quadratic: symbols.quadratic, linear: symbols.linear}
     rows = [
         *(_row(symbol, fits, partial(_value, key)) for symbol, key in of.items()),
@@ -121,9 +121,9 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     below."""
     dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     tables = {} if fit.seed_method is None else fit.seed_method.inertia
-    inertia = Math(symbols.inertia, symbols.inertia_math)
+    inertia = Math(symbols.inertia, symbols.inertia)
     ratio = Math(
-        f"{symbols.inertia}/{symbols.quadratic_print}", f"{symbols.inertia_math}/{symbols.quadratic_math}",
+        f"{symbols.inertia}/{symbols.quadratic_print}", f"{symbols.inertia}/{symbols.quadratic_math}",
         f" [{dof.units.base}]",
     )  # fmt: skip
     rows = [

@@ -51,7 +51,6 @@ class AllocationLimit:
 
     @property
     def sentence(self) -> str:
-        """One clear sentence."""
         percent = f"{100 * self.share:.2g}" if self.share < 0.1 else f"{100 * self.share:.0f}"
         held = listed(f"{name} at its limit of {limit:.4g}" for name, limit in self.thrusters.items())
         return (
@@ -62,7 +61,6 @@ class AllocationLimit:
 
     @property
     def warning(self) -> str:
-        """The same to begin with a capital and end with a stop."""
         return f"T{self.sentence[1:]}."
 
     def to_json(self) -> dict[str, object]:
@@ -162,31 +160,29 @@ def limit_of(law: Law, several: Sequence[Commanded], unit: str) -> AllocationLim
 def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
     """The runs of one campaign driven by what their thrusters gave, where that is not what was commanded, which the
     notes of each tell; and what all of them together asked beyond the limits."""
-    kept, found = list(runs), []
+    limited, limits = list(runs), []
     for dof in DOFS.values():
-        asked = {i: one for i, run in enumerate(runs) for one in commanded(run) if one.dof is dof}
+        asked = {i: part for i, run in enumerate(runs) for part in commanded(run) if part.dof is dof}
         law = law_of([*asked.values()]) if asked else None
         unit = runs[0].moment_unit if dof is runs[0].dof else dof.units.forces[1]
-        whole = None if law is None else limit_of(law, [*asked.values()], unit)
-        if law is None or whole is None:
+        limit = None if law is None else limit_of(law, [*asked.values()], unit)
+        if law is None or limit is None:
             continue
-        found.append(whole)
-        kept = [_limited(run, asked[i], law, whole.unit) if i in asked else run for i, run in enumerate(kept)]
-    return kept, tuple(found)
-
-
-def _limited(run: Run, one: Commanded, law: Law, unit: str) -> Run:
-    """A run driven by what its thrusters gave."""
-    short = law.short(one.total, one.single)
-    if not short.any():
-        return run
-    total = np.where(short, law.given(one.single), one.total)
-    own = limit_of(law, [one], unit)
-    told = () if own is None else (own.sentence,)
-    run = replace(run, notes=(*run.notes, *told), reading=(*run.reading, *told))
-    if one.dof is run.dof:
-        return run if ASKED in run.extras else replace(run, moment=total)
-    return replace(run, extras={**run.extras, one.dof.command: total})
+        limits.append(limit)
+        for i, part in asked.items():
+            short, run = law.short(part.total, part.single), limited[i]
+            if not short.any():
+                continue
+            of_run = limit_of(law, [part], unit)
+            notes = () if of_run is None else (of_run.sentence,)
+            run = replace(run, notes=(*run.notes, *notes), reading=(*run.reading, *notes))
+            total = np.where(short, law.given(part.single), part.total)
+            if dof is not run.dof:
+                run = replace(run, extras={**run.extras, dof.command: total})
+            elif ASKED not in run.extras:
+                run = replace(run, moment=total)
+            limited[i] = run
+    return limited, tuple(limits)
 
 
 def _terms(single: Floats, exponent: float) -> Floats:
@@ -196,7 +192,6 @@ def _terms(single: Floats, exponent: float) -> Floats:
 
 
 def _limits(single: Floats, end: np.ufunc) -> Floats:
-    """The largest commands (T,) one way, infinite where they are no plateau."""
     limit = end(end.reduce(single, axis=0), 0.0)
     plateau = (np.abs(single - limit) <= 1e-9 * np.abs(limit)).sum(axis=0) >= FEWEST
     endless = np.inf if end is np.maximum else -np.inf

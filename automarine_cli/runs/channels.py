@@ -223,7 +223,6 @@ def _stuck_at(run: Run, quantity: str) -> float | None:
 
 
 def _freed(time: Floats, *columns: Floats) -> list[Floats]:
-    """Columns (..., n) less the line that fits each best."""
     centred = time - time.mean()
     square = float(centred @ centred)
     return [c - c.mean(axis=-1, keepdims=True) - (c @ centred / square)[..., None] * centred for c in columns]
@@ -298,7 +297,6 @@ def _delay(moving: Sequence[Stretch], scale: float | None) -> tuple[float, float
 
 
 def _lowest(at: Floats, values: Floats) -> float:
-    """Where values on an even grid are lowest, by the parabola through the lowest three."""
     i = int(np.clip(values.argmin(), 1, len(at) - 2))
     before, here, after = values[i - 1 : i + 2]
     bend = before - 2.0 * here + after
@@ -306,7 +304,6 @@ def _lowest(at: Floats, values: Floats) -> float:
 
 
 def _scale(moving: Sequence[Stretch], late: float) -> tuple[float, float, float]:
-    """Correlation, scale and its standard error, each stretch counting by its motion."""
     products = []
     for one in moving:
         position, summed = _freed(one.time, one.position, _ahead(one, np.array([late]))[0])
@@ -385,17 +382,16 @@ class ChannelChoice:
 
     def cleaned(self, run: Run) -> Run:
         """The run without readings of a sensor that is stuck in it."""
-        if run.name not in self.stuck:
-            return run
-        extras = {name: column for name, column in run.extras.items() if name != run.dof.velocity}
-        return replace(run, extras=extras)
+        return _without_velocity(run) if run.name in self.stuck else run
 
     def believed(self, run: Run) -> Run:
         """The run without a velocity that does not count, if only some sensors do."""
-        if self.names is None or (run.dof.velocity in self.names and run.name not in self.stuck):
-            return run
-        extras = {name: column for name, column in run.extras.items() if name != run.dof.velocity}
-        return replace(run, extras=extras)
+        counts = self.names is None or (run.dof.velocity in self.names and run.name not in self.stuck)
+        return run if counts else _without_velocity(run)
+
+
+def _without_velocity(run: Run) -> Run:
+    return replace(run, extras={name: column for name, column in run.extras.items() if name != run.dof.velocity})
 
 
 NOTHING_TO_CHOOSE = ChannelChoice()
@@ -438,8 +434,13 @@ def choose_channels(runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_p
     trouble = trouble_of(found, dof, late_position) if logged else ""
     velocity = dof.velocity in named if named else wanted == ALL or not trouble
     position = logged and (named is None or dof.position in named)
-    why = trouble or (_stuck_in(found, dof) if velocity else "") if velocity or named is None else _not_asked()
-    of_position = "" if position else _not_asked() if logged else _summed_up(dof)
+    not_asked = "It was not asked for (--channels)."
+    summed_up = (
+        f"The logs hold no {dof.words.position}: shown is the sum of the {dof.words.rate}, by which runs are trimmed, "
+        "and which is no evidence."
+    )
+    why = trouble or (_stuck_in(found, dof) if velocity else "") if velocity or named is None else not_asked
+    of_position = "" if position else not_asked if logged else summed_up
     verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
     names = tuple(one.quantity for one in verdicts if one.used)
     return ChannelChoice(verdicts, names, frozenset(found.stuck))
@@ -476,7 +477,16 @@ def trouble_of(found: Agreement, dof: Dof, late_position: bool = False) -> str:
     off = abs(found.scale - 1.0) > max(LEAST_SCALE, SURE * found.scale_error)
     late = abs(found.late) > max(LEAST_LATE * found.period, SURE * found.late_error)
     if late and (found.clock or not off):
-        return "" if late_position and found.late < 0 else _clock(found.late, dof)
+        if late_position and found.late < 0:
+            return ""
+        way, cause, mend = "late against", "by its clock or a filter", ""
+        if found.late < 0:
+            way, cause = "ahead of", f"by its clock, or because the {position} is read late"
+            mend = " if the clock is to blame"
+        return (
+            f"The {rate} is {abs(found.late):.2g} s {way} the {position}, {cause}; shift its column by that in the "
+            f"log{mend}."
+        )
     if off:
         way = "less" if found.scale > 1 else "more"
         return (
@@ -486,21 +496,7 @@ def trouble_of(found: Agreement, dof: Dof, late_position: bool = False) -> str:
     return ""
 
 
-def _clock(late: float, dof: Dof) -> str:
-    rate, position = dof.words.rate, dof.words.position
-    if late > 0:
-        return (
-            f"The {rate} is {late:.2g} s late against the {position}, by its clock or a filter; shift its column by "
-            "that in the log."
-        )
-    return (
-        f"The {rate} is {-late:.2g} s ahead of the {position}, by its clock, or because the {position} is read late; "
-        "shift its column by that in the log if the clock is to blame."
-    )
-
-
 def _mistaken_unit(size: float, dof: Dof) -> tuple[str, str] | None:
-    """What a scale says of the unit, and what to write in the column map."""
     own = names_of(dof.velocity)
     if dof.wraps:
         told = {
@@ -530,15 +526,4 @@ def _stuck_in(found: Agreement, dof: Dof) -> str:
     return (
         f"The {dof.words.rate} is stuck at {value} in {where} while the {dof.words.position} moves, and left out "
         "there; check the sensor and its cable."
-    )
-
-
-def _not_asked() -> str:
-    return "It was not asked for (--channels)."
-
-
-def _summed_up(dof: Dof) -> str:
-    return (
-        f"The logs hold no {dof.words.position}: shown is the sum of the {dof.words.rate}, by which runs are trimmed, "
-        "and which is no evidence."
     )

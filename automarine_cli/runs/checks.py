@@ -21,7 +21,6 @@ LEAST_STUCK = 20  # samples of one exact position
 TIMES_HELD = 4.0  # as long as other values: a sensor that answers seldom is not stuck
 SLOWEST = 5.0  # s between samples; nobody logs a test more slowly
 FASTEST = 2e-4  # s between samples
-LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
 WHILE = 1.0  # s over which a way is measured: it is longer than its noise
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
@@ -55,18 +54,16 @@ def clock_trouble(time: Floats) -> str | None:
     return None
 
 
-def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
-    """Why a position as logged, shape (N,) [rad or m], cannot be one of this motion, or None."""
-    return _angle_trouble(time, position, dof) if dof.wraps else _way_trouble(time, position, dof)
-
-
 def beyond(position: Floats, dof: Dof) -> NDArray[np.bool_]:
     """Which positions, (N,), are further than any vehicle gets: what some sensors say instead of nothing. Ways count
     from the middle one, since they may be measured from anywhere."""
     return np.asarray(np.abs(position - (0.0 if dof.wraps else median(position))) > dof.limits.far)
 
 
-def _way_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
+def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
+    """Return why a position as logged, shape (N,) [rad or m], cannot be one of this motion, or None."""
+    if dof.wraps:
+        return _angle_trouble(time, position, dof)
     name, column = dof.position, dof.column(dof.position, dof.units.log)
     largest = median(np.abs(position - position[0]))
     later = np.interp(time + WHILE, time, position)
@@ -85,7 +82,6 @@ def _way_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
 
 def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
     name, limits = dof.position, dof.limits
-    degrees, radians = dof.column(name, "deg"), dof.column(name, "rad")
     largest = float(np.abs(angle).max())
     if largest > limits.far and median(np.abs(angle)) > limits.far:
         return (
@@ -93,36 +89,24 @@ def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
             f"Check which column is the {name}"
         )
     span, jumps = float(np.ptp(angle)), np.abs(np.diff(angle))
-    if _wraps_at(RADIANS_AS_DEGREES, span, jumps):
-        return (
-            f"units look wrong: the {name} wraps at 2 pi where it should at 360 degrees. "
-            f'If it is in radians, name it {radians}, or say unit = "rad" with --columns'
-        )
-    if _wraps_at(DEGREES_AS_RADIANS, span, jumps):
-        return (
-            f"units look wrong: the {name} wraps at 360 where it should at 2 pi radians. "
-            f'If it is in degrees, name it {degrees}, or say unit = "deg" with --columns'
-        )
+    for turn, found, expected, unit in (
+        (RADIANS_AS_DEGREES, "2 pi", "360 degrees", "rad"),
+        (DEGREES_AS_RADIANS, "360", "2 pi radians", "deg"),
+    ):
+        # within a turn, jumping by most of it, smooth otherwise
+        if span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn:
+            called = {"rad": "radians", "deg": "degrees"}[unit]
+            return (
+                f"units look wrong: the {name} wraps at {found} where it should at {expected}. If it is in {called}, "
+                f'name it {dof.column(name, unit)}, or say unit = "{unit}" with --columns'
+            )
     speed = median(jumps / np.diff(time)) if span > 2 * dof.turn else 0.0
     if speed > limits.fast:
         return (
             f"units look wrong: the {name} changes by {speed:.3g} rad/s. If it is in degrees, "
-            f'name it {degrees}, or say unit = "deg" with --columns'
+            f'name it {dof.column(name, "deg")}, or say unit = "deg" with --columns'
         )
     return None
-
-
-def command_trouble(command: Floats, name: str) -> str | None:
-    """Why a moment, force or thruster command, shape (N,), cannot be one, or None."""
-    largest = float(np.abs(command).max(initial=0.0))
-    if largest <= LARGEST_COMMAND:
-        return None
-    return f"units look wrong: a {name} of {largest:.3g}. Check which column is the {name}"
-
-
-def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:
-    """Whether an angle stays within one `turn` [rad] and jumps by most of it, smooth otherwise."""
-    return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn)
 
 
 def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
@@ -184,7 +168,12 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
         if other is None:
             kept.append(run)
         else:
-            aside.append(SetAside(run.source, run.name, _why_stuck(run, other)))
+            size = np.abs(run.command).max() * np.sign(run.command.sum())
+            why = (
+                f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} "
+                "did under no more; check thrusters and tether, and make the run again"
+            )
+            aside.append(SetAside(run.source, run.name, why))
     return kept, tuple(aside)
 
 
@@ -213,14 +202,6 @@ def _moved_by_no_more(run: Run, moved: Sequence[Run]) -> Run | None:
         if same and np.all(side * other.command >= 0) and 0 < _push(other) <= ALIKE * _push(run):
             return other
     return None
-
-
-def _why_stuck(run: Run, other: Run) -> str:
-    size = np.abs(run.command).max() * np.sign(run.command.sum())
-    return (
-        f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} did under "
-        "no more; check thrusters and tether, and make the run again"
-    )
 
 
 SPEED_PIECE_S = 3.0  # over which speeds are taken: shorter than a manoeuvre, as long as waves rock
@@ -275,5 +256,4 @@ def undriven(run: Run) -> str | None:
 
 
 def _times(true: NDArray[np.bool_]) -> int:
-    """How many stretches are true."""
     return int(np.sum(true[1:] & ~true[:-1]) + true[:1].sum())

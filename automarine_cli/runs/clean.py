@@ -12,12 +12,13 @@ from automarine_cli.logs import LogTable
 from automarine_cli.logs.table import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.checks import beyond, clock_trouble, command_trouble, position_trouble, stuck
+from automarine_cli.runs.checks import beyond, clock_trouble, position_trouble, stuck
 from automarine_cli.runs.noise import NORMAL, fresh_readings, median, slope
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.unwrap import Indices, Mask, find_glitches, find_jumps, unwrap, wrapped
 
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
+LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
 COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
 COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps", "jumps")
 SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting a start of its own
@@ -25,10 +26,6 @@ SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting
 
 class NotUsable(RunError):
     """An unusable run: the reason, with a hint."""
-
-
-def _commands(table: LogTable) -> tuple[str, ...]:
-    return (table.dof.command,) if table.dof.command in table.columns else table.dof.thrusters
 
 
 def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...]:
@@ -39,7 +36,8 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
-    dof, summed, commands = table.dof, is_velocity_only(table), _commands(table)
+    dof, summed = table.dof, is_velocity_only(table)
+    commands = (dof.command,) if dof.command in table.columns else dof.thrusters
     measured = dof.velocity if summed else dof.position
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
@@ -63,7 +61,9 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
     if not summed:
         _refuse(position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
-        _refuse(command_trouble(columns[key], dof.words.force if key == dof.command else "thruster command"))
+        if (largest := float(np.abs(columns[key]).max(initial=0.0))) > LARGEST_COMMAND:
+            what = dof.words.force if key == dof.command else "thruster command"
+            raise NotUsable(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
     if summed:
         return _bridged(_summed_up(_run(table, columns, name, counts)))
     glitch = find_glitches(columns["time"], columns[dof.position], dof) | beyond(columns[dof.position], dof)
@@ -78,8 +78,10 @@ def clean(table: LogTable, chosen: Indices | slice, name: str) -> tuple[Run, ...
 
 def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
     dof = table.dof
-    own = ("time", dof.position, dof.command)
-    extras = {key: values for key, values in columns.items() if key not in own}
+    extras = {key: values for key, values in columns.items() if key not in ("time", dof.position, dof.command)}
+    notes, repeated = table.notes, counts["duplicates"]
+    if repeated > COARSE * counts["rows"]:
+        notes += (f"{repeated} of {counts['rows']} stamps repeat the one before: the clock is coarser than the log",)
     return Run(
         name=name,
         source=table.source,
@@ -89,14 +91,13 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         moment_unit=table.moment_unit or "",
         extras=extras,
         counts=counts,
-        notes=table.notes + _coarse_clock(counts),
+        notes=notes,
         reading=table.notes,
         dof=dof,
     )
 
 
 def _summed_up(run: Run) -> Run:
-    """The run with the sum of its velocities for a position, of which it is told that no sensor gave it."""
     dof = run.dof
     velocity = run.extras[dof.velocity]
     fresh = fresh_readings(velocity)  # a held reading is as old as it is long held
@@ -104,13 +105,6 @@ def _summed_up(run: Run) -> Run:
     position = summed_position(run.time, instant, _any_command(run), dof)
     note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
     return replace(run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note))
-
-
-def _coarse_clock(counts: Mapping[str, int]) -> tuple[str, ...]:
-    repeated, rows = counts["duplicates"], counts["rows"]
-    if repeated <= COARSE * rows:
-        return ()
-    return (f"{repeated} of {rows} stamps repeat the one before: the clock is coarser than the log",)
 
 
 def _only(columns: Mapping[str, Floats], kept: Mask) -> dict[str, Floats]:

@@ -50,7 +50,6 @@ class Misfit:
 
     @property
     def sentence(self) -> str:
-        """One sentence, without a stop."""
         return f"{self.why}; write {self.rule} under [columns] to mend that, or give the map of this signal"
 
 
@@ -120,5 +119,5 @@ def warnings_of(ranges: Iterable[CommandRange]) -> tuple[str, ...]:
     if found is None:
         return ()
     if found.impossible:
-        raise RunError(f"{found.why}; write {found.rule} under [columns] to mend that, or give the map of this signal")
+        raise RunError(found.sentence)
     return (f"{found.sentence[0].upper()}{found.sentence[1:]}.",)

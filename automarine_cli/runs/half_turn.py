@@ -91,7 +91,6 @@ class HalfTurn:
 
     @property
     def serves(self) -> bool:
-        """Whether the half-turn can be used for a fit."""
         return not self.why
 
     @property
@@ -101,7 +100,6 @@ class HalfTurn:
 
     @property
     def name(self) -> str:
-        """Name of the run."""
         return self.step.run.name
 
     @property

@@ -186,7 +186,6 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
 
 
 def _rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices | slice]]:
-    """The runs of a table in the order in which they begin, and their rows."""
     names, code = table.run_names, table.run_code
     if code is None:
         yield own_name(table.source), slice(0, len(table))

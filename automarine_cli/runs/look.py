@@ -1,8 +1,8 @@
 """What can be said of one run or one thruster test without fitting anything: what `check` and `init` show."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,45 +59,13 @@ def kind_of(run: Run) -> RunKind:
 
 Indices = NDArray[np.int64]
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
-NO_KEYS = ("dof", "commanded", "limits")  # of a run in check.json
-
-
-def _keyed(record: "StepSeen | RunSeen", keys: Mapping[str, str]) -> dict[str, object]:
-    """The fields of a record under their keys, in order."""
-    names = (one.name for one in fields(record) if one.name not in NO_KEYS)
-    return {keys.get(name, name): getattr(record, name) for name in names}
-
-
-@dataclass(frozen=True)
-class StepSeen:
-    """One step of a run: its start in the unit of logs, how far it went as people see it, times in seconds on the
-    campaign's clock.
-    """
-
-    moment: float
-    switch_from_s: float
-    switch_to_s: float
-    ends_s: float
-    from_rest: bool
-    start: float
-    kept_samples: int
-    kept_s: float
-    gone: float
-    cut_by: str
-    steady: bool
-    why: str | None
-
-    def to_json(self, dof: Dof) -> dict[str, object]:
-        """Return its form in check.json."""
-        words, units = dof.words, dof.units
-        start, gone = f"start_{words.position}_{units.log}", f"{words.gone_key}_{units.key}"
-        return _keyed(self, {"moment": words.force, "start": start, "gone": gone})
 
 
 @dataclass(frozen=True)
 class RunSeen:
     """One run of a log. `noise` of its position is as people see it, `extent` how far it went in all [turns, or m];
-    `levels` are its moments or forces (None: they never stay), `why` says why no step serves.
+    `levels` are its moments or forces (None: they never stay), `steps` and the `half_turn` that serves as in
+    check.json, `why` says why no step serves.
     """
 
     dof: Dof
@@ -114,8 +82,8 @@ class RunSeen:
     extent: float
     moment_unit: str
     levels: list[float] | None
-    steps: list[StepSeen]
-    half_turn: StepSeen | None
+    steps: list[dict[str, Any]]
+    half_turn: dict[str, Any] | None
     why: str | None
     columns: list[str]
     notes: list[str]
@@ -128,12 +96,8 @@ class RunSeen:
         noise, unit = f"{words.position}_noise_{dof.units.key}", f"{words.force}_unit"
         keys = {"noise": noise, "extent": words.range_key, "moment_unit": unit, "half_turn": dof.step_key}
         limits = {"allocation_limits": [limit.to_json() for limit in self.limits]} if self.limits else {}
-        return _keyed(self, keys) | {
-            "counts": dict(self.counts),
-            "steps": [step.to_json(dof) for step in self.steps],
-            dof.step_key: None if self.half_turn is None else self.half_turn.to_json(dof),
-            **limits,
-        }
+        plain = {name: value for name, value in vars(self).items() if name not in ("dof", "commanded", "limits")}
+        return {keys.get(name, name): value for name, value in plain.items()} | {"counts": dict(self.counts), **limits}
 
 
 @dataclass(frozen=True)
@@ -221,22 +185,24 @@ def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
     return runs
 
 
-def _step_seen(turn: HalfTurn) -> StepSeen:
-    step = turn.step
-    return StepSeen(
-        moment=step.moment,
-        switch_from_s=step.switch_from,
-        switch_to_s=step.switch_to,
-        ends_s=float(step.run.time[step.stop - 1]),
-        from_rest=step.from_rest,
-        start=float(step.run.dof.logged(turn.start_position)),
-        kept_samples=len(turn.time),
-        kept_s=float(turn.time[-1] - turn.time[0]),
-        gone=float(step.run.dof.shown(turn.turned)),
-        cut_by=turn.cut_by,
-        steady=turn.steady,
-        why=turn.why or None,
-    )
+def _step_seen(turn: HalfTurn) -> dict[str, Any]:
+    """A step as in check.json: its start in the unit of logs, how far it went as people see it, times on the campaign's
+    clock."""
+    step, dof = turn.step, turn.step.run.dof
+    return {
+        dof.words.force: step.moment,
+        "switch_from_s": step.switch_from,
+        "switch_to_s": step.switch_to,
+        "ends_s": float(step.run.time[step.stop - 1]),
+        "from_rest": step.from_rest,
+        f"start_{dof.words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
+        "kept_samples": len(turn.time),
+        "kept_s": float(turn.time[-1] - turn.time[0]),
+        f"{dof.words.gone_key}_{dof.units.key}": float(dof.shown(turn.turned)),
+        "cut_by": turn.cut_by,
+        "steady": turn.steady,
+        "why": turn.why or None,
+    }
 
 
 def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAside]]:

@@ -48,12 +48,7 @@ def position_noise(time: Floats, position: Floats) -> float:
 
 
 def median(values: Floats) -> float:
-    """The median of numbers, shape (N,), none of them missing; numpy's own takes its time to look for those."""
-    half = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, half)[half])
-    parted = np.partition(values, (half - 1, half))
-    return float(parted[half - 1] + parted[half]) / 2
+    return float(np.median(values))
 
 
 def slope(time: Floats, position: Floats) -> tuple[float, float]:

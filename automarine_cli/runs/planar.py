@@ -4,7 +4,6 @@ Of each run `extras` hold, where logged, `north` and `east` [m], `surge` and `sw
 and `force_Y` [N]; NaN where a sensor has no reading of its own (see `held`).
 """
 
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -93,7 +92,6 @@ def _with_forces(table: LogTable) -> LogTable:
 
 
 def _on_the_water(run: Run) -> Run:
-    """The run with metres north and east for latitude and longitude, if it has only these."""
     if not {"lat", "lon"} <= run.extras.keys() or {"north", "east"} <= run.extras.keys():
         return run
     north, east = local_plane(run.extras["lat"], run.extras["lon"])
@@ -102,10 +100,14 @@ def _on_the_water(run: Run) -> Run:
 
 
 def _with_fresh_readings(run: Run) -> Run:
-    """The run without the readings that are held over from the rows before."""
     changed: dict[str, Floats] = {}
     told = []
-    for names, again in _repeated(run.extras):
+    for names in SENSORS:
+        if not all(name in run.extras for name in names):
+            continue
+        again = repeats(*(run.extras[name] for name in names))
+        if not again.any():
+            continue
         changed |= {name: np.where(again, np.nan, run.extras[name]) for name in names}
         share, which = 100 * float(again.mean()), " and ".join(names).replace("_", " ")
         told.append(
@@ -114,15 +116,6 @@ def _with_fresh_readings(run: Run) -> Run:
     if not changed:
         return run
     return replace(run, extras={**run.extras, **changed}, notes=(*run.notes, *told), reading=(*run.reading, *told))
-
-
-def _repeated(extras: Mapping[str, Floats]) -> Iterator[tuple[tuple[str, ...], NDArray[np.bool_]]]:
-    """The sensors that were held, with the rows that repeat a reading."""
-    for names in SENSORS:
-        if all(name in extras for name in names):
-            again = repeats(*(extras[name] for name in names))
-            if again.any():
-                yield names, again
 
 
 Flags = NDArray[np.bool_]
@@ -145,17 +138,12 @@ def repeats(*columns: Floats) -> Flags:
     seen = np.all(np.isfinite(values), axis=0)
     found = np.zeros(values.shape[1], dtype=bool)
     steps = np.abs(np.diff(values[:, seen], axis=1))
-    changed = np.any(steps > 0, axis=0)
-    if np.count_nonzero(changed) < FEWEST or changed.mean() > 1 - FEW or not _held(steps[steps > 0], changed):
+    changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
+    if np.count_nonzero(changed) < FEWEST or changed.mean() > 1 - FEW:
+        return found
+    coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
+    often = coarseness >= COARSE and bool(np.median(spans) >= 2 and np.mean(spans == 1) <= BESIDE)
+    if coarseness < FINE and not often:
         return found
     found[seen] = np.concatenate([[True], ~changed])
     return found
-
-
-def _held(sizes: Floats, changed: Flags) -> bool:
-    """Whether a sensor whose steps have these `sizes` was held where it has not `changed`."""
-    coarseness = float(np.median(sizes) / sizes.min())
-    if coarseness >= FINE:
-        return True
-    spans = np.diff(np.flatnonzero(changed))
-    return coarseness >= COARSE and bool(np.median(spans) >= 2 and np.mean(spans == 1) <= BESIDE)

@@ -51,15 +51,12 @@ class Run:
     dof: Dof = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        shape = self.time.shape
-        for name, column in (("position", self.position), *self.extras.items()):
-            if column.shape != shape:
+        for name, column in {"position": self.position, "command": self.moment, **self.extras}.items():
+            if column is not None and column.shape != self.time.shape:
                 raise RunError(
                     f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
                     f"for {self.time.shape} samples; this is a bug, please report it"
                 )
-        if self.moment is not None and self.moment.shape != shape:
-            raise RunError(f"{self.source}, run {self.name!r}: one {self.dof.words.force} for each sample expected")
         if (self.time[1:] <= self.time[:-1]).any():
             raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
 

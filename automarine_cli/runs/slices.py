@@ -37,8 +37,6 @@ class Slice:
 
 @dataclass(frozen=True)
 class Passed:
-    """Rows that became no run, and why."""
-
     first: int
     stop: int
     why: str
@@ -69,16 +67,12 @@ def find_slices(
             passed.pop()
             start = before.first + int(np.searchsorted(time[before.first : first], time[first] - lead))
             passed += [Passed(before.first, start, AT_REST)] * (start > before.first)
-        found.append(Slice(start, stop, state, by == "moment" and _moving(stretches[: i + 1])))
+        moving = False
+        if by == "moment" and follows:  # something acted right before, or so shortly before that nobody knows the rest
+            begin, end, earlier, goes_on = stretches[i - 1]
+            moving = earlier != UNKNOWN if earlier else goes_on and end - begin < SHORT_REST
+        found.append(Slice(start, stop, state, moving))
     return found, passed
-
-
-def _moving(stretches: list[Stretch]) -> bool:
-    """Whether something acted right before the last stretch, or so shortly before that nobody can tell the rest."""
-    if not stretches[-1][3]:
-        return False
-    first, stop, state, follows = stretches[-2]
-    return state != UNKNOWN if state else follows and stop - first < SHORT_REST
 
 
 def _why_not(by: By, state: str, wanted: set[str], time: Floats, shortest: float) -> str | None:
@@ -123,11 +117,12 @@ def _states(table: LogTable, name: str) -> tuple[list[str], NDArray[np.int64]]:
 
 
 def _commands(table: LogTable) -> tuple[list[str], NDArray[np.int64]]:
-    """Words for every stretch of constant commands, held where a row has none, and the stretch of each row."""
     dof = table.dof
     names = (dof.command,) if dof.command in table.columns else dof.thrusters
     require(table, names if {*names} & set(table.columns) else (dof.command,))
-    held = np.array([_held(table.columns[name]) for name in names])
+    logged = np.array([table.columns[name] for name in names])
+    last = np.maximum.accumulate(np.where(np.isnan(logged), 0, np.arange(len(table))), axis=1)
+    held = np.take_along_axis(logged, last, axis=1)  # NaN before the first
     known = ~np.isnan(held).any(axis=0)
     least = SAME_MOMENT * np.nanmax(np.abs(held), axis=1, initial=0.0)[:, None]
     changes = (np.abs(np.diff(held)) > least).any(axis=0) | (known[1:] != known[:-1])
@@ -140,9 +135,3 @@ def _commands(table: LogTable) -> tuple[list[str], NDArray[np.int64]]:
         said = "_".join(f"{value:+.4g}" for value in values + 0.0)
         words.append(UNKNOWN if not known[first] else said if acts else "")
     return words, code
-
-
-def _held(values: Floats) -> Floats:
-    """The last known value of each row, shape (N,); NaN before the first."""
-    last = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(len(values))))
-    return values[last]

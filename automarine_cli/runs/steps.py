@@ -45,7 +45,6 @@ class Step:
 
     @property
     def segment(self) -> slice:
-        """The samples of the step."""
         return slice(self.first, self.stop)
 
     @property
@@ -138,7 +137,6 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
 
 
 def _idle_since(run: Run, first: int, least: float) -> int:
-    """From which sample on the command was idle until sample `first`."""
     command = run.command
     idle = command[first - 1] if run.dof.has_constant and first else 0.0
     for start in (max(0, first - OFTEN_IDLE), 0):

@@ -47,20 +47,17 @@ class Survey:
 
     @property
     def count(self) -> int:
-        """How many logs could be read, or will be once the questions are answered."""
         bad = {run.file for run in self.set_aside}
         return sum(file.name not in bad for layout in self.layouts for file in layout.files)
 
     @property
     def columns(self) -> tuple[Recognised, ...]:
-        """What columns are taken for, each meaning once."""
         every = [column for layout in self.layouts for column in layout.columns]
         unique = {(column.key, column.source, str(column.rule)): column for column in reversed(every)}
         return tuple(unique.values())[::-1]
 
     @property
     def thrusters_drive(self) -> bool:
-        """Whether the yaw logs hold thruster commands and no moment."""
         return self.commands != () and not {column.key for column in self.columns} & set(names_of(YAW.command))
 
     @property
@@ -84,7 +81,6 @@ class Survey:
 
     @property
     def turns(self) -> tuple[int, int]:
-        """How many stretches from rest turned with, and against, the sign of their moment."""
         others = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
         kinds = [kind for file, runs in self.runs.items() if file not in others for kind in runs]
         return sum(kind.with_moment for kind in kinds), sum(kind.against for kind in kinds)
@@ -103,61 +99,56 @@ def survey(
     log, then its runs by what the columns are taken for, then its kind."""
     layouts = layouts_of(folder, files, columns, jobs, progress)
     taken_for = layouts.maps.columns()
+    layout_of = {file: layout for layout in layouts for file in layout.files}
+    tests = [file for file, layout in layout_of.items() if layout.bollard]
+    yaw = [file for file, layout in layout_of.items() if layout.dof.wraps and not layout.bollard]
     aside = [unreadable(file, error) for file, error in layouts.unread.items()]
-    tests = [file for layout in layouts if layout.bollard for file in layout.files]
     aside += [bad for bad in ordered_map(partial(_test_of, columns=taken_for), tests, jobs) if bad]
-    yaw = [file for layout in layouts if layout.dof.wraps and not layout.bollard for file in layout.files]
     read = ordered_map(
         partial(_runs_of, columns=taken_for, dof=YAW), yaw, jobs, progress=progress, stage="looking at runs"
     )
     runs = {file: kinds for file, (kinds, _) in zip(yaw, read)}
     headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
-    unread = {
-        file
-        for layout in layouts
-        if not (headed and YAW.position in layout.lacking)
-        and (layout.lacking or any(column.open for column in layout.columns))
-        for file in layout.files
-        if not runs.get(file)
-    }
+    unread = set()
+    for file in yaw:
+        lacking, columns_open = layout_of[file].lacking, any(column.open for column in layout_of[file].columns)
+        if (lacking or columns_open) and not runs[file] and not (headed and YAW.position in lacking):
+            unread.add(file)
     aside += [run for file, (_, bad) in zip(yaw, read) if file not in unread for run in bad]
-    placed: dict[str, list[LogFile]] = {kind: [] for kind in ("thrusters", "steps", "manoeuvres", "validation")}
     unusable = {run.file for run in aside}
+    placed: dict[str, list[LogFile]] = {kind: [] for kind in ("thrusters", "steps", "manoeuvres", "validation")}
+    forces: dict[str, dict[str, list[LogFile]]] = {}
     for file in layouts.logs:
+        layout = layout_of.get(file)
         if file in runs and (kind := _kind_of(file, runs[file], file in unread)):
             placed[kind].append(file)
-        elif file in tests and file.name not in unusable:
+        elif layout and layout.bollard and file.name not in unusable:
             placed["thrusters"].append(file)
-    forces: dict[str, dict[str, list[LogFile]]] = {}
-    others = {file: layout.dof for layout in layouts if not layout.dof.wraps for file in layout.files}
-    for file in layouts.logs:
-        if (dof := others.get(file)) is not None:
+        if layout and not (dof := layout.dof).wraps:
             runs[file], bad = _runs_of(file, columns, dof)
             aside += bad
             if kind := _kind_of(file, runs[file]):
-                forces.setdefault(dof.name, {name: [] for name in ("steps", "manoeuvres", "validation")})[kind].append(
-                    file
-                )
+                kinds = forces.setdefault(dof.name, {name: [] for name in ("steps", "manoeuvres", "validation")})
+                kinds[kind].append(file)
     forces = {motion: forces[motion] for motion in DOFS if motion in forces}
-    together = {file for layout in layouts if layout.dof is YAW and _of_three(layout.names) for file in layout.files}
+    together = {file for file in yaw + tests if layout_of[file].dof is YAW and _of_three(layout_of[file].names)}
     if together:
         held_back = [file for file in placed["validation"] if file in together]
         driving = [file for files in placed.values() for file in files if file in together and file not in held_back]
         forces[PLANAR.name] = {"runs": driving, "validation": held_back}
         placed = {kind: [file for file in files if file not in together] for kind, files in placed.items()}
+
+    def fixed(kinds: Mapping[str, Sequence[LogFile]]) -> Placed:
+        return {kind: tuple(files) for kind, files in kinds.items()}
+
     return Survey(
-        folder, layouts.layouts, layouts.maps, runs, tuple(aside), _fixed(placed),
-        {motion: _fixed(kinds) for motion, kinds in forces.items()},
+        folder, layouts.layouts, layouts.maps, runs, tuple(aside), fixed(placed),
+        {motion: fixed(kinds) for motion, kinds in forces.items()},
         tuple(file for file in yaw if file in unread), layouts.strangers,
     )  # fmt: skip
 
 
-def _fixed(placed: Mapping[str, Sequence[LogFile]]) -> Placed:
-    return {kind: tuple(files) for kind, files in placed.items()}
-
-
 def _test_of(file: LogFile, columns: ColumnMap) -> SetAside | None:
-    """Why a bollard test cannot be read by the map."""
     try:
         require_thruster(read_log(file, columns, dof=YAW))
     except LogError as error:
@@ -185,7 +176,6 @@ def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> st
 
 
 def _of_three(names: Sequence[str]) -> bool:
-    """Whether logs with these columns hold the heading, what pushes ahead or abeam, and speeds or a place."""
     there = quantities_of(names)
     pushed = {SURGE.command, SWAY.command} & there
     moved = {SURGE.velocity, SWAY.velocity} & there or {"north", "east"} <= there

@@ -91,7 +91,6 @@ def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
 
 
 def _off(time: Floats, position: Floats, rate: Floats, start: Indices, stop: Indices, dof: Dof) -> Floats:
-    """How far the positions at `stop` are from those at `start` carried on at `rate`, modulo a turn."""
     return wrapped(position[stop] - position[start] - rate * (time[stop] - time[start]), dof.turn)
 
 

@@ -2,7 +2,7 @@
 out/bench.json.
 
 Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [tails] [sensors]
-       [commands] [startup] [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster]
+       [commands] [simulator] [fit] [reading] [memory]
        [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
@@ -16,17 +16,15 @@ import sys
 import time
 from pathlib import Path
 
-from cluster import cluster
 from commands import commands
 from coverage_effects import effect_coverage
 from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
-from growth import diagnose, many
 from interval_coverage import coverage
 from planning import planning
-from reading import broken, memory, reading
+from reading import memory, reading
 from sensors import sensors
-from speed import Result, fit, simulator, startup
+from speed import Result, fit, simulator
 from tails import tails
 
 from automarine_cli.commands.terminal import terminal_progress
@@ -42,7 +40,7 @@ CAMPAIGNS = {
     "sensors": 200,
 }
 SECTIONS = (
-    *CAMPAIGNS, "commands", "startup", "simulator", "fit", "many", "diagnose", "reading", "memory", "broken", "cluster",
+    *CAMPAIGNS, "commands", "simulator", "fit", "reading", "memory",
 )  # fmt: skip
 
 
@@ -54,11 +52,11 @@ def run_section(name: str, jobs: int, campaigns: int | None, repeats: int, full:
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
     if name == "reading":
         return reading(repeats, full, progress)
-    if name in ("memory", "broken", "cluster"):
-        return {"memory": memory, "broken": broken, "cluster": cluster}[name](full, progress)
-    if name in ("many", "diagnose", "commands"):
-        return {"many": many, "diagnose": diagnose, "commands": commands}[name](min(repeats, 3), progress)
-    return {"startup": startup, "simulator": simulator, "fit": fit}[name](3 * repeats, progress)
+    if name == "memory":
+        return memory(full, progress)
+    if name == "commands":
+        return commands(min(repeats, 3), progress)
+    return {"simulator": simulator, "fit": fit}[name](3 * repeats, progress)
 
 
 def main() -> None:

@@ -83,23 +83,6 @@ PAIRS = (
 )
 SIGNED = {"bias", "thrust-asymmetry", "drag-asymmetry", "gyro-drift", "hard-iron", "soft-iron", "surge",
           "heading-moment", "exponent", "current-pull"}  # fmt: skip
-OTHER_BASE = {
-    "quadratic",
-    "cut",
-    "soft-saturation",
-    "sag-load",
-    "sag-charge",
-    "swirl",
-    "hard-iron",
-    "soft-iron",
-    "swirl-passing",
-    "swirl-jets",
-    "swirl-settling",
-    "smooth-saturation",
-    "hard-spring",
-    "history",
-}
-"""Laws told in such a form that the library's inertia and drag need not be the truth's."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
-"""Reading: files to trimmed half-turns against pandas that merely reads the same files; memory; broken files."""
+"""Reading: files to trimmed half-turns against pandas that merely reads the same files; memory."""
 
-import json
 import resource
 import subprocess
 import sys
@@ -109,48 +108,6 @@ READERS = {
     + "print(sum(map(len, half_turns(load_runs(sys.argv[1:2], dof=YAW).runs))))",
     "check": _START + "from automarine_cli.commands.check import check\nprint(check(sys.argv[1:2]).logs)",
 }
-
-
-def broken(full: bool, progress: Progress) -> Result:
-    """A long load with one torn file in a thousand: everything accounted for, in `check` and in reading."""
-    count = 20_000 if full else 1000
-    with tempfile.TemporaryDirectory() as folder:
-        files = many_logs.small_csv(Path(folder, "logs"), count)
-        torn = files[500::1000]
-        for file in torn:
-            file.write_bytes(file.read_bytes()[:8000] + b"\x00\x07garbage")
-        begun = time.perf_counter()
-        report = _child(BROKEN, str(Path(folder, "logs")))
-        seconds = time.perf_counter() - begun
-        progress("broken files", 1, 1)
-    found = json.loads(report.splitlines()[0])
-    accounted = found["count"] + len(found["aside"]) == count
-    expected = sorted(f"logs/{file.name}" for file in torn)
-    rows = (
-        ("files", str(count)),
-        ("torn", str(len(torn))),
-        ("runs read", str(found["count"])),
-        ("set aside", str(len(found["aside"]))),
-        ("all accounted for, by name", str(accounted and sorted(found["aside"]) == expected)),
-        ("seconds", f"{seconds:.1f}"),
-        ("largest memory [MB]", f"{found['peak_mb']:.0f}"),
-    )
-    results = {**found, "files": count, "torn": len(torn), "seconds": seconds, "accounted": accounted}
-    return [Table("A long load with broken files", ("what", "value"), rows)], results
-
-
-BROKEN = (
-    _START
-    + """import json, resource
-from automarine_cli.dofs import YAW
-from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.runs.load import load_runs
-found = load_runs(sys.argv[1:2], dof=YAW)
-half_turns(found.runs)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(json.dumps({"count": len(found.runs), "aside": [one.file for one in found.set_aside], "peak_mb": peak}))
-"""
-)
 
 
 def _peak_mb(code: str, folder: str) -> float:

@@ -1,13 +1,7 @@
-"""Speed: start-up of the command, simulated samples a second, and the fit, each against the plain way to do it."""
+"""Speed: simulated samples a second, and the fit, each against the plain way to do it."""
 
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
-from functools import partial
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +19,7 @@ from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import Batch, make_batch
+from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
 
 Floats = NDArray[np.float64]
@@ -35,58 +29,8 @@ START = (1.2 * INERTIA, 0.8 * K_RR)
 ACCURACY = {"rtol": 1e-6, "atol": 1e-8}  # of solve_ivp: as accurate as a hundredth of a degree needs, and easily
 
 
-def startup(count: int, progress: Progress) -> Result:
-    """`automarine --help` against a bare `import click`, and a fit of 20 points against the imports it needs, in turns
-    so that all see the same machine."""
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder, "bollard.csv")
-        n = np.linspace(-150, 150, 20)
-        log.write_text("n,force_N\n" + "".join(f"{x:.1f},{2e-4 * x * abs(x):.4f}\n" for x in n))
-        fitting = ["fit-thrusters", str(log), "-q"]
-        needed = _child(_LOADED, *fitting).split()
-        commands = {
-            "import click": ["-c", "import click"],
-            "automarine --help": ["-m", "automarine_cli", "--help"],
-            f"the {len(needed)} library modules that fit-thrusters loads": ["-c", f"import {', '.join(needed)}"],
-            "automarine fit-thrusters, 20 points": ["-m", "automarine_cli", *fitting],
-        }
-        taken: dict[str, list[float]] = {name: [] for name in commands}
-        for i in range(count + 2):
-            for name, command in commands.items():
-                work = partial(subprocess.run, [sys.executable, *command], check=True, capture_output=True)
-                seconds = _seconds(work)
-                if i >= 2:  # the first two fill the caches
-                    taken[name].append(seconds)
-            progress("start-up", i + 1, count + 2)
-    click, own, modules, fit = (np.array(values) for values in taken.values())
-    ratios = float(np.median(own / click)), float(np.median(fit / modules))
-    rows = tuple((name, f"{1000 * np.median(values):.0f}") for name, values in taken.items())
-    notes = tuple(
-        f"Ratio {ratio:.2f} (median of {count} pairs); asked for is at most {most}."
-        for ratio, most in zip(ratios, (1.5, 1.3))
-    )
-    results = {name: float(np.median(values)) for name, values in taken.items()}
-    return [Table("Start-up", ("command", "median ms"), rows, notes=notes)], {
-        "runs": count, "seconds": results, "ratio": ratios[0], "fit_thrusters_ratio": ratios[1],
-    }  # fmt: skip
-
-
-_LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "click", "matplotlib")
-_LOADED = f"""import sys
-from automarine_cli.commands import automarine
-automarine(sys.argv[1:], standalone_mode=False)
-names = [n for n, m in sys.modules.items() if n.split(".")[0] in {_LIBRARIES} and getattr(m, "__spec__", None)]
-print(*[n for n in names if all(part.isidentifier() for part in n.split("."))])
-"""
-
-
-def _child(code: str, *arguments: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True)
-    return done.stdout
-
-
 def simulator(repeats: int, progress: Progress) -> Result:
-    """72 and 2,000 runs x 250 samples together, against `solve_ivp` run by run and a compiled loop."""
+    """72 and 2,000 runs x 250 samples together, against `solve_ivp` run by run."""
     parts = [_simulator(runs, sets, repeats, progress) for runs, sets in ((72, 20), (2000, 4))]
     return [table for tables, _ in parts for table in tables], {
         str(runs): found for runs, (_, found) in zip((72, 2000), parts)
@@ -118,7 +62,6 @@ def _simulator(runs: int, sets: int, repeats: int, progress: Progress) -> Result
         together.append(_seconds(lambda: simulate(model, batch, theta)))
         progress("simulator", i + 1, repeats)
     heading = simulate(model, batch, theta).position
-    compiled = _compiled(batch, theta, repeats)
     some = range(0, runs, runs // 12)  # these runs, the first parameter set; the rest takes as long
     worst, one_by_one = 0.0, 0.0
     for i in some:
@@ -132,52 +75,11 @@ def _simulator(runs: int, sets: int, repeats: int, progress: Progress) -> Result
         ("simulate, all together", f"{np.median(together):.3f}", f"{fast:.3g}"),
         (f"solve_ivp run by run (from {len(some)} of {runs * sets})", f"{points / slow:.3f}", f"{slow:.3g}"),
     )
-    if compiled is not None:
-        rows += (("a loop compiled by numba", f"{compiled:.3f}", f"{points / compiled:.3g}"),)
     note = f"Ratio {fast / slow:.0f}. Largest difference of a heading between the two: {np.degrees(worst):.1e} degrees."
     title = f"Simulator: {runs} runs x {samples} samples x {sets} parameter sets"
     header = ("simulation", "seconds", "samples x sets a second")
-    results = {
-        "a_second": fast,
-        "solve_ivp_a_second": slow,
-        "ratio": fast / slow,
-        "largest_difference_rad": worst,
-        "numba_a_second": None if compiled is None else points / compiled,
-        "slower_than_numba": None if compiled is None else float(np.median(together)) / compiled,
-    }
+    results = {"a_second": fast, "solve_ivp_a_second": slow, "ratio": fast / slow, "largest_difference_rad": worst}
     return [Table(title, header, rows, notes=(note,))], results
-
-
-def _compiled(batch: Batch, theta: Floats, repeats: int) -> float | None:
-    """Median seconds of the same steps in a compiled loop, sample by sample; None without numba."""
-    if find_spec("numba") is None:
-        return None
-    from numba import njit
-
-    @njit
-    def advance(theta: Floats, length: Floats, moment: Floats, heading: Floats) -> None:
-        for p in range(theta.shape[0]):
-            inertia, drag = theta[p]
-            for run in range(length.shape[0]):
-                psi, rate = 0.0, 0.0
-                for m in range(length.shape[1]):
-                    h, tau = length[run, m], moment[run, m]
-                    a = (tau - drag * abs(rate) * rate) / inertia
-                    two = rate + 0.5 * h * a
-                    b = (tau - drag * abs(two) * two) / inertia
-                    three = rate + 0.5 * h * b
-                    c = (tau - drag * abs(three) * three) / inertia
-                    four = rate + h * c
-                    d = (tau - drag * abs(four) * four) / inertia
-                    psi += h / 6.0 * (rate + 2.0 * two + 2.0 * three + four)
-                    rate += h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-                    heading[p, run, m] = psi
-
-    heading = np.empty((len(theta), *batch.length.shape))
-    advance(theta, batch.length, batch.moment, heading)  # compiles
-    return float(
-        np.median([_seconds(lambda: advance(theta, batch.length, batch.moment, heading)) for _ in range(repeats)])
-    )
 
 
 def fit(repeats: int, progress: Progress) -> Result:

@@ -104,7 +104,7 @@ def test_thruster_commands_are_looked_at_as_their_difference(tmp_path: Path) -> 
     pd.read_csv(path).drop(columns="tau").to_csv(path, index=False)
     (seen,) = check([path]).runs
     assert seen.moment_unit == "n_port - n_stbd" and seen.levels == [0, 100]
-    assert seen.half_turn is not None and seen.half_turn.moment == 100
+    assert seen.half_turn is not None and seen.half_turn[seen.dof.words.force] == 100
 
 
 def test_what_cleaning_did_is_told(tmp_path: Path) -> None:

@@ -190,7 +190,7 @@ def test_nothing_is_replaced_without_being_told(tmp_path: Path, run: Callable[..
     first = init(tmp_path)
     with pytest.raises(OutputError, match=r"campaign\.toml is there already; give --overwrite"):
         init(tmp_path)
-    assert init(tmp_path, overwrite=True, jobs=2).text == first.text
+    assert init(tmp_path, overwrite=True).text == first.text
     elsewhere = init(tmp_path, out=tmp_path / "a" / "b" / "c.toml")
     assert tomllib.loads(elsewhere.text)["logs"]["steps"] == ["../../logs"]
     assert read_campaign(tmp_path / "a" / "b" / "c.toml").logs("logs", "steps")

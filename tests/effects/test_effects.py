@@ -99,8 +99,8 @@ def test_is_complete(name: str) -> None:
     assert effect.mistaken_for and set(effect.mistaken_for) <= set(effects.names()) - {name}
     assert effect.parameters and set(effect.motions) <= set(DOFS) and effect.motions
     assert effect.role in ("", *YAW.parameters) and (not effect.role or len(effect.parameters) == 1)
-    documented = (inspect.getmodule(type(effect)), type(effect))
-    assert all(one and one.__doc__ and '"' not in one.__doc__ for one in documented)
+    module = inspect.getmodule(type(effect))
+    assert module and module.__doc__ and '"' not in module.__doc__
 
 
 @EVERY_EFFECT

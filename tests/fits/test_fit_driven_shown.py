@@ -19,7 +19,7 @@ LATE = "input-delay t_d"
 def driven() -> YawFit:
     """Runs of a vehicle that answers 0.3 s late, fitted with that effect."""
     return identify_turns(
-        YAW, (), (), lambda: steered(3, 1, Sea(delay=0.3), length=25.0), with_effects=("input-delay",)
+        YAW, (), (), lambda: steered(3, 1, Sea(delay=0.3), length=15.0), with_effects=("input-delay",)
     )
 
 

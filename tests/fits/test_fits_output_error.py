@@ -120,22 +120,17 @@ def test_leaving_a_run_out_in_one_step_is_as_good_as_fitting_again() -> None:
         assert np.all(moved < 2.5)
 
 
-def test_mirrored_campaign_gives_the_same_parameters() -> None:
+def test_the_same_runs_told_otherwise_give_the_same_parameters() -> None:
+    """Mirrored, by a clock that runs ahead, in another order, each with another zero of the heading."""
     runs = campaign(seed=5, gain_scatter=0.03)
-    there, back = fitted(runs), fitted([mirrored(run) for run in runs])
+    others = [
+        replace(run, position=run.position + 0.9 * i)
+        for i, run in enumerate(shifted([mirrored(run) for run in runs], 86_400.0))
+    ]
+    order = np.random.default_rng(0).permutation(len(runs))
+    there, back = fitted(runs), fitted([others[i] for i in order])
     assert values(back) == pytest.approx(values(there), rel=1e-6)  # both settle within 1 % of a standard error
     assert back.gain_scatter.value == pytest.approx(there.gain_scatter.value, rel=1e-6)
-
-
-def test_a_clock_that_runs_ahead_changes_nothing() -> None:
-    runs = campaign(seed=5)
-    assert values(fitted(shifted(runs, 86_400.0))) == pytest.approx(values(fitted(runs)), rel=1e-6)
-
-
-def test_the_order_of_the_runs_changes_nothing() -> None:
-    runs = campaign(seed=5)
-    order = np.random.default_rng(0).permutation(len(runs))
-    assert values(fitted([runs[i] for i in order])) == pytest.approx(values(fitted(runs)), rel=1e-6)
 
 
 @pytest.mark.parametrize("number", ["1", "2", "3"])
@@ -152,17 +147,7 @@ def test_another_unit_of_the_moment_scales_inertia_and_drag_alike(number: str) -
         assert turns[1].value == pytest.approx(turns[0].value, rel=1e-6)
 
 
-def test_the_zero_of_the_heading_changes_nothing() -> None:
-    runs = campaign(seed=7)
-    turned = [
-        Run(run.name, run.source, run.time, run.position + 0.9 * i, run.moment, run.moment_unit, dof=YAW)
-        for i, run in enumerate(runs)
-    ]
-    assert values(fitted(turned)) == pytest.approx(values(fitted(runs)), rel=1e-6)
-
-
-@pytest.mark.parametrize("period", [0.5, 0.1, 0.02])
-@pytest.mark.parametrize("uneven", [0.0, 0.6])
+@pytest.mark.parametrize(("period", "uneven"), [(0.5, 0.6), (0.1, 0.0), (0.02, 0.6)])
 def test_truth_is_found_at_any_sampling_rate(period: float, uneven: float) -> None:
     fit = fitted(campaign(seed=8, period=period, uneven=uneven))
     for name, true in TRUTH.items():
@@ -208,11 +193,11 @@ def chosen(truth: Vehicle, seed: int) -> YawFit:
 
 
 @pytest.mark.parametrize(
-    ("truth", "number", "least"), [(PAPER, "3", 4), (Vehicle(1.0, 1.2, 0.0), "1", 4), (Vehicle(1.0, 0.6, 0.8), "2", 4)]
+    ("truth", "number"), [(PAPER, "3"), (Vehicle(1.0, 1.2, 0.0), "1"), (Vehicle(1.0, 0.6, 0.8), "2")]
 )
-def test_the_true_model_is_preferred(truth: Vehicle, number: str, least: int) -> None:
-    fits = [chosen(truth, seed) for seed in range(5)]
-    assert sum(fit.preference.number == number for fit in fits) >= least
+def test_the_true_model_is_preferred(truth: Vehicle, number: str) -> None:
+    fits = [chosen(truth, seed) for seed in range(3)]
+    assert sum(fit.preference.number == number for fit in fits) >= 2
     for fit in fits:
         assert fit.preference.because.startswith(f"Model {fit.preference.number} predicts runs left out")
         assert fit.preference.because.count("model") == 2  # the other two are both spoken of
@@ -220,7 +205,7 @@ def test_the_true_model_is_preferred(truth: Vehicle, number: str, least: int) ->
 
 def test_model_2_costs_nothing_where_it_is_not_needed() -> None:
     """Its linear drag is within its own error of zero."""
-    for seed in range(5):
+    for seed in range(3):
         k_r = chosen(PAPER, seed).output_error["2"].estimates["k_r"]
         assert abs(k_r.value) < 4 * k_r.stderr
 

@@ -23,7 +23,6 @@ from test_readme import PAGES, fences
 
 from automarine_cli.commands import automarine
 
-pytestmark = pytest.mark.usefixtures("drawn_figures")
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
 ANYTHING = "..."

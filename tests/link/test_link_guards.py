@@ -19,10 +19,9 @@ from test_link_cuts import ask, logs_in, put
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server as server_module
 from automarine_cli.link import store as store_module
-from automarine_cli.link.answers import CampaignState, Listing, Log, State
 from automarine_cli.link.client import Client, _Answer
 from automarine_cli.link.collector import Collector
-from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.document import CampaignState, LinkCampaign, Listing, Log, State
 from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer, token_of
 from automarine_cli.link.store import Store
@@ -244,7 +243,7 @@ class SpoiltLink(Client):
         if self.request:
             return replace(self, token=spoil(self.token.encode(), self.at).decode())._ask_once(method, path, headers)
         answer = super()._ask(method, path, body, headers)
-        return replace(answer, content=spoil(answer.content, self.at))
+        return answer._replace(content=spoil(answer.content, self.at))
 
     def _ask_once(self, method: str, path: str, headers: dict[str, str]) -> _Answer:
         return super()._ask(method, path, None, headers)

@@ -1,7 +1,6 @@
 """CAN captures: bits against cantools, SLCAN's clock of a minute, the DBC in the column map, lines that are none."""
 
 import json
-import random
 import struct
 import zlib
 from pathlib import Path
@@ -17,7 +16,7 @@ from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogTable, read_log
-from automarine_cli.logs.can import bits_of, raw_of, read_slcan, values_of
+from automarine_cli.logs.can import read_slcan
 
 cantools = pytest.importorskip("cantools", reason="the extra automarine[can] is not installed")
 
@@ -25,34 +24,6 @@ cantools = pytest.importorskip("cantools", reason="the extra automarine[can] is 
 def read(folder: Path, content: bytes, name: str = "dive.slcan", columns: ColumnMap = CAN) -> LogTable:
     """A capture of these bytes, read with the columns of the dive."""
     return read_log(log(folder, content, name), columns, dof=YAW)
-
-
-@pytest.mark.parametrize("order", ["little_endian", "big_endian"])
-@pytest.mark.parametrize("signed", [True, False])
-def test_bits_are_taken_as_cantools_takes_them(order: str, signed: bool) -> None:
-    rng = random.Random(f"{order}{signed}")
-    data = [rng.randbytes(8) for _ in range(50)]
-    for _ in range(60):
-        length = rng.randrange(1, 65)
-        first = rng.randrange(0, 65 - length)
-        start = first if order == "little_endian" else 8 * (first // 8) + 7 - first % 8
-        conversion = cantools.database.conversion.BaseConversion.factory(scale=0.25, offset=-3)
-        signal = cantools.database.can.Signal(
-            "S", start, length, byte_order=order, is_signed=signed, conversion=conversion
-        )
-        message = cantools.database.can.Message(1, "M", 8, [signal])
-        theirs = [message.decode(one)["S"] for one in data]
-        np.testing.assert_allclose(values_of(bits_of(data, 8), signal), theirs, rtol=1e-15)
-
-
-@pytest.mark.parametrize("length", [32, 64])
-def test_floats_are_taken_as_cantools_takes_them(length: int) -> None:
-    conversion = cantools.database.conversion.BaseConversion.factory(is_float=True)
-    signal = cantools.database.can.Signal("S", 0, length, byte_order="little_endian", conversion=conversion)
-    message = cantools.database.can.Message(1, "M", 8, [signal])
-    sent = [0.0, -1.5, 3.25e7, 1e-20]
-    data = [message.encode({"S": value}) + bytes(8 - length // 8) for value in sent]
-    np.testing.assert_allclose(raw_of(bits_of([d[:8] for d in data], 8), signal), sent, rtol=1e-6)
 
 
 def test_multiplexed_signals_keep_to_their_frames(tmp_path: Path) -> None:

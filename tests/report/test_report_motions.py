@@ -67,7 +67,7 @@ def test_a_fit_speaks_of_its_motion(fits: dict[str, YawFit], name: str) -> None:
     tables = [*yaw_report.tables(fit), *yaw_report.tables(fit, short=True)]
     for table in tables:
         refuse_strange(dof, [table.to_csv(), table.to_markdown()])
-        assert any(sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia_math))
+        assert any(sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia))
     refuse_strange(dof, [*yaw_report.sentences(fit), repr(fit), *alternatives(dof).values()])
     keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit)[0]]
     refuse_strange(dof, keys)
@@ -96,7 +96,7 @@ def test_figures_of_a_fit_are_labelled_in_letters_and_units_of_the_motion(fits: 
         refuse_strange(dof, texts)
     own, words = dof.symbols, dof.words
     assert f"Steady {words.rate} {own.velocity} [cm/s]" in written["drag"]
-    assert f"Mass with added mass ${own.inertia_math}$ [kg]" in written["inertia"]
+    assert f"Mass with added mass ${own.inertia}$ [kg]" in written["inertia"]
     assert (
         f"{words.position.capitalize()} moved sgn({own.force})({own.position} − {own.position}₀) [cm]"
         in (written["collapse"])

@@ -234,7 +234,7 @@ def test_rates_have_a_bias_a_run_that_the_truth_tells(motion: str, tmp_path: Pat
 @pytest.mark.parametrize("name", [name for name in effects.names() if not effects.get(name).needs])
 def test_any_effect_of_the_library_acts(name: str) -> None:
     settings = {"moments": [0.3, -1.1], "noise_deg": 0.0, "repeats": 1, "logger": {"wrap": "none"}}
-    values = {parameter.name_in(YAW): parameter.start for parameter in effects.get(name).parameters}
+    values = {YAW.fill(parameter.name): parameter.start for parameter in effects.get(name).parameters}
     plain = make_campaign(pool_specification(**settings), 1)
     hidden = make_campaign(pool_specification(effects=[{"name": name} | values], **settings), 1)
     apart = [

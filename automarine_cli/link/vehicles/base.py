@@ -46,7 +46,6 @@ class Pace:
 
     @property
     def passed(self) -> float:
-        """Seconds of the run that have passed."""
         return (time.monotonic() - self._begun) * self._speed
 
     def left(self, seconds: float) -> float:
@@ -54,6 +53,5 @@ class Pace:
         return self._begun + seconds / self._speed - time.monotonic()
 
     def until(self, seconds: float) -> None:
-        """Return when `seconds` since the beginning have passed."""
         if (left := self.left(seconds)) > 0:
             time.sleep(left)

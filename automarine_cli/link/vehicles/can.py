@@ -62,7 +62,6 @@ class CanBus:
 
     @property
     def messages(self) -> Mapping[str, Any]:
-        """Every message of the DBC. Raises LogError for a file that is none, SettingError without one."""
         if not self.names.dbc:
             raise SettingError(
                 'a CAN bus is driven by the DBC that describes it; give a column map with [can] dbc = "vehicle.dbc" '
@@ -104,7 +103,6 @@ class CanBus:
             pass
 
     def steps(self, campaign: LinkCampaign, run: PlannedRun) -> list[Step]:
-        """What is sent in a run. Raises SettingError, LogError."""
         table, messages = self._table(campaign, run), self.messages
         return [_step(messages, table, at, table.held(values), run.name) for at, values in table.rows]
 

@@ -18,12 +18,10 @@ class Replay:
     speed: float = 1.0
 
     def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign with a run that was not recorded, or whose log has no column time_s."""
         for run in campaign.runs:
             self._lines(run)
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
-        """The lines of the recorded log."""
         head, column, lines = self._lines(campaign.runs[number])
         if halted():
             return

@@ -29,15 +29,6 @@ NOISE_DEG = 1.0
 
 
 @dataclass(frozen=True)
-class Track:
-    """A simulated run: `time` [s since its log's start], `heading` [rad] and the `moment` commanded, (N,) each."""
-
-    time: Floats
-    heading: Floats
-    moment: Floats
-
-
-@dataclass(frozen=True)
 class Simulated:
     """A vehicle with the dynamics of a yaw model and a compass with noise."""
 
@@ -79,8 +70,9 @@ class Simulated:
             )
         refuse_beyond(campaign, self.full)
 
-    def track(self, campaign: LinkCampaign, run: PlannedRun) -> Track:
-        """How the vehicle would turn, without noise."""
+    def track(self, campaign: LinkCampaign, run: PlannedRun) -> tuple[Floats, Floats, Floats]:
+        """How the vehicle would turn, without noise: time [s since the log's start], heading [rad] and the moment
+        commanded, (N,) each."""
         logger = Logger(YAW, campaign.moment_unit, campaign.rate_hz, campaign.rest_s, None, None)
         on_paper = logger.run(run.candidate)
         moment = on_paper.moment
@@ -88,24 +80,24 @@ class Simulated:
         step = step_for(self.model, float(np.max(np.abs(moment))))
         start = Start(position=np.deg2rad([[run.start_heading_deg]]))
         found = simulate(self.model, make_batch([on_paper], step), start=start)
-        return Track(on_paper.time, found.position[0, 0], moment)
+        return on_paper.time, found.position[0, 0], moment
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log: time on the campaign's clock, heading and the moment as commanded."""
         run, begins = campaign.runs[number], campaign.begins(number)
         name = campaign.log_name(run)
-        track = self.track(campaign, run)
-        noise = NOISE_DEG * normal(len(track.time), 0, name)
-        heading = np.round(np.rad2deg(track.heading) + noise, 3) % 360.0
+        time, heading, moments = self.track(campaign, run)
+        noise = NOISE_DEG * normal(len(time), 0, name)
+        readings = np.round(np.rad2deg(heading) + noise, 3) % 360.0
         if halted():
             return
         yield f"# Driven by a simulated vehicle, {name}: no measurement.\n"
         yield f"time_s,heading_deg,{MOMENT_COLUMNS[campaign.moment_unit]}\n"
         pace = Pace(self.speed)
-        for since, shown, moment in zip(track.time, heading, track.moment):
+        for since, reading, moment in zip(time, readings, moments):
             pace.until(float(since))
             ends = since > 0 and halted()
-            yield f"{begins + since:.3f},{shown:.3f},{0.0 if ends else moment:g}\n"
+            yield f"{begins + since:.3f},{reading:.3f},{0.0 if ends else moment:g}\n"
             if ends:
                 return
 
@@ -124,13 +116,10 @@ class RehearsedRun:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What a campaign would be."""
-
     campaign: LinkCampaign
     runs: tuple[RehearsedRun, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Schema automarine/rehearsal/1."""
         runs = [vars(run) for run in self.runs]
         return {"schema": "automarine/rehearsal/1", "campaign": self.campaign.id, "planned": runs}
 
@@ -144,7 +133,7 @@ def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progre
     for number, run in enumerate(campaign.runs):
         turned = None
         if vehicle is not None:
-            heading = vehicle.track(campaign, run).heading
+            _, heading, _ = vehicle.track(campaign, run)
             turned = float(np.rad2deg(heading[-1] - heading[0]))
         runs.append(RehearsedRun(run.name, campaign.begins(number), run.driven, turned, campaign.left(number + 1)))
         progress("simulating", number + 1, len(campaign.runs))

@@ -20,8 +20,8 @@ def plan_figure(campaign: Campaign) -> Figure:
     """A panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
     names, dof = list(campaign.plan.percent)[:MOST_PANELS], campaign.fitting.model.dof
     own, length = dof.symbols, dof.words.inertial_length
-    math = {own.quadratic: own.quadratic_math, own.linear: own.linear_math, own.inertia: own.inertia_math}
-    math[length] = f"{own.inertia_math}/{own.quadratic_math}"
+    math = {own.quadratic: own.quadratic_math, own.linear: own.linear, own.inertia: own.inertia}
+    math[length] = f"{own.inertia}/{own.quadratic_math}"
     columns = len(names) if len(names) <= PER_ROW else 2
     rows = -(-len(names) // columns)
     figure, axes = new_figure(rows, columns, PAGE_IN, 0.6 + 2.2 * rows, sharex=True)

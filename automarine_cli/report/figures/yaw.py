@@ -175,7 +175,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         ax.set_title(f"model {number}")
         ax.set_xlabel(_full_force(fit))
     unit = dof.unit_of("inertia", fit.moment_unit)
-    axes[0, 0].set_ylabel(f"{dof.words.full_inertia.capitalize()} ${dof.symbols.inertia_math}$ [{unit}]")
+    axes[0, 0].set_ylabel(f"{dof.words.full_inertia.capitalize()} ${dof.symbols.inertia}$ [{unit}]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
@@ -205,7 +205,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
         look: dict[str, Any] = {"c": colours(size[seen]), "s": 4.0, "linewidths": 0}
         ax.scatter(time[seen], value[seen], **look).set_in_layout(False)
     grid = np.linspace(0.0, float(time.max(initial=0.0)), 400)
-    heavy, drag = own.inertia_math, own.quadratic_math
+    heavy, drag = own.inertia, own.quadratic_math
     name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     top.plot(
         grid, dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0]), color=COLOURS["vermilion"], lw=1.4, label=name

@@ -77,14 +77,12 @@ class Halt(Exception):
 
 
 class Clock:
-    """The computer's own; a simulated autopilot has another."""
+    """The computer's own [s]; a simulated autopilot has another."""
 
     def now(self) -> float:
-        """Seconds, from any time on."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Return after so long."""
         time.sleep(seconds)
 
 
@@ -146,11 +144,9 @@ class Link:
             self._mav.param_request_read_send(self.heard.system, AUTOPILOT, name.encode(), -1)
 
     def close(self) -> None:
-        """Be silent."""
         self._port.close()
 
     def _hear(self, message: Any) -> None:
-        """Keep what a packet says."""
         name, who = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
         heard = self.heard
         if name in STICKS:
@@ -163,48 +159,35 @@ class Link:
             return
         heard.last[name] = self.now()
         heard.count[name] += 1
-        if (take := getattr(self, f"_{name.lower()}", None)) is not None:
-            take(message)
-
-    def _heartbeat(self, message: Any) -> None:
-        self.heard.autopilot, self.heard.kind, self.heard.mode = message.autopilot, message.type, message.custom_mode
-        self.heard.armed = bool(message.base_mode & MAV_MODE_ARMED)
-
-    def _attitude(self, message: Any) -> None:
-        heard, heading = self.heard, math.degrees(message.yaw)
-        before = heading if heard.heading is None else heard.heading
-        heard.heading = before + (heading - before + 180.0) % 360.0 - 180.0
-        heard.rate = math.degrees(message.yawspeed)
-        more = (dict(heard.pulses), heard.volts, heard.depth, self._stick)
-        heard.readings.append(Attitude(message.time_boot_ms / 1e3, heard.heading, heard.rate, *more))
-
-    def _servo_output_raw(self, message: Any) -> None:
-        told = {n: getattr(message, f"servo{n}_raw", 0) for n in range(1, 17)}
-        if message.port == 0:
-            self.heard.pulses = {n: float(pulse) for n, pulse in told.items() if pulse}
-
-    def _param_value(self, message: Any) -> None:
-        self.heard.parameters[message.param_id] = message.param_value
-
-    def _named_value_float(self, message: Any) -> None:
-        self.heard.named[message.name] = message.value
-
-    def _vfr_hud(self, message: Any) -> None:
-        self.heard.depths["VFR_HUD"] = -message.alt
-
-    def _global_position_int(self, message: Any) -> None:
-        self.heard.depths["GLOBAL_POSITION_INT"] = -message.relative_alt / 1e3
-
-    def _sys_status(self, message: Any) -> None:
-        heard, volts, left = self.heard, message.voltage_battery, message.battery_remaining
-        heard.volts = None if volts == NO_VOLTAGE else volts / 1e3
-        heard.remaining_percent = None if left < 0 else float(left)
-
-    def _statustext(self, message: Any) -> None:
-        self.heard.text = printable(message.text)
-
-    def _command_ack(self, message: Any) -> None:
-        self.heard.answers[message.command] = message.result
+        if name == "HEARTBEAT":
+            heard.autopilot, heard.kind, heard.mode = message.autopilot, message.type, message.custom_mode
+            heard.armed = bool(message.base_mode & MAV_MODE_ARMED)
+        elif name == "ATTITUDE":
+            heading = math.degrees(message.yaw)
+            before = heading if heard.heading is None else heard.heading
+            heard.heading = before + (heading - before + 180.0) % 360.0 - 180.0
+            heard.rate = math.degrees(message.yawspeed)
+            more = (dict(heard.pulses), heard.volts, heard.depth, self._stick)
+            heard.readings.append(Attitude(message.time_boot_ms / 1e3, heard.heading, heard.rate, *more))
+        elif name == "SERVO_OUTPUT_RAW" and message.port == 0:
+            pulses = {n: getattr(message, f"servo{n}_raw", 0) for n in range(1, 17)}
+            heard.pulses = {n: float(pulse) for n, pulse in pulses.items() if pulse}
+        elif name == "PARAM_VALUE":
+            heard.parameters[message.param_id] = message.param_value
+        elif name == "NAMED_VALUE_FLOAT":
+            heard.named[message.name] = message.value
+        elif name == "VFR_HUD":
+            heard.depths[name] = -message.alt
+        elif name == "GLOBAL_POSITION_INT":
+            heard.depths[name] = -message.relative_alt / 1e3
+        elif name == "SYS_STATUS":
+            volts, left = message.voltage_battery, message.battery_remaining
+            heard.volts = None if volts == NO_VOLTAGE else volts / 1e3
+            heard.remaining_percent = None if left < 0 else float(left)
+        elif name == "STATUSTEXT":
+            heard.text = printable(message.text)
+        elif name == "COMMAND_ACK":
+            heard.answers[message.command] = message.result
 
 
 def reached_by(address: str) -> re.Match[str]:
@@ -220,7 +203,6 @@ def reached_by(address: str) -> re.Match[str]:
 
 
 def _opened(address: str) -> Any:
-    """The port of an address. Raises SettingError."""
     found, connect = reached_by(address), _library("pymavlink.mavutil").mavlink_connection
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # it tells of every try

@@ -1,6 +1,7 @@
-"""What must be so before ArduSub is armed: each check is a function with its sentence."""
+"""What must be so before ArduSub is armed: each rule with its sentence."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +43,6 @@ class Need:
 
     @classmethod
     def of(cls, campaign: LinkCampaign, number: int, authority: Authority, depth_limit: float) -> "Need":
-        """From run `number` on."""
         asked = (abs(authority.output(moment)) for run in campaign.runs[number:] for moment, _ in run.commands)
         charge = campaign.battery.charge_Ah
         drawn = campaign.left(number) - campaign.left(len(campaign.runs))
@@ -55,116 +55,114 @@ def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
         raise SettingError(
             f"no autopilot was heard on {link.address} in {FIRST_S:g} s; check --mavlink, and where the vehicle sends"
         )
-    is_a_submarine(link.heard)
-    for number, rate in RATES.values():
-        link.command(SET_MESSAGE_INTERVAL, number, 1e6 / rate)
-    link.heard.count.clear()
-    begun = link.now()
-    for _ in range(ROUNDS):
-        link.ask(name for name in PARAMETERS if name not in link.heard.parameters)
-        link.wait(LISTEN_S / ROUNDS)
-    link.wait(NAMED_S, lambda: "PilotGain" in link.heard.named)
     heard = link.heard
-    for check in (is_disarmed, hears_us, has_a_dead_man, has_no_other_pilot, holds_no_input, has_its_middle):
-        check(heard)
-    answers_often(heard, link.now() - begun)
-    stick, part = Stick.of(heard), outputs_are_known(heard)
-    reaches(stick, need)
-    has_charge(heard, need)
-    knows_its_depth(heard, need)
-    return stick, part
-
-
-def is_a_submarine(heard: Heard) -> None:
-    """Raise SettingError for another autopilot or vehicle."""
     if (heard.autopilot, heard.kind) != (ARDUPILOT, SUBMARINE):
         raise SettingError(
             f"the autopilot is MAV_AUTOPILOT {heard.autopilot} in a MAV_TYPE {heard.kind}, expected {ARDUPILOT} and "
             f"{SUBMARINE} of ArduSub; check --mavlink"
         )
+    for number, rate in RATES.values():
+        link.command(SET_MESSAGE_INTERVAL, number, 1e6 / rate)
+    heard.count.clear()
+    begun = link.now()
+    for _ in range(ROUNDS):
+        link.ask(name for name in PARAMETERS if name not in heard.parameters)
+        link.wait(LISTEN_S / ROUNDS)
+    link.wait(NAMED_S, lambda: "PilotGain" in heard.named)
+    for why in complaints(heard, need, link.now() - begun):
+        raise SettingError(why)
+    return Stick.of(heard), outputs_are_known(heard)
 
 
-def is_disarmed(heard: Heard) -> None:
-    """Raise SettingError where somebody has armed it."""
-    if heard.armed:
-        raise SettingError("the vehicle is armed already, so somebody else drives it; make them disarm it")
-
-
-def hears_us(heard: Heard) -> None:
-    """Raise SettingError where it takes sticks from other ground stations only: it would pass ours over in silence."""
+def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
+    """Yield a sentence for each rule that a vehicle breaks which was listened to for so long. Raises SettingError where
+    its frame does not tell the yaw output."""
     known = heard.parameters
+    if heard.armed:
+        yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
+    # one that takes sticks from other ground stations only would pass ours over in silence
     name = "MAV_GCS_SYSID" if "MAV_GCS_SYSID" in known else "SYSID_MYGCS"
     if name not in known:
-        raise SettingError(
-            "the vehicle tells no parameters, without which it is not driven; check the link, and start it again"
+        yield "the vehicle tells no parameters, without which it is not driven; check the link, and start it again"
+    elif not known[name] <= OURS[0] <= max(known[name], known.get("MAV_GCS_SYSID_HI", 0.0)):
+        yield (
+            f"{name} is {known[name]:g}, and the vehicle takes sticks from that system only; set it to {OURS[0]}, "
+            "which we send as, or say so on the other ground station and leave it out"
         )
-    first = known[name]
-    if not first <= OURS[0] <= max(first, known.get("MAV_GCS_SYSID_HI", 0.0)):
-        raise SettingError(
-            f"{name} is {first:g}, and the vehicle takes sticks from that system only; set it to {OURS[0]}, which we "
-            "send as, or say so on the other ground station and leave it out"
-        )
-
-
-def has_a_dead_man(heard: Heard) -> None:
-    """Raise SettingError where the vehicle would drive on when we fall silent."""
-    known = heard.parameters
     for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE"):
         if known.get(name) != DISARMS:
-            told = f"{known[name]:g}" if name in known else "unknown"
-            raise SettingError(
-                f"{name} is {told}, so that the vehicle would drive on when we fall silent; set it to {DISARMS:g}, "
+            value = f"{known[name]:g}" if name in known else "unknown"
+            yield (
+                f"{name} is {value}, so that the vehicle would drive on when we fall silent; set it to {DISARMS:g}, "
                 "which disarms it"
             )
     if not 0.0 < known.get(name := "FS_PILOT_TIMEOUT", math.inf) <= LONGEST_PILOT_S:
-        told = f"{known[name]:g} s" if name in known else "unknown"
-        raise SettingError(
-            f"{name} is {told}, so long would the vehicle drive on when we fall silent; set it to {LONGEST_PILOT_S:g} "
+        value = f"{known[name]:g} s" if name in known else "unknown"
+        yield (
+            f"{name} is {value}, so long would the vehicle drive on when we fall silent; set it to {LONGEST_PILOT_S:g} "
             "or less"
+        )
+    if other := another_pilot(heard):
+        yield other
+    if heard.named.get("InputHold"):  # sticks in the middle would not be neutral
+        yield "the vehicle holds an input of its pilot (InputHold); ask for its release at the joystick"
+    if (trim := known.get("RC4_TRIM", CENTRE)) != CENTRE:
+        yield f"RC4_TRIM is {trim:g}, so that a stick in the middle turns the vehicle; set it to {CENTRE:g}"
+    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
+        rate, wanted = heard.count[name] / seconds, RATES[name][1]
+        if rate < 0.4 * wanted:
+            yield (
+                f"{name} came {rate:.1f} times a second, and {wanted:g} were asked for; use a link that carries more, "
+                "and check that the vehicle's estimator runs"
+            )
+    outputs_are_known(heard)
+    stick = Stick.of(heard)
+    if stick.reach < need.output - 1.0 / CENTRE:
+        more = need.output / stick.reach
+        gain = more * stick.gain
+        mend = f"the gain to {gain:.3g}" if gain <= 1 else f"ACRO_YAW_P to {more * stick.yaw_p:.3g}"
+        yield (
+            f"a full stick gives {100 * stick.reach:.0f} % of the yaw output at the pilot gain {stick.gain:.2g} and "
+            f"ACRO_YAW_P {stick.yaw_p:g}, and the campaign needs {100 * need.output:.0f} %; set {mend} or more, or "
+            "make a plan with smaller moments"
+        )
+    if heard.remaining_percent is None:
+        yield (
+            "the vehicle does not tell how much its battery holds; set BATT_MONITOR and BATT_CAPACITY, as without "
+            "these nobody knows whether the campaign can be driven to its end"
+        )
+    elif (left := need.charge * heard.remaining_percent / 100.0) - need.drawn < need.reserve:
+        yield (
+            f"the battery holds {heard.remaining_percent:.0f} % or {left:.2f} Ah by its own count; the campaign needs "
+            f"{need.drawn:.2f} Ah, and {need.reserve:.2f} Ah must stay; charge it, and make a plan of what is left"
+        )
+    if need.depth_limit < math.inf and not heard.depth:  # who has no sensor says 0
+        yield "the vehicle does not tell its depth; check its sensor, or leave out --depth-limit"
+    elif heard.depth is not None and heard.depth > need.depth_limit:
+        yield (
+            f"the vehicle is {heard.depth:.1f} m deep already, and --depth-limit is {need.depth_limit:g} m; bring it "
+            "up, or give another limit"
         )
 
 
-def has_no_other_pilot(heard: Heard) -> None:
-    """Raise SettingError where somebody else sends sticks, or is a ground station under our number.
+def another_pilot(heard: Heard) -> str:
+    """Return a sentence where somebody else sends sticks, or is a ground station under our number; else nothing.
 
     The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone.
     """
-    if heard.senders:
-        (system, component), what = next(iter(heard.senders.items()))
-        raise SettingError(
+    for (system, component), what in heard.senders.items():
+        return (
             f"somebody else sends {what} (system {system}, component {component}), and the last one wins; switch off "
             "the joystick there, or close that ground station, and try again"
         )
-    if found := [component for system, component in sorted(heard.stations) if system == OURS[0]]:
-        raise SettingError(
-            f"another ground station has our number (system {OURS[0]}, component {found[0]}), and its heartbeat hides "
-            "that we fell silent; close it, or give it another number to look on (QGroundControl: MAVLink System ID)"
-        )
-
-
-def holds_no_input(heard: Heard) -> None:
-    """Raise SettingError where a pilot told it to hold an input: sticks in the middle would not be neutral."""
-    if heard.named.get("InputHold"):
-        raise SettingError("the vehicle holds an input of its pilot (InputHold); ask for its release at the joystick")
-
-
-def has_its_middle(heard: Heard) -> None:
-    """Raise SettingError where a stick in the middle is no neutral yaw."""
-    if (found := heard.parameters.get("RC4_TRIM", CENTRE)) != CENTRE:
-        raise SettingError(
-            f"RC4_TRIM is {found:g}, so that a stick in the middle turns the vehicle; set it to {CENTRE:g}"
-        )
-
-
-def answers_often(heard: Heard, seconds: float) -> None:
-    """Raise SettingError where attitude or outputs come too rarely to make a log of."""
-    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
-        found, asked = heard.count[name] / seconds, RATES[name][1]
-        if found < 0.4 * asked:
-            raise SettingError(
-                f"{name} came {found:.1f} times a second, and {asked:g} were asked for; use a link that carries more, "
-                "and check that the vehicle's estimator runs"
+    for system, component in sorted(heard.stations):
+        if system == OURS[0]:
+            return (
+                f"another ground station has our number (system {system}, component {component}), and its heartbeat "
+                "hides that we fell silent; close it, or give it another number to look on (QGroundControl: MAVLink "
+                "System ID)"
             )
+    return ""
 
 
 def outputs_are_known(heard: Heard) -> Part:
@@ -180,45 +178,3 @@ def outputs_are_known(heard: Heard) -> Part:
     if not part.found[0]:
         raise SettingError("no output of the vehicle turns it; check SERVOn_FUNCTION of its motors")
     return part
-
-
-def reaches(stick: Stick, need: Need) -> None:
-    """Raise SettingError where the pilot gain keeps the sticks from the largest output."""
-    if stick.reach < need.output - 1.0 / CENTRE:
-        more = need.output / stick.reach
-        mend = (
-            f"the gain to {gain:.3g}" if (gain := more * stick.gain) <= 1 else f"ACRO_YAW_P to {more * stick.yaw_p:.3g}"
-        )
-        raise SettingError(
-            f"a full stick gives {100 * stick.reach:.0f} % of the yaw output at the pilot gain {stick.gain:.2g} and "
-            f"ACRO_YAW_P {stick.yaw_p:g}, and the campaign needs {100 * need.output:.0f} %; set {mend} or more, or "
-            "make a plan with smaller moments"
-        )
-
-
-def has_charge(heard: Heard, need: Need) -> None:
-    """Raise SettingError where the battery does not carry the rest of the campaign, by its own count."""
-    if heard.remaining_percent is None:
-        raise SettingError(
-            "the vehicle does not tell how much its battery holds; set BATT_MONITOR and BATT_CAPACITY, as without "
-            "these nobody knows whether the campaign can be driven to its end"
-        )
-    left = need.charge * heard.remaining_percent / 100.0
-    if left - need.drawn < need.reserve:
-        raise SettingError(
-            f"the battery holds {heard.remaining_percent:.0f} % or {left:.2f} Ah by its own count; the campaign needs "
-            f"{need.drawn:.2f} Ah, and {need.reserve:.2f} Ah must stay; charge it, and make a plan of what is left"
-        )
-
-
-def knows_its_depth(heard: Heard, need: Need) -> None:
-    """Raise SettingError where a depth limit cannot be watched, or is passed already."""
-    if need.depth_limit == math.inf:
-        return
-    if not heard.depth:  # who has no sensor says 0
-        raise SettingError("the vehicle does not tell its depth; check its sensor, or leave out --depth-limit")
-    if heard.depth > need.depth_limit:
-        raise SettingError(
-            f"the vehicle is {heard.depth:.1f} m deep already, and --depth-limit is {need.depth_limit:g} m; bring it "
-            "up, or give another limit"
-        )

@@ -10,7 +10,7 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import STICK_HZ, Attitude, Link
-from automarine_cli.link.vehicles.ardusub.preflight import has_no_other_pilot
+from automarine_cli.link.vehicles.ardusub.preflight import another_pilot
 from automarine_cli.link.vehicles.ardusub.sticks import Authority, Stick
 from automarine_cli.logs.mixing import Part
 from automarine_cli.planning.vehicle import MOMENT_COLUMNS
@@ -72,7 +72,6 @@ class Ride:
         self._enter(MANUAL)
 
     def head(self, campaign: LinkCampaign, name: str) -> str:
-        """The head of the log."""
         tether = f"{self.twist / 360.0:+.2f} turns in the tether"
         columns = ("time_s", "heading_deg", "yaw_rate_deg_s", MOMENT_COLUMNS[campaign.moment_unit])
         outputs = (f"servo{number}_us" for number in self._part.channels)
@@ -108,7 +107,6 @@ class Ride:
             link.wait(due - link.now())
 
     def rows(self) -> Iterator[str]:
-        """What was read since the last time."""
         while self._link.heard.readings:
             yield self._row(self._link.heard.readings.popleft())
 
@@ -150,7 +148,6 @@ class Ride:
                 )
 
     def _enter(self, mode: int) -> None:
-        """Change the mode, sticks in the middle."""
         self._still(NEUTRALS / STICK_HZ, checked=self._is_armed)
         if not (
             self._link.command(DO_SET_MODE, 1.0, mode)
@@ -162,7 +159,6 @@ class Ride:
         self._mode = mode
 
     def _still(self, seconds: float, checked: bool = True) -> None:
-        """Sticks in the middle for so long."""
         for _ in range(round(seconds * STICK_HZ)):
             self._send(0, checked)
             self._link.wait(1.0 / STICK_HZ)
@@ -175,7 +171,6 @@ class Ride:
         self._link.stick(yaw)
 
     def _check(self) -> None:
-        """Raise SettingError where nothing more may be commanded."""
         heard, now, deepest = self._link.heard, self._link.now(), self._limits.depth
         if now - heard.last["HEARTBEAT"] > SILENT_S or now - heard.last["ATTITUDE"] > STALE_S:
             raise SettingError("the vehicle was not heard any more; check the link, and where the vehicle is")
@@ -185,12 +180,12 @@ class Ride:
             raise SettingError(
                 f"somebody changed the mode to {heard.mode}; ask who else commands it, then make a new plan"
             )
-        has_no_other_pilot(heard)
+        if other := another_pilot(heard):
+            raise SettingError(other)
         if (depth := heard.depth or 0.0) > deepest:
             raise SettingError(f"the vehicle is {depth:.1f} m deep, below --depth-limit; make it float, then plan anew")
 
     def _output(self, pulses: dict[int, float]) -> float:
-        """The yaw output from -1 to 1 in the pulses."""
         return float(self._part.wishes(np.array([[pulses.get(number, 0.0)] for number in self._part.channels]))[0, 0])
 
     def _row(self, at: Attitude) -> str:

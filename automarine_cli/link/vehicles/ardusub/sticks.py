@@ -53,13 +53,11 @@ class Stick:
         return min(abs(self.output(MOST)), abs(self.output(-MOST)))
 
     def output(self, yaw: int) -> float:
-        """The output from -1 to 1 that MANUAL makes of a stick."""
         off = int(CENTRE + yaw * SPAN * self.gain) - CENTRE
         share = self.way * off / (self.up if off > 0 else self.down)
         return float(np.clip(np.clip(share, -1.0, 1.0) * self.yaw_p / USUAL, -1.0, 1.0))
 
     def manual(self, output: float) -> int:
-        """The stick that makes an output in MANUAL."""
         return self._of_share(output * USUAL / self.yaw_p, 0.0)
 
     def turn(self, rate: float) -> int:
@@ -81,12 +79,10 @@ class Authority:
     bend: Bend | None = None
 
     def output(self, moment: float) -> float:
-        """The output from -1 to 1 for a moment."""
         share = moment / self.full
         return share if self.bend is None else float(self.bend.inverse(np.array(share)))
 
     def moment(self, output: float) -> float:
-        """The moment of an output."""
         return self.full * (output if self.bend is None else float(self.bend.of(np.array(output))))
 
 

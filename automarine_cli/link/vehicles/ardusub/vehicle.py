@@ -33,7 +33,6 @@ class ArduSub:
             between(self, 1e-9, 1e9, "full")
 
     def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign whose moments the whole output does not give."""
         self._authority(campaign)
 
     def look(self, campaign: LinkCampaign) -> None:
