@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value and not ctx.resilient_parsing:
-        from automarine_cli.planning.limits import EXAMPLE
+        from automarine_cli.planning.limits import example_limits
 
-        click.echo(EXAMPLE, nl=False)
+        click.echo(example_limits(), nl=False)
         ctx.exit()
 
 

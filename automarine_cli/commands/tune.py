@@ -83,13 +83,16 @@ def tune(
 
 def _completed(settings: dict[str, Any]) -> dict[str, Any]:
     """A diagnosis brings the model beside it. Raises UsageError where there is nothing to do."""
-    from automarine_cli.control.knowledge import EXTENDED, is_diagnosis
+    from automarine_cli.control.knowledge import EXTENDED
+    from automarine_cli.pipeline.records import schema_in
+    from automarine_cli.pipeline.result_files import DIAGNOSIS
 
     if not settings["target"] and not settings["check"]:
         raise click.UsageError("give --for TARGET, or --check LOG with a tuning.json")
     model, extended = settings["model"], settings["extended"]
-    if extended is None and isinstance(model, Path) and model.with_name(EXTENDED).is_file() and is_diagnosis(model):
-        extended = model.with_name(EXTENDED)
+    beside = model.with_name(EXTENDED) if isinstance(model, Path) else None
+    if extended is None and beside and beside.is_file() and schema_in(model) == DIAGNOSIS.schema:
+        extended = beside
     return settings | {"extended": extended}
 
 

@@ -18,17 +18,13 @@ from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.vehicles import Actuators, Body, Vehicles, holding, sensor_lag
 from automarine_cli.quantities import Complexes, Floats
 
-LONGEST_STEP = 0.01
-"""Longest step [s] of a vehicle between two loops of its controller."""
-READ = 0.1
-"""Readings are as far off as they are for so long [s]: the pace of logs, of which their noise is known."""
+LONGEST_STEP = 0.01  # longest step [s] of a vehicle between two loops of its controller
+READ = 0.1  # readings are as far off as they are for so long [s]: the pace of logs, of which their noise is known
 TWO = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
 """The two flights: one with the step of the reference, one with the load."""
 Loop = Callable[[Complexes], Complexes]
-TILT = 0.02
-"""Damping ratio below which a closed loop counts as unstable."""
-LOWEST = 1e-4
-"""Frequency [rad/s] below which a pole counts as an integrator."""
+TILT = 0.02  # damping ratio below which a closed loop counts as unstable
+LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,6 @@ class Scores:
 
     @property
     def settles(self) -> NDArray[np.bool_]:
-        """Mask of the sets that settle, (S,)."""
         return np.isfinite(self.settling)
 
 

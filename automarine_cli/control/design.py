@@ -6,9 +6,9 @@ are looked at again nearby, ever nearer, and the last few are judged on the whol
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,32 +35,24 @@ from automarine_cli.quantities import Complexes, Floats
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
 CROWD, PRESENT, JUDGED = 180, 60, 12
-ROUNDS, LAST = 5, 20
-"""Looks at the space of gains, each nearer to the best; sets that are judged by the crowd."""
-EXACT, STEADY = 0.02, 0.05
-"""Loops of the flights that are promised, and of those that gains are chosen by: see `paced`."""
-DEAREST = 2.0
-"""How much longer gains for all explanations may take to settle than gains for the right one alone."""
+ROUNDS, LAST = 5, 20  # looks at the space of gains, each nearer to the best; sets that are judged by the crowd
+EXACT, STEADY = 0.02, 0.05  # loops of the flights that are promised, and of those that gains are chosen by: see `paced`
+DEAREST = 2.0  # how much longer gains for all explanations may take to settle than gains for the right one alone
 LONG_DELAY = 0.14
 """Spread of delays [s], between their quarters, from which on it is asked what knowing them would be worth: that of
 delays anywhere within 0.3 s."""
-SHARE = 0.95
-"""Of the crowd that has to keep the margin, and to settle."""
+SHARE = 0.95  # of the crowd that has to keep the margin, and to settle
 FIRST, NEAR, ELITE, FLOWN, MOST = 1500, 200, 8, 160, 40
 """Sets of gains: spread over their space, near the best so many, flown for a further explanation, found at last."""
 FEW, NEARLY = 40, 0.95
 """Vehicles on which flown sets have to keep the margin; share of it that three probes have to keep before."""
-NEVER = 1e6
-"""What not settling costs, in lengths of a flight."""
-WIDTH = 0.3
-"""Of the neighbourhood of good gains, in design numbers between 0 and 1."""
+NEVER = 1e6  # what not settling costs, in lengths of a flight
+WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
 ROUGH, LONGEST = 0.1, 0.02
 """Loops of flights that gains are looked for with, in shares of all that is slow in the loop; and the longest loops
 and steps of a vehicle in flights that are not promised [s]."""
-LONG, LEAST = 5.0, 6.0
-"""Flights that gains are looked for with, in settling times and at least [s]."""
-COARSE, FINE = 180, 500
-"""Frequencies of the first look and of the margins that are told."""
+LONG, LEAST = 5.0, 6.0  # flights that gains are looked for with, in settling times and at least [s]
+COARSE, FINE = 180, 500  # frequencies of the first look and of the margins that are told
 
 
 @dataclass(frozen=True)
@@ -76,6 +68,19 @@ class Task:
 
 
 @dataclass(frozen=True)
+class Setup:
+    """Everything that a tuning is made of, read and checked: `full` is the moment or force at the whole output, `bend`
+    the map to it where that is no straight line, `seed` draws the vehicles."""
+
+    target: Target
+    known: Knowledge
+    full: float
+    bend: Bend | None
+    task: Task
+    seed: int
+
+
+@dataclass(frozen=True)
 class Crowd:
     """Vehicles that one explanation allows, the first as its model says."""
 
@@ -83,7 +88,6 @@ class Crowd:
     vehicles: Vehicles
 
     def first(self, count: int) -> "Crowd":
-        """Keep the first `count` vehicles."""
         return Crowd(self.name, self.vehicles.pick(slice(0, count)))
 
     @cached_property
@@ -104,10 +108,12 @@ class Candidates:
     gains: dict[str, Floats]
     cost: Floats
 
+    def pick(self, places: NDArray[np.int64] | NDArray[np.bool_]) -> "Candidates":
+        return Candidates(self.numbers[places], select(self.gains, places), self.cost[places])
+
     def first(self, count: int) -> "Candidates":
         """Keep the cheapest, in order."""
-        order = np.argsort(self.cost, kind="stable")[:count]
-        return Candidates(self.numbers[order], select(self.gains, order), self.cost[order])
+        return self.pick(np.argsort(self.cost, kind="stable")[:count])
 
 
 @dataclass(frozen=True)
@@ -120,21 +126,37 @@ class Outcome:
     flight: Flight
 
     def share_with(self, margin: float) -> float:
-        """Return the share of the crowd that keeps a disk margin."""
         return float(np.mean(self.margins.disk >= margin))
 
 
 @dataclass(frozen=True)
-class Designed:
-    """The verdict and why; `new` and `old` outcomes where there are any; the crowds, the task, the vehicle as the
-    designer saw it, the effect that is open and changes the answer (empty for none), and the run that settles it."""
+class Problem:
+    """What gains are looked for: the stack, the task, the vehicle as the designer sees it, and the crowds."""
 
-    verdict: Verdict
-    why: str
     target: Target
     task: Task
     nominal: Nominal
     crowds: tuple[Crowd, ...]
+
+    @property
+    def rough(self) -> Target:
+        return paced(self.target, self.nominal, ROUGH)
+
+    @property
+    def exact(self) -> Target:
+        return paced(self.target, self.nominal, EXACT)
+
+    def omega(self, count: int) -> Floats:
+        return grid_for(self.target, self.crowds, count)
+
+
+@dataclass(frozen=True)
+class Designed(Problem):
+    """The verdict and why; `new` and `old` outcomes where there are any; the effect that is open and changes the answer
+    (empty for none), and the run that settles it."""
+
+    verdict: Verdict
+    why: str
     new: Outcome | None
     old: Outcome | None
     open: str
@@ -156,15 +178,14 @@ def nominal_of(vehicles: Vehicles, step: float) -> Nominal:
 
 def crowds_of(known: Knowledge, full: float, bend: Bend | None, seed: int, count: int = CROWD) -> tuple[Crowd, ...]:
     """Draw vehicles of every explanation, the same count of each."""
-    rng, size = np.random.default_rng(seed), max(count // len(known.explanations), 40)
+    rng, size = np.random.default_rng(seed), max(count // len(known.explanations), FEW)
     return tuple(
         Crowd(e.name, crowd(e.model, replace(known.spread, covariance=e.covariance), full, bend, size, rng))
         for e in known.explanations
     )
 
 
-def select(gains: Mapping[str, Floats], which: NDArray[np.int64]) -> dict[str, Floats]:
-    """Select some of several sets of gains (C,)."""
+def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats]:
     return {name: value[which] for name, value in gains.items()}
 
 
@@ -182,7 +203,6 @@ def grid_for(target: Target, crowds: Sequence[Crowd], count: int) -> Floats:
 
 
 def _unbent(target: Target, vehicles: Vehicles) -> Vehicles:
-    """The vehicles without a map where the target makes up for it."""
     return replace(vehicles, bend=None) if target.linear else vehicles
 
 
@@ -235,28 +255,29 @@ def spread_numbers(count: int, size: int) -> Floats:
     return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
 
 
-def brief(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> Task:
+def brief(problem: Problem) -> Problem:
     """Shorten the flights to what it takes to tell good gains from bad: `LONG` times what the best of a few takes to
     settle, on the first vehicle."""
-    gains = target.propose(spread_numbers(FIRST // 5, target.numbers), nominal)
-    first = crowds[0].vehicles.pick(slice(0, 1))
-    good = np.flatnonzero(screened(target, gains, first, grid_for(target, crowds, COARSE))[:, 0] >= task.margin)
+    target, task = problem.target, problem.task
+    gains = target.propose(spread_numbers(FIRST // 5, target.numbers), problem.nominal)
+    first = problem.crowds[0].vehicles.pick(slice(0, 1))
+    good = np.flatnonzero(screened(target, gains, first, problem.omega(COARSE))[:, 0] >= task.margin)
     if not len(good):
-        return task
-    settling = flown(paced(target, nominal, ROUGH), select(gains, good), first, task)[1].settling.min()
-    return replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds)))
+        return problem
+    settling = flown(problem.rough, select(gains, good), first, task)[1].settling.min()
+    return replace(problem, task=replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds))))
 
 
-def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, rounds: int) -> Candidates:
+def searched(problem: Problem, margin: float, rounds: int) -> Candidates:
     """Find the best sets of gains that keep the margin on some vehicles of all crowds, cheapest first; none where none
     does. Margins are those of the target's own loops, flights are rough."""
-    omega = grid_for(target, crowds, COARSE)
-    result = _tried(target, nominal, crowds, task, omega, spread_numbers(FIRST, target.numbers))
-    near = (spread_numbers(NEAR, target.numbers) - 0.5).reshape(ELITE, -1, target.numbers)
+    size, omega = problem.target.numbers, problem.omega(COARSE)
+    result = _tried(problem, margin, omega, spread_numbers(FIRST, size))
+    near = (spread_numbers(NEAR, size) - 0.5).reshape(ELITE, -1, size)
     for turn in range(1, rounds):
         best = result.first(ELITE).numbers
-        around = np.clip(best[:, None, :] + WIDTH / turn * near[: len(best)], 0.0, 1.0).reshape(-1, target.numbers)
-        more = _tried(target, nominal, crowds, task, omega, around)
+        around = np.clip(best[:, None, :] + WIDTH / turn * near[: len(best)], 0.0, 1.0).reshape(-1, size)
+        more = _tried(problem, margin, omega, around)
         result = Candidates(
             np.concatenate([result.numbers, more.numbers]),
             {name: np.concatenate([value, more.gains[name]]) for name, value in result.gains.items()},
@@ -265,109 +286,104 @@ def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Ta
     return result.first(MOST)
 
 
-def _tried(
-    target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, omega: Floats, numbers: Floats
-) -> Candidates:
-    gains, places = target.propose(numbers, nominal), np.arange(len(numbers))
-    for part in crowds:
-        disk = screened(target, select(gains, places), part.probes, omega)
-        places = places[np.all(disk >= NEARLY * task.margin, axis=1)]
-    quick, cost = paced(target, nominal, ROUGH), np.zeros(len(places))
-    for part in crowds:  # what is dear for the first explanation need not be flown for the others
-        if len(places):
-            cost = np.maximum(cost, flown(quick, select(gains, places), part.probes, task)[0].max(axis=1))
-        best = np.argsort(cost, kind="stable")[:FLOWN]
-        places, cost = places[best], cost[best]
-    for part in crowds:
-        disk = screened(target, select(gains, places), part.vehicles.pick(slice(0, FEW)), omega)
-        good = np.mean(disk >= task.margin, axis=1) >= SHARE
-        places, cost = places[good], cost[good]
-    return Candidates(numbers[places], select(gains, places), cost)
+def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> Candidates:
+    target, quick = problem.target, problem.rough
+    sets = Candidates(numbers, target.propose(numbers, problem.nominal), np.zeros(len(numbers)))
+    for part in problem.crowds:
+        disk = screened(target, sets.gains, part.probes, omega)
+        sets = sets.pick(np.all(disk >= NEARLY * margin, axis=1))
+    for part in problem.crowds:  # what is dear for the first explanation need not be flown for the others
+        if len(sets.cost):
+            cost = flown(quick, sets.gains, part.probes, problem.task)[0].max(axis=1)
+            sets = replace(sets, cost=np.maximum(sets.cost, cost)).first(FLOWN)
+    for part in problem.crowds:
+        disk = screened(target, sets.gains, part.vehicles.pick(slice(0, FEW)), omega)
+        sets = sets.pick(np.mean(disk >= margin, axis=1) >= SHARE)
+    return sets
 
 
-def design(
-    target: Target, known: Knowledge, full: float, bend: Bend | None, task: Task, present: Mapping[str, float] | None,
-    seed: int,
-) -> Designed:  # fmt: skip
-    """Reach the verdict of a target on a vehicle; `present` gains by name, None where there are none.
+def design(setup: Setup, present: Mapping[str, float] | None, count: int = CROWD) -> Designed:
+    """Reach the verdict of a target on `count` vehicles; `present` gains by name, None where there are none.
 
     A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
     margin and do not settle in time.
     """
-    crowds = crowds_of(known, full, bend, seed)
+    known, task = setup.known, setup.task
+    crowds = crowds_of(known, setup.full, setup.bend, setup.seed, count)
     nominal = nominal_of(crowds[0].vehicles, task.step)
+    problem = Problem(setup.target, task, nominal, crowds)
     if known.settled is not None:
-        why, effect = known.settled
-        run = _run(known, effect)
-        return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, effect, run, known.notes)
+        return _designed(problem, known, "cannot-promise", *known.settled)
     shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
     seconds = float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
     for longer in (1.0, 2.0):
-        result = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds), present)
+        result = _judged(replace(problem, task=replace(task, seconds=longer * seconds)), known, present)
         if result is not None:
             return result
     why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles"
-    why = f"{why} that the model allows. {_more(target)}"
-    return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, "", "", known.notes)
+    return _designed(problem, known, "cannot-promise", f"{why} that the model allows. {_more(setup.target)}")
 
 
 def _designed(
-    target: Target, known: Knowledge, crowds: tuple[Crowd, ...], nominal: Nominal, task: Task,
-    present: Mapping[str, float] | None,
-) -> Designed | None:  # fmt: skip
+    problem: Problem, known: Knowledge, verdict: Verdict, why: str, effect: str = "", old: Outcome | None = None,
+    new: Outcome | None = None,
+) -> Designed:  # fmt: skip
+    run = effect and (known.splits.get(effect) or effects.get(effect).card(known.model.dof).separated_by)
+    return Designed(
+        **vars(problem), verdict=verdict, why=why, new=new, old=old, open=effect, run=run, notes=known.notes
+    )
+
+
+def _judged(problem: Problem, known: Knowledge, present: Mapping[str, float] | None) -> Designed | None:
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
-    some = [part.first(PRESENT // len(crowds)) for part in crowds]
-    exact = paced(target, nominal, EXACT)
-    old = None if present is None else outcome(target, present, some, task, exact)
-
-    def verdict(word: Verdict, why: str, new: Outcome | None = None, effect: str = "") -> Designed:
-        run = _run(known, effect) if effect else ""
-        return Designed(word, why, target, task, nominal, crowds, new, old, effect, run, known.notes)
-
-    if old is not None and _keeps(old, some, task):
-        return verdict("leave", _leave(old, task))
-    short = brief(target, nominal, crowds, task)
-    chosen = _chosen(target, nominal, crowds, short)
-    dear = _price(target, nominal, known, crowds, short, chosen)
+    task, target, crowds = problem.task, problem.target, problem.crowds
+    some = replace(problem, crowds=tuple(part.first(PRESENT // len(crowds)) for part in crowds))
+    old = None if present is None else outcome(some, present)
+    if old is not None and _keeps(old, some):
+        return _designed(problem, known, "leave", _leave(old, task), old=old)
+    short = brief(problem)
+    chosen = _chosen(short)
+    dear = _price(short, known, chosen)
     if dear is not None:
-        return verdict("cannot-promise", dear[0], effect=dear[1])
+        return _designed(problem, known, "cannot-promise", *dear, old=old)
     if chosen is None:
         within = "" if target.beyond or not target.firmware else " within the documented ranges"
         why = f"No gains{within} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the vehicles"
-        return verdict("cannot-promise", f"{why} that the model allows. {_more(target)}")
-    new = outcome(target, chosen, crowds, task, exact)
+        return _designed(problem, known, "cannot-promise", f"{why} that the model allows. {_more(target)}", old=old)
+    new = outcome(problem, chosen)
     # too little is seen after the vehicles settled: in a dead-band a loop may rest for a while and swing out again
     late = np.mean(new.scores.settling > 0.5 * task.seconds) > 1.0 - SHARE
-    if late and _keeps(new, crowds, task):
+    if late and _keeps(new, problem):
         task = replace(task, seconds=2.0 * task.seconds)
-        new = outcome(target, chosen, crowds, task, exact)
-        old = None if present is None else outcome(target, present, some, task, exact)
-    if not _keeps(new, crowds, task):
+        problem, some = replace(problem, task=task), replace(some, task=task)
+        new = outcome(problem, chosen)
+        old = None if present is None else outcome(some, present)
+    if not _keeps(new, problem):
         return None
-    if old is not None and (_keeps(old, some, task) or _no_worse(old, new, task)):
-        return verdict("leave", _leave(old, task))
+    if old is not None and (_keeps(old, some) or _no_worse(old, new, task)):
+        return _designed(problem, known, "leave", _leave(old, task), old=old)
     share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
     before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
-    return verdict("gains", f"They keep a disk margin of {task.margin:g} for {share}{before}.", new)
+    why = f"They keep a disk margin of {task.margin:g} for {share}{before}."
+    return _designed(problem, known, "gains", why, old=old, new=new)
 
 
-def outcome(target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task, paced: Target) -> Outcome:
-    """Work out what gains do over all crowds, flown with the loops of `paced`."""
+def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
+    """Work out what gains do over all crowds."""
     arrays: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
-    omega = grid_for(target, crowds, FINE)
-    parts = [all_margins(target, arrays, part.vehicles, omega) for part in crowds]
-    flights = [step_and_load(paced, arrays, part.vehicles, task.step, task.load, task.seconds) for part in crowds]
+    omega, task, vehicles = problem.omega(FINE), problem.task, [part.vehicles for part in problem.crowds]
+    parts = [all_margins(problem.target, arrays, some, omega) for some in vehicles]
+    flights = [step_and_load(problem.exact, arrays, some, task.step, task.load, task.seconds) for some in vehicles]
     joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
     flight = Flight(flights[0].time, *joined)
-    names = ("disk", "gain", "phase", "delay", "stable")
-    every = Margins(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
     return Outcome(dict(gains), every, scores(flight, task.step, task.band), flight)
 
 
-def _keeps(result: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
+def _keeps(result: Outcome, problem: Problem) -> bool:
     """Whether every explanation's vehicles keep the margin and settle, all but a twentieth."""
-    good = (result.margins.disk >= task.margin) & result.scores.settles
-    ends = np.cumsum([len(part.vehicles) for part in crowds])[:-1]
+    good = (result.margins.disk >= problem.task.margin) & result.scores.settles
+    ends = np.cumsum([len(part.vehicles) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
@@ -385,30 +401,27 @@ def _leave(old: Outcome, task: Task) -> str:
     return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle."
 
 
-def _chosen(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> dict[str, float] | None:
+def _chosen(problem: Problem) -> dict[str, float] | None:
     """The best gains that all crowds can live with; looked for with more margin on the probes where that fails.
 
     Of several sets it is the one whose cost is least for all but a tenth of the vehicles.
     """
-    omega = grid_for(target, crowds, FINE // 2)
+    target, task, omega = problem.target, problem.task, problem.omega(FINE // 2)
     for more in (1.0, 1.12, 1.3):
-        gains = searched(target, nominal, crowds, replace(task, margin=more * task.margin), ROUNDS).gains
-        good = [screened(target, gains, part.vehicles, omega) >= task.margin for part in crowds]
+        gains = searched(problem, more * task.margin, ROUNDS).gains
+        good = [screened(target, gains, part.vehicles, omega) >= task.margin for part in problem.crowds]
         able = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
         if len(able):
-            gains, quick = select(gains, able), paced(target, nominal, STEADY)
-            costs = [flown(quick, gains, part.vehicles.pick(slice(0, JUDGED)), task)[0] for part in crowds]
+            gains, quick = select(gains, able), paced(target, problem.nominal, STEADY)
+            costs = [flown(quick, gains, part.vehicles.pick(slice(0, JUDGED)), task)[0] for part in problem.crowds]
             best = int(np.argmin(np.quantile(np.concatenate(costs, axis=1), 0.9, axis=1)))
             return {name: float(value[best]) for name, value in gains.items()}
     return None
 
 
-def _price(
-    target: Target, nominal: Nominal, known: Knowledge, crowds: Sequence[Crowd], task: Task,
-    chosen: Mapping[str, float] | None,
-) -> tuple[str, str] | None:  # fmt: skip
+def _price(problem: Problem, known: Knowledge, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
-    quick = paced(target, nominal, ROUGH)
+    crowds = problem.crowds
     parts = list(zip(crowds, [e.instead for e in known.explanations])) if len(crowds) > 1 else []
     late = dead_time(crowds[0].vehicles)
     early, later = np.quantile(late, [0.25, 0.75])
@@ -416,13 +429,13 @@ def _price(
         prompt = crowds[0].vehicles.pick(np.flatnonzero(late <= early))
         parts.append((Crowd("a short delay", prompt), "input-delay"))
     for part, effect in parts:
-        alone = searched(target, nominal, [part], task, 1)
+        alone = searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
         if not len(alone.cost):
             continue
         both = {
             name: np.append(value[:1], [] if chosen is None else [chosen[name]]) for name, value in alone.gains.items()
         }
-        settling = flown(quick, both, part.vehicles.pick(slice(0, 1)), task)[1].settling
+        settling = flown(problem.rough, both, part.vehicles.pick(slice(0, 1)), problem.task)[1].settling
         mine, ours = settling[0], np.inf if chosen is None else settling[1]
         if ours > DEAREST * mine:
             settled = effect or next((e.instead for e in known.explanations if e.instead), "input-delay")
@@ -434,10 +447,6 @@ def _price(
                 settled,
             )
     return None
-
-
-def _run(known: Knowledge, effect: str) -> str:
-    return known.splits.get(effect) or effects.get(effect).card(known.model.dof).separated_by
 
 
 def _more(target: Target) -> str:

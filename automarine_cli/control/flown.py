@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.control.closed_loop import fly, step_scores
-from automarine_cli.control.design import EXACT, Crowd, Task, crowds_of, nominal_of, paced
+from automarine_cli.control.design import EXACT, Crowd, Setup, Task, crowds_of, nominal_of, paced
 from automarine_cli.control.targets.base import Gains, Target
-from automarine_cli.control.tuning import Setup, set_up
+from automarine_cli.control.tuning import set_up
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
@@ -26,18 +26,17 @@ from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 
-PIECES = 8
-"""Parts of all logs together that a diagnosis is made of."""
-
-REFERENCES = ("target", "reference", "desired", "DesYaw", "YDes")
-"""Parts of the names of columns that hold a reference."""
+PIECES = 8  # of all logs together that a diagnosis is made of
+REFERENCES = ("target", "reference", "desired", "DesYaw", "YDes")  # parts of the names of columns that hold a reference
 SMOOTHED_S, STEADY_S, LEAST = 0.5, 3.0, 5.0
 """Readings are averaged over so long, a reference stays for so long at least, and a step is so many bands large."""
-
-
 BEFORE_S, FOLLOWED_S, FOLLOWERS = 1.0, 120.0, 60
 """A stretch without steps begins so long before the reference first moves, is followed for so long at most, and by so
 many vehicles."""
+KEYS = {
+    "overshoot": "overshoot_percent", "settling": "settling_s", "rms": "rms_after_{unit}",
+    "distance": "rms_error_{unit}", "largest": "largest_error_{unit}",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -67,27 +66,29 @@ class FlownStep:
 
     @property
     def held(self) -> bool:
-        """Whether all was as promised."""
         return all(one.held for one in self.figures.values())
 
     def to_json(self, dof: Dof) -> dict[str, Any]:
-        """The step in the result file."""
-        size = None if self.size is None else dof.logged(self.size)
         figures = {}
         for name, figure in self.figures.items():
-            flown, low, high = (in_print(name, x, dof) for x in (figure.value, *figure.band))
-            promised = [low if math.isfinite(low) else None, high if math.isfinite(high) else None]
+            values = (in_print(name, x, dof) for x in (figure.value, *figure.band))
+            flown, *promised = (x if math.isfinite(x) else None for x in values)
             key = KEYS[name].format(unit=dof.units.key)
-            flown_or_none = flown if math.isfinite(flown) else None
-            figures[key] = {"flown": flown_or_none, "promised": promised, "held": figure.held}
-        step = {f"step_{dof.units.log}": size}
-        return {"run": self.run, "begins_s": self.begins, **step, "held": self.held, "figures": figures}
+            figures[key] = {"flown": flown, "promised": promised, "held": figure.held}
+        size = None if self.size is None else dof.logged(self.size)
+        step = {f"step_{dof.units.log}": size, "held": self.held, "figures": figures}
+        return {"run": self.run, "begins_s": self.begins, **step}
 
 
-KEYS = {
-    "overshoot": "overshoot_percent", "settling": "settling_s", "rms": "rms_after_{unit}",
-    "distance": "rms_error_{unit}", "largest": "largest_error_{unit}",
-}  # fmt: skip
+@dataclass(frozen=True)
+class Promise:
+    """What was promised: the stack, its gains, the vehicles that the model allows, and the step that they were judged
+    by."""
+
+    target: Target
+    gains: Gains
+    crowds: Sequence[Crowd]
+    task: Task
 
 
 def in_print(name: str, value: float, dof: Dof) -> float:
@@ -97,14 +98,13 @@ def in_print(name: str, value: float, dof: Dof) -> float:
 
 @dataclass(frozen=True, repr=False)
 class TuningCheck(Shown):
-    """The steps of a log beside what was promised, and what a diagnosis of the log says where it was not held."""
+    """The steps of a log beside what was promised, and in `changed` what a diagnosis says where it was not held."""
 
     steps: tuple[FlownStep, ...]
     dof: Dof
     changed: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of tuning_check.json: schema automarine/tuning-check/1."""
         return {
             "schema": "automarine/tuning-check/1",
             "motion": self.dof.name,
@@ -131,7 +131,15 @@ def check_tuning(
     runs = load_runs(logs, given_columns(columns), dof=setup.known.model.dof, progress=progress).runs
     crowds = crowds_of(setup.known, setup.full, setup.bend, setup.seed)
     target = paced(setup.target, nominal_of(crowds[0].vehicles, setup.task.step), EXACT)
-    steps = tuple(flown_steps(runs, reference, target, gains, crowds, setup.task))
+    promise = Promise(target, {name: np.full((1, 1), value) for name, value in gains.items()}, crowds, setup.task)
+    steps = tuple(step for run in runs for step in _flown_steps(run, reference_of(run, reference), promise))
+    if not steps:
+        dof = runs[0].dof
+        least = f"{dof.logged(LEAST * setup.task.band):g} {dof.units.log}"
+        raise RunError(
+            f"{runs[0].source}: no change of the reference of {least} or more; make one step and hold it until the "
+            "vehicle is at rest"
+        )
     changed = "" if all(step.held for step in steps) else _changed(runs, setup, phrase)
     return TuningCheck(steps, setup.known.model.dof, changed)
 
@@ -183,36 +191,26 @@ def reference_of(run: Run, column: str | None) -> Floats:
     return np.unwrap(inner) if dof.wraps else inner
 
 
-def flown_steps(
-    runs: Sequence[Run],
-    column: str | None,
-    target: Target,
-    gains: Mapping[str, float],
-    crowds: Sequence[Crowd],
-    task: Task,
-) -> list[FlownStep]:
-    """Every step of the runs' references with what was promised of it, and a stretch of each run whose reference moves
-    without steps. Raises RunError where no reference moves."""
-    found: list[FlownStep] = []
-    for run in runs:
-        reference = reference_of(run, column)
-        steps = list(_steps(run.time, reference, task))
-        found += [_step(run, reference, begin, end, target, gains, crowds, task) for begin, end in steps]
-        if not steps and np.ptp(reference) >= LEAST * task.band:
-            found.append(_followed(run, reference, target, gains, crowds))
-    if not found:
-        dof = runs[0].dof
-        least = f"{dof.logged(LEAST * task.band):g} {dof.units.log}"
-        raise RunError(
-            f"{runs[0].source}: no change of the reference of {least} or more; make one step and hold it until the "
-            "vehicle is at rest"
-        )
-    return found
+def _flown_steps(run: Run, reference: Floats, promise: Promise) -> list[FlownStep]:
+    """Every step of a run's reference, or a stretch of it, from just before it first moves, that moves without."""
+    band, crowds = promise.task.band, promise.crowds
+    steps = list(_steps(run.time, reference, band))
+    if steps or np.ptp(reference) < LEAST * band:
+        return [
+            _flown(run, reference, slice(a, b + 1), reference[a], promise, float(reference[b] - reference[a]))
+            for a, b in steps
+        ]
+    moves = np.flatnonzero(reference != reference[0])[0]
+    begin = int(np.searchsorted(run.time, run.time[moves] - BEFORE_S))
+    end = int(np.searchsorted(run.time, run.time[begin] + FOLLOWED_S))
+    promise = replace(promise, crowds=[part.first(max(FOLLOWERS // len(crowds), 2)) for part in crowds])
+    off = 2.0 * np.pi * np.round((run.position[begin] - reference[begin]) / (2.0 * np.pi)) if run.dof.wraps else 0.0
+    return [_flown(run, reference + off, slice(begin, end), run.position[begin], promise, None)]
 
 
-def _steps(time: Floats, reference: Floats, task: Task) -> Iterator[tuple[int, int]]:
+def _steps(time: Floats, reference: Floats, band: float) -> Iterator[tuple[int, int]]:
     """First sample of each step, and the last before the next one."""
-    moves = np.flatnonzero(np.abs(np.diff(reference)) > 0.1 * task.band)
+    moves = np.flatnonzero(np.abs(np.diff(reference)) > 0.1 * band)
     if not len(moves):
         return
     apart = np.flatnonzero(np.diff(time[moves]) > 1.0)
@@ -220,92 +218,41 @@ def _steps(time: Floats, reference: Floats, task: Task) -> Iterator[tuple[int, i
     lasts = moves[np.concatenate([apart, [len(moves) - 1]])]
     ends = [*firsts[1:], len(time) - 1]
     for first, last, end in zip(firsts, lasts, ends):
-        large = abs(reference[last + 1] - reference[first]) >= LEAST * task.band
+        large = abs(reference[last + 1] - reference[first]) >= LEAST * band
         if large and time[end] - time[last + 1] >= STEADY_S:
             yield int(first), int(end)
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Samples of a run beside the same flown by every vehicle: `time`, `asked`, `read` and `smooth` (N,), `flown`
-    (S, M) at `clock` (M,), all less the position before, and the noise of `smooth`."""
-
-    time: Floats
-    asked: Floats
-    read: Floats
-    smooth: Floats
-    clock: Floats
-    flown: Floats
-    noise: float
-
-    def judged(
-        self, did: Mapping[str, float], promised: Mapping[str, Floats], spare: Mapping[str, float]
-    ) -> dict[str, Compared]:
-        """Each figure beside the band of 95 % of what was promised of it (S,)."""
-        found = {}
-        for name, values in promised.items():
-            low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in (0.025, 0.975))
-            held = low - spare[name] <= did[name] <= high + spare[name]
-            found[name] = Compared(did[name], (low, high), held)
-        return found
-
-    def step(self, run: str, begins: float, size: float | None, figures: Mapping[str, Compared]) -> FlownStep:
-        """The result, with the promise as a band at the run's own samples."""
-        edges = np.quantile(self.flown, [0.025, 0.975], axis=0)
-        low, high = (np.interp(self.time, self.clock, one) for one in edges)
-        return FlownStep(run, begins, size, figures, self.time, self.asked, self.read, low, high)
-
-
-def _part(
-    run: Run, reference: Floats, part: slice, start: Floats | float, target: Target, gains: Mapping[str, float],
-    crowds: Sequence[Crowd],
-) -> _Part:  # fmt: skip
+def _flown(run: Run, reference: Floats, part: slice, start: float, promise: Promise, size: float | None) -> FlownStep:
+    """Part of a run beside the same flown by every vehicle, all less the position before: a step of a `size`, else how
+    far the vehicle is from the reference, on the whole and at most."""
     time = run.time[part] - run.time[part][0]
     turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if run.dof.wraps else 0.0
     read = run.position - 2.0 * np.pi * turns
     width = max(1, round(SMOOTHED_S / float(np.median(np.diff(run.time)))))
     smooth = np.convolve(np.pad(read, width // 2, mode="edge"), np.ones(width) / width, mode="same")
     smooth = smooth[width // 2 : width // 2 + len(read)][part] - start
-    asked = reference[part] - start
+    noise = float(position_noise(run.time, run.position) / np.sqrt(width))
+    wish, target = reference[part] - start, promise.target
     loops = max(2, round(float(time[-1]) / target.period))
-    wanted = np.interp(np.arange(loops) * target.period, time, asked)[None, None]
-    own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
-    flights = [fly(target, own, one.vehicles, wanted, np.zeros((1, 1))) for one in crowds]
-    flown = np.concatenate([one.position[:, 0] for one in flights])
-    noise = position_noise(run.time, run.position) / np.sqrt(width)
-    return _Part(time, asked, read[part] - start, smooth, flights[0].time, flown, float(noise))
-
-
-def _step(
-    run: Run, reference: Floats, begin: int, end: int, target: Target, gains: Mapping[str, float],
-    crowds: Sequence[Crowd], task: Task,
-) -> FlownStep:  # fmt: skip
-    one = _part(run, reference, slice(begin, end + 1), reference[begin], target, gains, crowds)
-    size = float(reference[end] - reference[begin])
-    names = ("overshoot", "settling", "rms")
-    promised = dict(zip(names, step_scores(one.clock, one.flown, size, task.band)))
-    did = step_scores(one.time, one.smooth[None], size, task.band + 2.5 * one.noise)
-    spare = {
-        "overshoot": 3.0 * one.noise / abs(size), "settling": 0.3 + float(np.median(np.diff(one.time))),
-        "rms": 2.0 * one.noise,
-    }  # fmt: skip
-    figures = one.judged({name: float(value[0]) for name, value in zip(names, did)}, promised, spare)
-    return one.step(run.name, float(run.time[begin] - run.time[0]), size, figures)
-
-
-def _followed(
-    run: Run, reference: Floats, target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd]
-) -> FlownStep:
-    """From just before the reference first moves: how far the vehicle is from it, on the whole and at most."""
-    moves = np.flatnonzero(reference != reference[0])[0]
-    begin = int(np.searchsorted(run.time, run.time[moves] - BEFORE_S))
-    end = int(np.searchsorted(run.time, run.time[begin] + FOLLOWED_S))
-    crowds = [one.first(max(FOLLOWERS // len(crowds), 2)) for one in crowds]
-    off = 2.0 * np.pi * np.round((run.position[begin] - reference[begin]) / (2.0 * np.pi)) if run.dof.wraps else 0.0
-    one = _part(run, reference + off, slice(begin, end), run.position[begin], target, gains, crowds)
-    theirs = one.flown - np.interp(one.clock, one.time, one.asked)
-    mine = one.smooth - one.asked
-    did = {"distance": float(np.sqrt(np.mean(mine**2))), "largest": float(np.abs(mine).max())}
-    promised = {"distance": np.sqrt(np.mean(theirs**2, axis=1)), "largest": np.abs(theirs).max(axis=1)}
-    figures = one.judged(did, promised, {"distance": 2.0 * one.noise, "largest": 4.0 * one.noise})
-    return one.step(run.name, float(run.time[begin] - run.time[0]), None, figures)
+    wanted = np.interp(np.arange(loops) * target.period, time, wish)[None, None]
+    flights = [fly(target, promise.gains, crowd.vehicles, wanted, np.zeros((1, 1))) for crowd in promise.crowds]
+    clock, flown = flights[0].time, np.concatenate([flight.position[:, 0] for flight in flights])
+    names: tuple[str, ...]
+    spare: tuple[float, ...]
+    if size is None:
+        names, spare = ("distance", "largest"), (2.0 * noise, 4.0 * noise)
+        off, theirs = (smooth - wish)[None], flown - np.interp(clock, time, wish)
+        did, promised = ([np.sqrt(np.mean(x**2, axis=1)), np.abs(x).max(axis=1)] for x in (off, theirs))
+    else:
+        names = ("overshoot", "settling", "rms")
+        spare = 3.0 * noise / abs(size), 0.3 + float(np.median(np.diff(time))), 2.0 * noise
+        did = list(step_scores(time, smooth[None], size, promise.task.band + 2.5 * noise))
+        promised = list(step_scores(clock, flown, size, promise.task.band))
+    figures = {}
+    for name, value, values, more in zip(names, did, promised, spare):
+        low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in (0.025, 0.975))
+        figures[name] = Compared(float(value[0]), (low, high), bool(low - more <= value[0] <= high + more))
+    band = [np.interp(time, clock, edge) for edge in np.quantile(flown, [0.025, 0.975], axis=0)]
+    begins = float(run.time[part][0] - run.time[0])
+    return FlownStep(run.name, begins, size, figures, time, wish, read[part] - start, *band)

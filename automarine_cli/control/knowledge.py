@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from automarine_cli.control.vehicles import Bend, Spread
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.records import Source, read_plain
-from automarine_cli.pipeline.result_files import DIAGNOSIS
+from automarine_cli.pipeline.records import Source
+from automarine_cli.pipeline.result_files import DiagnosisFile, ModelFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid
@@ -23,22 +22,19 @@ from automarine_cli.planning.rivals import closest, with_effect
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.map import ThrusterMap
 
-LATE = ("input-delay", "thruster-lag", "sensor-lag")
-"""Effects that make a vehicle answer late."""
+LATE = ("input-delay", "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
 WILD, CURVED = 0.25, 0.1
 """Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
 not known: fits take no more than 0.3 for scatter."""
 IDLE = 0.1
 """Share of the whole output below which thrusters give nothing where nobody looked: Blue Robotics T200 performance data
 (2019), 7 to 10 %."""
-CURVE = ("dead-band", "thrust-exponent")
-"""What the curve of the thrust against its command is made of."""
+CURVE = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
 OWN_LAWS = 0.03
 """Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
 FAINT = 0.5
 """Largest standard error of an effect, as a share of its size: of what is less sure a diagnosis says nothing."""
-UNKNOWN = 0.1
-"""Standard error, as a share, of a parameter of which the file tells none."""
+UNKNOWN = 0.1  # standard error, as a share, of a parameter of which the file tells none
 EXTENDED = "extended_model.json"
 SUPPLY = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
@@ -76,13 +72,7 @@ class Knowledge:
 
     @property
     def model(self) -> YawModel:
-        """Model as it was named."""
         return self.explanations[0].model
-
-
-def is_diagnosis(source: Source) -> bool:
-    """Tell whether a file is a diagnosis."""
-    return read_plain(source, "JSON", ModelError).get("schema") == DIAGNOSIS.schema
 
 
 def read_knowledge(
@@ -93,9 +83,9 @@ def read_knowledge(
     Raises ModelError for a file that is none, for drag that drives, and for an effect that no controller can be
     designed with.
     """
-    data = read_plain(model, "JSON", ModelError)
     known = read_prior_results(model, diagnosis)
-    said = {} if diagnosis is None else read_plain(diagnosis, "JSON", ModelError)
+    file, judged = known.file, known.diagnosis
+    assert file is not None
     symbols, (linear, quadratic) = known.model.dof.symbols, known.model.drag()
     for symbol, value in ((symbols.linear, linear), (symbols.quadratic, quadratic)):
         if value < 0:
@@ -103,18 +93,17 @@ def read_knowledge(
                 f"{printable(model.name)}: {symbol} is {value:.4g}, drag that drives the vehicle; expected zero or "
                 "more: fit again with more runs, or prefer another of the file's models"
             )
-    main = Explanation(known.model, _covariance(known, known.model, data, said), "the model as it was named")
+    main = Explanation(known.model, _covariance(known, known.model), "the model as it was named")
     bare = known.stored.models[known.stored.preferred]
-    largest = _largest(data)
+    force = file.valid_range.force if file.valid_range else None
+    largest = max(map(abs, force)) if force else None
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     named = {term.name for term in known.model.terms}
     if len(bare.terms) < len(known.model.terms):
         names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
-        others.append(
-            Explanation(bare, _covariance(known, bare, data, said), f"the model without {', '.join(names)}", names[0])
-        )
-    others += _idle(main, said, largest or 1.0)
-    late, unknown, note = _late(known.model, said, delay)
+        others.append(Explanation(bare, _covariance(known, bare), f"the model without {', '.join(names)}", names[0]))
+    others += _idle(main, judged, largest or 1.0)
+    late, unknown, note = _late(known.model, judged, delay)
     logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
     # a delay that no model has inflates the inertia of steps by sqrt(k tau)/ln 2 a second, to first order, tau half the
@@ -132,7 +121,7 @@ def read_knowledge(
         for term in bare.terms
         for column in [name for name in effects.get(term.name).columns if name != "voltage"][:1]
     ]
-    told = (note for note in (*known.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
+    notes = (note for note in (*known.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
     have = named | ({LATE[0]} if delay is not None else set())
     proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
     if proposed:
@@ -140,31 +129,17 @@ def read_knowledge(
         why = f"The fit's own evidence asks for {asks}, which the model lacks. Fit it with --with {','.join(proposed)}"
         settled: tuple[str, str] | None = f"{why}, and tune that model.", next(iter(proposed))
     else:
-        settled = _unsettled_thrust(known, data) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
-    splits = {
-        str(rival.get("name")): str(rival.get("split_by", ""))
-        for entry in _listed(said.get("effects"))
-        for rival in entry.get("rivals") or ()
-    }
-    return Knowledge(known.stored, (main, *others), spread, largest, splits, (*without, *told), settled)
+        settled = _unsettled_thrust(known, file) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
+    rivals = (rival for effect in (judged.effects if judged else ()) for rival in effect.rivals)
+    splits = {rival.name: rival.split_by for rival in rivals}
+    return Knowledge(known.stored, (main, *others), spread, largest, splits, (*without, *notes), settled)
 
 
-def _listed(entries: object) -> list[Any]:
-    return entries if isinstance(entries, list) else []
-
-
-def _smallest_visible(said: Mapping[str, object], names: Sequence[str]) -> list[float]:
-    """The smallest sizes that a diagnosis would have seen, of those of these effects that it names."""
-    sizes = said.get("smallest_visible")
-    known = [sizes.get(name) for name in names] if isinstance(sizes, Mapping) else []
-    return [float(size) for size in known if isinstance(size, int | float)]
-
-
-def _unsettled_thrust(known: PriorResults, data: Mapping[str, object]) -> tuple[str, str] | None:
+def _unsettled_thrust(known: PriorResults, file: ModelFile) -> tuple[str, str] | None:
     """Why the thrust is not known well enough for promises: it scatters as no thruster does, or goes with the size of
     the command as the model does not say."""
-    power = data.get("gain_exponent")
-    low, high = power["ci95"] if isinstance(power, Mapping) else (0.0, 0.0)
+    power = file.gain_exponent
+    low, high = power.ci95 if power and power.ci95 else (0.0, 0.0)
     if low > CURVED or high < -CURVED:
         why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
     elif known.scatter is not None and known.scatter >= WILD:
@@ -177,52 +152,51 @@ def _unsettled_thrust(known: PriorResults, data: Mapping[str, object]) -> tuple[
     return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
 
 
-def _idle(main: Explanation, said: Mapping[str, object], largest: float) -> list[Explanation]:
+def _idle(main: Explanation, judged: DiagnosisFile | None, largest: float) -> list[Explanation]:
     """The model with the widest dead-band that the logs would not have shown, where its thrust is a curve: nearly flat
     about rest, such a curve hides one."""
     names = {term.name for term in main.model.terms}
     if "thrust-exponent" not in names or "dead-band" in names:
         return []
-    width = min([*_smallest_visible(said, ["dead-band"]), IDLE * largest])
+    visible = judged.smallest_visible.get("dead-band", np.inf) if judged else np.inf
+    width = min(visible, IDLE * largest)
     model = main.model.with_effect("dead-band", (width, 0.0, 0.5))
-    covariance = np.zeros((len(model.theta), len(model.theta)))
-    there = [model.parameter_names.index(name) for name in main.model.parameter_names]
-    covariance[np.ix_(there, there)] = main.covariance
+    covariance = _moved(main, model, main.model.parameter_names)
     return [Explanation(model, covariance, f"a dead-band of {width:.2g}, which the logs allow", "dead-band")]
 
 
-def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object], said: Mapping[str, object]) -> Floats:
+def _moved(main: Explanation, model: YawModel, names: Sequence[str]) -> Floats:
+    """The covariance of these parameters, in the places that they have in another model; zero elsewhere."""
+    covariance = np.zeros((len(model.theta), len(model.theta)))
+    there, before = ([owner.parameter_names.index(name) for name in names] for owner in (model, main.model))
+    covariance[np.ix_(there, there)] = main.covariance[np.ix_(before, before)]
+    return covariance
+
+
+def _covariance(known: PriorResults, model: YawModel) -> Floats:
     """Covariance of theta (p, p): the file's own, and standard errors where it says no more."""
-    size = len(model.theta)
-    found = np.diag([_error(known, model, k) ** 2 for k in range(size)])
-    stored: Any = data
-    for key in ("models", known.stored.preferred, "output_error", "covariance"):
-        stored = stored.get(key) if isinstance(stored, Mapping) else None
-    order = stored.get("parameters") if isinstance(stored, Mapping) else None
-    if isinstance(order, list):
-        matrix = np.array(stored.get("matrix"), dtype=np.float64)
-        if matrix.shape == (len(order), len(order)):
-            there = [k for k, name in enumerate(model.short_names) if name in order]
-            rows = [order.index(model.short_names[k]) for k in there]
-            found[np.ix_(there, there)] = matrix[np.ix_(rows, rows)]
+    covariance = np.diag([_error(known, model, k) ** 2 for k in range(len(model.theta))])
+    likeliest = known.file.chosen.output_error if known.file else None
+    if likeliest is not None and (stored := likeliest.covariance) is not None:
+        there = [k for k, name in enumerate(model.short_names) if name in stored.parameters]
+        rows = [stored.parameters.index(model.short_names[k]) for k in there]
+        covariance[np.ix_(there, there)] = np.array(stored.matrix)[np.ix_(rows, rows)]
     added = [name.partition(".")[0] in known.stored.effects for name in model.parameter_names]
-    free = np.count_nonzero(np.diagonal(found)[added])
-    most = np.where(added, (_faint(said) if free == 1 else FAINT) * _sizes(model), np.inf)
-    share = np.minimum(most / np.maximum(np.sqrt(np.diagonal(found)), 1e-300), 1.0)
-    found = found * np.outer(share, share)
-    fitted = np.diagonal(found) > 0
-    return found + np.diag(np.where(fitted, (OWN_LAWS * model.theta) ** 2, 0.0))
+    free = np.count_nonzero(np.diagonal(covariance)[added])
+    most = np.where(added, (_faint(known.diagnosis) if free == 1 else FAINT) * _sizes(model), np.inf)
+    share = np.minimum(most / np.maximum(np.sqrt(np.diagonal(covariance)), 1e-300), 1.0)
+    covariance = covariance * np.outer(share, share)
+    return covariance + np.diag(np.where(np.diagonal(covariance) > 0, (OWN_LAWS * model.theta) ** 2, 0.0))
 
 
-def _faint(said: Mapping[str, object]) -> float:
+def _faint(judged: DiagnosisFile | None) -> float:
     """Largest standard error of the size that a diagnosis named alone, as a share of it: half of it, and less where it
     gained far more than chance does, for a size that is off by all of itself loses all that it gained."""
-    effects, threshold, tried = (said.get(key) for key in ("effects", "threshold", "candidates"))
-    if not (isinstance(effects, list) and isinstance(tried, list) and isinstance(threshold, float)):
+    if judged is None or judged.threshold is None:
         return FAINT
-    names = [effect.get("name") for effect in effects]
-    gain = max((float(trial["gain"]) for trial in tried if [trial["name"]] == names), default=0.0)
-    return min(FAINT, (threshold / gain) ** 0.5) if gain > 0.0 else FAINT
+    names = [effect.name for effect in judged.effects]
+    gain = max((trial.gain for trial in judged.candidates if [trial.name] == names), default=0.0)
+    return min(FAINT, (judged.threshold / gain) ** 0.5) if gain > 0.0 else FAINT
 
 
 def _error(known: PriorResults, model: YawModel, place: int) -> float:
@@ -240,16 +214,19 @@ def _rival(known: PriorResults, main: Explanation, effect: str, rival: str, larg
     fitting = fitting_of(known, Limits())
     grid = paper_grid(fitting.base, largest)[:24:3]
     bare = replace(known.model, terms=tuple(term for term in known.model.terms if term.name != effect))
-    found, _ = closest(replace(fitting, fit="diagnosis"), with_effect(fitting, bare, rival, largest), grid)
-    model, kept = found.model, [k for k, n in enumerate(main.model.parameter_names) if not n.startswith(f"{effect}.")]
-    size = len(model.theta)
-    covariance = np.zeros((size, size))
-    there = [model.parameter_names.index(main.model.parameter_names[k]) for k in kept]
-    covariance[np.ix_(there, there)] = main.covariance[np.ix_(kept, kept)]
-    size_of, error_of = _sizes(main.model), np.sqrt(np.diagonal(main.covariance))
-    known_by = [error_of[k] / size_of[k] for k in range(len(size_of)) if k not in kept and error_of[k] * size_of[k] > 0]
-    share = min([*known_by, FAINT])
-    covariance += np.diag([0.0 if k in there else (share * x) ** 2 for k, x in enumerate(_sizes(model))])
+    nearest, _ = closest(replace(fitting, fit="diagnosis"), with_effect(fitting, bare, rival, largest), grid)
+    model, names = nearest.model, [n for n in main.model.parameter_names if not n.startswith(f"{effect}.")]
+    covariance = _moved(main, model, names)
+    shares = [
+        error / size
+        for name, size, error in zip(
+            main.model.parameter_names, _sizes(main.model), np.sqrt(np.diagonal(main.covariance))
+        )
+        if name not in names and error * size > 0
+    ]
+    share = min([*shares, FAINT])
+    new = [name not in names for name in model.parameter_names]
+    covariance += np.diag(np.where(new, (share * _sizes(model)) ** 2, 0.0))
     return Explanation(model, covariance, f"{rival} in the place of {effect}", rival)
 
 
@@ -260,23 +237,17 @@ def _sizes(model: YawModel) -> Floats:
     return np.where([False, *(p.held for p in parameters)], 0.0, np.abs(model.theta - off))
 
 
-def _late(model: YawModel, said: Mapping[str, object], delay: float | None) -> tuple[float, bool, str]:
+def _late(model: YawModel, judged: DiagnosisFile | None, delay: float | None) -> tuple[float, bool, str]:
     """The longest delay beyond the model's, whether nothing is known of it, and a sentence on it."""
     if delay is not None:
         return delay, False, f"Delays up to {delay:g} s beyond the model's are allowed for, as asked."
     if any(term.name in LATE for term in model.terms):
         return 0.0, False, ""
-    sizes = _smallest_visible(said, LATE[:2])
-    if sizes:
-        late = max(sizes)
-        return late, False, f"Delays up to {late:.2g} s are allowed for: longer ones the diagnosis would have seen."
-    return 0.0, True, ""
-
-
-def _largest(data: Mapping[str, object]) -> float | None:
-    held = data.get("valid_range")
-    ends = next(iter(held.values()), None) if isinstance(held, Mapping) else None
-    return max(abs(float(end)) for end in ends) if isinstance(ends, list) and ends else None
+    visible = judged.smallest_visible if judged else {}
+    late = max((visible[name] for name in LATE[:2] if name in visible), default=None)
+    if late is None:
+        return 0.0, True, ""
+    return late, False, f"Delays up to {late:.2g} s are allowed for: longer ones the diagnosis would have seen."
 
 
 def authority(

@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.design import Designed, Outcome, Task, design
-from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, authority, is_diagnosis, read_knowledge
+from automarine_cli.control.design import Designed, Outcome, Setup, Task, design
+from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_knowledge
 from automarine_cli.control.targets import get
-from automarine_cli.control.targets.base import Design, Target, present_gains
-from automarine_cli.control.vehicles import Bend
+from automarine_cli.control.targets.base import Design, present_gains
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, Shown, Source, read_plain
-from automarine_cli.pipeline.result_files import TUNING
+from automarine_cli.pipeline.records import Document, Shown, Source, read_plain, schema_in
+from automarine_cli.pipeline.result_files import DIAGNOSIS, TUNING
 from automarine_cli.pipeline.results_folder import Attempt, attempted
 from automarine_cli.planning.limits import Goal, Limits, Moments
 from automarine_cli.planning.plan import Plan, make_plan
@@ -29,8 +28,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.propulsion import map_and_arm
 
-BAND_DEG, BAND_M = 2.0, 0.05
-"""Within what a step counts as settled: the field's two degrees of heading, and 5 cm."""
+BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field's two degrees of heading, and 5 cm
 STEP_DEG, STEP_M = 90.0, 1.0
 WIDE, NARROW = 50.0, 10.0
 """Half widths of intervals [%] at which nothing more is planned: where a tie alone is to be settled, and of an effect
@@ -41,18 +39,6 @@ SETTLES, LIMITS = "settles", "limits.toml"
 RECORDED = (
     "target", "step", "load", "margin", "full", "arm", "delay", "supply", "sample_time", "beyond_range", "seed",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Setup:
-    """Everything that a tuning is made of, read and checked."""
-
-    target: Target
-    known: Knowledge
-    full: float
-    bend: Bend | None
-    task: Task
-    seed: int
 
 
 def set_up(
@@ -79,7 +65,7 @@ def set_up(
     whole output, disk `margin` to keep; `full` moment or force of the whole output; `delay` [s] that the logs cannot
     show, `supply` voltage in shares of that of the logs; `seed` draws the vehicles. Raises ModelError or SettingError.
     """
-    if is_diagnosis(model):
+    if schema_in(model) == DIAGNOSIS.schema:
         if extended is None:
             raise ModelError(f"{model.name}: its {EXTENDED} is not beside it; keep both in one folder")
         known = read_knowledge(extended, model, delay, supply)
@@ -111,7 +97,6 @@ class Tuning(Shown):
     out: Path | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of tuning.json: schema automarine/tuning/1."""
         designed = self.designed
         new, old, nominal, task, target = (
             designed.new, designed.old, designed.nominal, designed.task, designed.target
@@ -160,7 +145,6 @@ class Tuning(Shown):
         }  # fmt: skip
 
     def outcomes(self) -> Iterator[tuple[str, Outcome]]:
-        """Present and new outcomes, where there are any."""
         for name, outcome in (("present", self.designed.old), ("new", self.designed.new)):
             if outcome is not None:
                 yield name, outcome
@@ -197,7 +181,6 @@ class Tuning(Shown):
         return shlex.join([*words, "--limits", str(PurePosixPath(out, SETTLES, LIMITS)), "-o", "out/plan"])
 
     def target_text(self) -> str:
-        """The target's own file; there must be new gains."""
         designed = self.designed
         assert designed.new is not None
         share = f"{designed.new.share_with(designed.task.margin):.0%}"
@@ -217,8 +200,7 @@ def make_tuning(
     Runs that settle what is open are planned if results go into a folder `out`. Raises ModelError or SettingError.
     """
     setup = set_up(**settings)
-    present_now = present_gains(setup.target, present)
-    designed = design(setup.target, setup.known, setup.full, setup.bend, setup.task, present_now, setup.seed)
+    designed = design(setup, present_gains(setup.target, present))
     settling, plan = _settling(settings, setup, designed), None
     if settling is not None and out is not None:
         plan = attempted(
@@ -267,7 +249,6 @@ def promises(outcome: Outcome, designed: Designed) -> dict[str, Estimate | None]
 
 
 def margins_of(outcome: Outcome) -> dict[str, Estimate | None]:
-    """Margins of a set of gains, by key."""
     margins = outcome.margins
     return {
         "disk_margin": banded(margins.disk, "1"),

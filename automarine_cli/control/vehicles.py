@@ -18,10 +18,8 @@ from automarine_cli.simulation.rollout import Slope, right_hand_side
 
 THRUST_BY_VOLTAGE = 1.2
 """Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
-LIGHTEST = 0.2
-"""Share of the inertia that a delay which was never looked for leaves at least."""
-SLOWEST = 0.1
-"""Share of the reference moment at which a lag that depends on the speed counts in margins."""
+LIGHTEST = 0.2  # share of the inertia that a delay which was never looked for leaves at least
+SLOWEST = 0.1  # share of the reference moment at which a lag that depends on the speed counts in margins
 REST, SLOW, BRISK = 1e-6, 0.02, 0.3
 """Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of
 quadratic drag is that at rest, of dry friction that of a brisk turn. Water that moves is looked at over a slow one."""
@@ -35,7 +33,6 @@ class Bend:
     share: Floats
 
     def of(self, output: Floats) -> Floats:
-        """Return the share of the full moment at outputs of any shape."""
         return np.asarray(np.sign(output) * np.interp(np.abs(output), self.output, self.share))
 
     def inverse(self, share: Floats) -> Floats:
@@ -45,7 +42,6 @@ class Bend:
         return np.asarray(np.sign(share) * edge)
 
     def slope(self, output: Floats) -> Floats:
-        """Return how the share grows with the output, at outputs of any shape."""
         place = np.clip(np.searchsorted(self.output, np.abs(output)), 1, len(self.output) - 1)
         return np.asarray(np.diff(self.share)[place - 1] / np.diff(self.output)[place - 1])
 
@@ -74,7 +70,6 @@ class Vehicles:
         return len(self.theta)
 
     def pick(self, which: NDArray[np.int64] | slice) -> "Vehicles":
-        """Select vehicles by their places."""
         arrays = ("theta", "gain", "late", "volts", "at")
         return replace(self, **{name: getattr(self, name)[which] for name in arrays})
 
@@ -153,7 +148,6 @@ class Actuators:
         self._signals = {"voltage": vehicles.volts[:, None, None]}
 
     def begin(self, output: Floats) -> None:
-        """Let an output (S, R) have been held for long."""
         moment = self._ideal(output)
         self._ring[:] = moment
         for place, term in enumerate(self._now):
@@ -181,7 +175,6 @@ class Actuators:
         return self.vehicles.gain[:, None] * moment
 
     def slope(self, output: Floats) -> Floats:
-        """Return the change of moment, but for the gain, per change of outputs +-`output` (S,) that pass at once."""
         moment = output[:, None] * np.array([[1.0, -1.0]]) * self.vehicles.full
         for term in self._now:
             moment = self._at_once(term, moment, moment)
@@ -242,7 +235,6 @@ class Body:
         self._signals = {"voltage": vehicles.volts[:, None]}
 
     def advance(self, force: Floats, step: float) -> None:
-        """Advance by `step` [s] under a moment (S, R)."""
         half = 0.5 * step
         at = self.position, self.velocity, self._water, (force,)
         first, move, stir = self._slope(*at, self.time, self._signals)
@@ -318,5 +310,4 @@ def response(vehicles: Vehicles, s: Complexes) -> tuple[Complexes, Complexes]:
 
 
 def poles(vehicles: Vehicles) -> Complexes:
-    """Return the roots of the equation of motion about rest, (S, n)."""
     return np.asarray(np.linalg.eigvals(least_damped(vehicles)).astype(complex))

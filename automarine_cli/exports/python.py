@@ -28,11 +28,13 @@ CARRIES = [name for name in effects.built_in() if not (effects.get(name).columns
 
 
 def write(subject: YawSubject) -> Written:
-    terms, dof, own = subject.model.terms, subject.dof, subject.dof.symbols
-    inertia = own.inertia.upper()  # I_R, M_U, M_W
+    terms, dof, symbols = subject.model.terms, subject.dof, subject.dof.symbols
+    inertia = symbols.inertia.upper()  # I_R, M_U, M_W
     logged = [name for term in terms for name in effects.get(term.name).needs]
     moments = (term.name for term in terms if effects.get(term.name).place.value == "moment")
-    equation = " ".join([f"{own.inertia} {own.velocity}' = {subject.force}", *map(subject.equation_of, moments)])
+    equation = " ".join(
+        [f"{symbols.inertia} {symbols.velocity}' = {subject.force}", *map(subject.equation_of, moments)]
+    )
     text = {
         **dof.vocabulary,
         "head": commented(head(subject, equation, ()), "#"),
@@ -42,7 +44,7 @@ def write(subject: YawSubject) -> Written:
         "runtime": runtime([effects.get(term.name) for term in terms]),
         "terms": "".join(f"    ({maker(effects.get(t.name))}, {arguments(subject, t)}),\n" for t in terms),
         "title": dof.words.position.capitalize(),
-        "given": dof.words.force if own.force == subject.force else own.force,
+        "given": dof.words.force if symbols.force == subject.force else symbols.force,
         "unit": subject.model.moment_unit,
         "more": ", **columns" if logged else "",
         "columns": f" So does columns[{logged[0]!r}][i]." if logged else "",
@@ -55,19 +57,19 @@ def write(subject: YawSubject) -> Written:
 def runtime(chosen: Iterable[Effect]) -> str:
     """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
     classes = [type(effect) for effect in chosen]
-    own = {kind.__module__ for kind in classes} - {Learned.__module__}
-    modules: list[ModuleType] = [base, sys.modules[Learned.__module__], *(sys.modules[name] for name in sorted(own))]
-    found = {name: part for module in modules for name, part in definitions(module).items()}
+    others = sorted({kind.__module__ for kind in classes} - {Learned.__module__})
+    modules: list[ModuleType] = [base, *(sys.modules[name] for name in (Learned.__module__, *others))]
+    defined = {name: part for module in modules for name, part in definitions(module).items()}
     needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}
     while new:
         needed |= new
-        new = {name for known in new for name in found[known][1] if name in found} - needed
-    return "\n\n\n".join(source for name, (source, _) in found.items() if name in needed)
+        new = {name for caller in new for name in defined[caller][1] if name in defined} - needed
+    return "\n\n\n".join(source for name, (source, _) in defined.items() if name in needed)
 
 
 def definitions(module: ModuleType) -> dict[str, tuple[str, set[str]]]:
     """The source of all that a module defines, by name, with the names that stand in it; of an effect what acts."""
-    lines, found = inspect.getsource(module).splitlines(), dict[str, tuple[str, set[str]]]()
+    lines, defined = inspect.getsource(module).splitlines(), dict[str, tuple[str, set[str]]]()
     for node in ast.parse("\n".join(lines)).body:
         decorators = getattr(node, "decorator_list", [])
         parts: list[ast.stmt] = [node]
@@ -76,11 +78,11 @@ def definitions(module: ModuleType) -> dict[str, tuple[str, set[str]]]:
         source = "\n\n".join("\n".join(lines[part.lineno - 1 : part.end_lineno]) for part in parts)
         if parts != [node]:
             source = f"{lines[node.lineno - 1]}\n{source or '    pass'}"
-        source = "\n".join([*(lines[one.lineno - 1] for one in decorators), source])
-        inner = {name.id for part in (*parts, *getattr(node, "bases", ())) for name in ast.walk(part)
+        source = "\n".join([*(lines[decorator.lineno - 1] for decorator in decorators), source])
+        called = {name.id for part in (*parts, *getattr(node, "bases", ())) for name in ast.walk(part)
                  if isinstance(name, ast.Name)}  # fmt: skip
-        found |= dict.fromkeys(_bound(node), (source, inner))
-    return found
+        defined |= dict.fromkeys(_bound(node), (source, called))
+    return defined
 
 
 def _bound(node: ast.stmt) -> list[str]:
@@ -94,9 +96,9 @@ def maker(effect: Effect) -> str:
     """What makes an effect in the file; a learned curve is told what it runs over."""
     if not isinstance(effect, Learned):
         return f"{type(effect).__name__}()"
-    own = effect.variable
-    read = own.code or (f"state.position % {own.turn!r}" if own.turn else f"state.signals[{own.name!r}]")
-    variable = f"SimpleNamespace(read=lambda state: {read}, sized={own.sized}, turn={own.turn!r})"
+    x = effect.variable
+    read = x.code or (f"state.position % {x.turn!r}" if x.turn else f"state.signals[{x.name!r}]")
+    variable = f"SimpleNamespace(read=lambda state: {read}, sized={x.sized}, turn={x.turn!r})"
     return f'type("Curve", (Learned,), {{"variable": {variable}}})()'
 
 
@@ -113,12 +115,12 @@ def constants(subject: YawSubject, term: Term) -> str:
 def names(subject: YawSubject, term: Term) -> list[str]:
     """The constant of each parameter: K_RR of the drags, THRUST_LOSS_B of others; empty for one that stands as a number
     among the values: a choice of law, and what counts under no such law, or makes a learned curve."""
-    effect, found = effects.get(term.name), []
+    effect, result = effects.get(term.name), []
     for parameter, name in zip(effect.parameters, effect.names_in(subject.dof)):
         is_number = isinstance(effect, Learned) or parameter.choices or not effect.counts(parameter, term.values)
-        own = name if parameter.name != name else f"{term.name}_{name}"  # a symbol of the motion needs no more
-        found.append("" if is_number else own.replace("-", "_").upper())
-    return found
+        unique = name if parameter.name != name else f"{term.name}_{name}"  # a symbol of the motion needs no more
+        result.append("" if is_number else unique.replace("-", "_").upper())
+    return result
 
 
 def arguments(subject: YawSubject, term: Term) -> str:

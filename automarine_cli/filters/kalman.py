@@ -24,8 +24,7 @@ from automarine_cli.filters.course import Course
 from automarine_cli.models.allocation import Bound, Vehicle, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
-from automarine_cli.simulation.plane import in_body_axes
-from automarine_cli.simulation.rollout import right_hand_side
+from automarine_cli.simulation.rollout import in_body_axes, right_hand_side
 
 SMALL = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
 SHARE = 0.02  # difference of the log gain, likewise

@@ -118,7 +118,7 @@ def recognised(layout: Layout, alike: Mapping[str, Span], given: ColumnMap) -> L
 
 def _given(key: str, rule: ColumnRule, seen: Mapping[str, Span]) -> Recognised:
     keys = {"source": "from"}
-    defaults = ColumnRule("")
+    defaults = ColumnRule(rule.source)
     more = {keys.get(name, name): value for name, value in to_mapping(rule).items()
             if name not in ("source", "unit") and value != getattr(defaults, name)}  # fmt: skip
     if "sign_from" in more and rule.sign_from is not None:

@@ -170,7 +170,7 @@ def _effects(
 
 def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tuple[float, ...]:
     effect = effects.get(entry.name)
-    keys = [dof.fill(parameter.name) for parameter in effect.parameters]
+    keys = effect.names_in(dof)
     for key in entry.parameters:
         if key not in keys:
             raise codec.refusal(place, f"unknown key {told(key)}; {entry.name} takes {', '.join(keys) or 'none'}")

@@ -332,12 +332,21 @@ class Gaps:
 
 
 @dataclass(frozen=True)
+class Tried:
+    """An effect that a diagnosis tried alone, and what it gained."""
+
+    name: str
+    gain: float
+
+
+@dataclass(frozen=True)
 class FoundEffect:
     """An effect that a diagnosis named or suspects, and those that cannot be excluded."""
 
     name: str
     parameters: Mapping[str, Given] = field(default_factory=dict)
     rivals: tuple["FoundEffect", ...] = ()
+    split_by: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,6 +375,9 @@ class DiagnosisFile(ResultRecord):
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
     effects: tuple[FoundEffect, ...] = ()
     base: Mapping[str, Moved] = field(default_factory=dict)
+    candidates: tuple[Tried, ...] = ()
+    threshold: float | None = None
+    smallest_visible: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def of_thrusters(self) -> bool:

@@ -35,15 +35,8 @@ from automarine_cli.planning.information import (
     Fitting,
     Intervals,
     Logger,
-    Objective,
     alike,
-    directions,
-    estimates_of,
-    excursions,
-    information,
     moving,
-    predicted,
-    relative_directions,
     reported_covariance,
     stderr_along,
 )
@@ -61,24 +54,19 @@ from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import SCHEMA
 
-FAR = 1.5
-"""A run turns far if it turns by more than this times what steps may; coasting after a step stays below it."""
-ROUNDS = 3
-"""How often the wrong explanation is fitted again to the runs chosen, and the choice made again."""
+FAR = 1.5  # a run turns far if it turns by more than this times what steps may; coasting after a step stays below it
+ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again
 MARGIN = 1.3
 """By how much more evidence is asked for, and again when a choice fell short: what is linear in the choice is not
 quite."""
-QUANTILE = 2.2
-"""Half width of an interval in standard errors: Student's t where about a dozen runs carry it."""
+Objective = Intervals | Splitting
+QUANTILE = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
 SWEEPS = 8
-FINALISTS = 4
-"""How many of the campaigns that the search begins with are improved to the end."""
+FINALISTS = 4  # how many of the campaigns that the search begins with are improved to the end
 ALIKE = 1e-3
 """Worth (a thousandth of the standard errors) that is given up for as many runs to one side as to the other."""
-BEGUN = (1.0, 3.0)
-"""How often each pair of mirrored candidates is run in the campaigns with which the search begins."""
-BETTER, MARKED = 1e-9, 1e-7
-"""Gains in worth that count: of a run for its cost, and of an exchange."""
+BEGUN = (1.0, 3.0)  # how often each pair of mirrored candidates is run in the campaigns with which the search begins
+BETTER, MARKED = 1e-9, 1e-7  # gains in worth that count: of a run for its cost, and of an exchange
 DRIFT = "shows drift over the day"
 NARROW = "narrows the intervals"
 DISTURBED = (
@@ -108,13 +96,11 @@ class PlanBudget:
         return np.flatnonzero((counts < self.most) & rare & np.all(self.costs <= left + 1e-9, axis=1))
 
     def holds(self, counts: Floats) -> bool:
-        """Tell whether `counts` (K,) is within the room."""
         few = np.all(counts <= np.maximum(self.most, self.fixed))
         few &= np.all(counts @ self.sizes <= np.maximum(self.alike, self.fixed @ self.sizes))
         return bool(few and np.all(counts @ self.costs <= self.room + 1e-9))
 
     def free(self, counts: Floats) -> NDArray[np.int64]:
-        """Tell of which candidates a run may be taken out again."""
         return np.flatnonzero(counts > self.fixed)
 
 
@@ -143,7 +129,8 @@ def select(
     """
     found = candidates(fitting.base, limits, largest)
     most = FAR * np.deg2rad(limits.pool.turn_deg)
-    found = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(found, excursions(fitting, found)))
+    furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, found))
+    found = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(found, furthest))
     # at one of the start headings and somewhere in the campaign: what depends on either is worked out again later
     headings, minutes, count = limits.pool.start_headings_deg, limits.pool.minutes, len(found)
     spread = [
@@ -164,7 +151,7 @@ def select(
     progress("choosing runs", 0, 2)
     split = _split(pairs, spread, budget, limits) if pairs else fixed
     progress("choosing runs", 1, 2)
-    each = information(fitting, spread)
+    each = fitting.information(spread)
     goal = limits.goal.half_width_percent
     intervals = Intervals(each, before, wanted, None if goal is None else goal / (100.0 * QUANTILE))
     near = np.where([one.turns for one in found], 0.0, budget.most)
@@ -222,7 +209,7 @@ def choose(objective: Objective, budget: PlanBudget) -> NDArray[np.int64]:
     pairs = [ones[k] + ones[other] for k, other in enumerate(budget.mirrors) if k <= other and budget.most[k] > 0]
     starts = [begun, *(begun + times * pair for times in BEGUN for pair in pairs)]
     filled = [_fill(objective, budget, start) for start in starts if budget.holds(start)]
-    best = sorted(filled, key=lambda counts: -objective.score(counts))[:FINALISTS]
+    best = sorted(filled, key=lambda counts: -_score(objective, counts))[:FINALISTS]
     ended = []
     for counts in best:
         for _ in range(SWEEPS):
@@ -233,9 +220,13 @@ def choose(objective: Objective, budget: PlanBudget) -> NDArray[np.int64]:
 
     def worth(counts: Floats) -> tuple[bool, float]:
         enough = objective.reached(counts)
-        return enough, -float(counts @ budget.costs[:, 0]) if enough else objective.score(counts)
+        return enough, -float(counts @ budget.costs[:, 0]) if enough else _score(objective, counts)
 
     return _balanced(objective, budget, max(ended, key=worth)).astype(int)
+
+
+def _score(objective: Objective, counts: Floats) -> float:
+    return float(objective.scores(counts)[0])
 
 
 def _fill(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
@@ -243,7 +234,7 @@ def _fill(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     ones = np.eye(len(counts))
     while not objective.reached(counts) and len(fits := budget.fits(counts)):
         left = budget.room - counts @ budget.costs
-        gain = objective.scores(counts, fits) - objective.score(counts)
+        gain = objective.scores(counts, fits) - _score(objective, counts)
         worth = gain / np.sum(budget.costs[fits] / np.maximum(left, 1e-12), axis=1)
         if worth.max() <= BETTER:
             break
@@ -254,7 +245,7 @@ def _fill(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
 def _exchange(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     """Swap a run for another while that is better and fits."""
     ones = np.eye(len(counts))
-    now = objective.score(counts)
+    now = _score(objective, counts)
     for _ in range(SWEEPS):
         swapped = False
         for out in budget.free(counts):
@@ -273,13 +264,13 @@ def _exchange(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
 def _rebuild(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     """Leave out one run, or all of its like, and fill up again with what that frees, while that is better."""
     ones = np.eye(len(counts))
-    now = objective.score(counts)
+    now = _score(objective, counts)
     for out in budget.free(counts):
         for gone in dict.fromkeys((1.0, float(counts[out] - budget.fixed[out]))):
             if counts[out] - budget.fixed[out] < gone:
                 continue
             trial = _fill(objective, budget, counts - gone * ones[out])
-            worth = objective.score(trial)
+            worth = _score(objective, trial)
             if worth > now + MARKED:
                 counts, now = trial, worth
     return counts
@@ -296,7 +287,7 @@ def _pruned(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
 
 def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     """As many runs to one side as to the other, candidate by candidate, where that costs next to nothing."""
-    least, enough = objective.score(counts) - ALIKE, objective.reached(counts)
+    least, enough = _score(objective, counts) - ALIKE, objective.reached(counts)
     lean = 0
     for one, mirror in ((k, other) for k, other in enumerate(budget.mirrors) if k < other):
         both = counts[one] + counts[mirror]
@@ -304,7 +295,7 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
         trial[one] = max((both + (1 if lean <= 0 else -1) * (both % 2)) / 2.0, budget.fixed[one])
         trial[mirror] = max(both - trial[one], budget.fixed[mirror])
         trial[one] = both - trial[mirror]
-        kept = objective.reached(trial) if enough else objective.score(trial) >= least
+        kept = objective.reached(trial) if enough else _score(objective, trial) >= least
         if kept and budget.holds(trial):
             counts = trial
         lean += int(counts[one] - counts[mirror])
@@ -313,33 +304,28 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
 
 @dataclass(frozen=True)
 class Curve:
-    """Standard errors in percent of each parameter, `percent` (name -> one each minute given), after `minutes` in the
-    pool and `motion` seconds of motion."""
+    """Standard errors in percent of each parameter by name, after so many minutes in the pool and seconds of motion."""
 
-    name: str
+    campaign: str
     minutes: tuple[float, ...]
-    motion: tuple[float, ...]
-    percent: dict[str, tuple[float, ...]]
+    motion_s: tuple[float, ...]
+    stderr_percent: dict[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
 class Campaign:
     """A campaign on paper.
 
-    `slots` are its runs in order, `why` what each is for, `turns` how far [degrees] each turns the vehicle and
-    `ways_back` how far to turn to its start heading, against the tether's twist; `now`, `alone` and `together` the
-    estimates by name before it, of its runs alone, and of these with the earlier ones (empty where these are not known
-    or not to be used); `splits` what is expected of each pair of explanations, `grid_splits` of the same on the paper's
-    grid; `plan` and `grid` the precision against minutes, `more` that of one run more of each kind.
+    `slots` are its runs in order; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
+    of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of
+    each pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and `grid` the precision against
+    minutes, `more` that of one run more of each kind.
     """
 
     fitting: Fitting
     limits: Limits
     wanted: tuple[str, ...]
     slots: tuple[Slot, ...]
-    why: tuple[str, ...]
-    turns: Floats
-    ways_back: Floats
     now: Mapping[str, Estimate]
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
@@ -352,12 +338,10 @@ class Campaign:
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """The runs in order."""
         return tuple(slot.candidate for slot in self.slots)
 
     @property
     def motion(self) -> float:
-        """Time in motion over all runs [s]."""
         return float(sum(candidate.motion for candidate in self.candidates))
 
 
@@ -386,8 +370,13 @@ def plan_campaign(
     slots = scheduled(in_order(choice.chosen, choice.check, seed), limits, supply)
     runs = [slot.candidate for slot in slots]
     outcome = splits(pairs, runs)[0]
-    per_run, of_grid = information(fitting, runs), information(fitting, grid_runs)
-    turned = turns(fitting.model, fitting.logger, runs)
+    per_run, of_grid = fitting.information(runs), fitting.information(grid_runs)
+    turned = np.rad2deg([heading[-1] for heading in headings_of(fitting.model, fitting.logger, runs)])
+    there = ways_back(turned, [run.start_heading for run in runs])
+    slots = tuple(
+        replace(slot, why=choice.why[slot.candidate.label], turns=float(turn), turn_there=float(back))
+        for slot, turn, back in zip(slots, turned, there)
+    )
     evidence = limits.goal.evidence
     short = (
         f"Not split within these limits: {split.true} from {split.other} where {split.true} is true; "
@@ -401,11 +390,10 @@ def plan_campaign(
         new = np.linalg.pinv(reported_covariance(moving(per_run)), hermitian=True)
         dof = float(max(len(per_run) + known.used - 1, 1))
         covariance = np.asarray(np.linalg.inv(new + before))
-        together = estimates_of(fitting, covariance, dict.fromkeys(directions(fitting), dof))
+        together = fitting.estimates(covariance, dict.fromkeys(fitting.directions, dof))
     return Campaign(
-        fitting=fitting, limits=limits, wanted=wanted, slots=slots, why=tuple(choice.why[run.label] for run in runs),
-        turns=turned, ways_back=ways_back(turned, [run.start_heading for run in runs]), now=known.now,
-        alone=predicted(fitting, per_run), together=together, splits=outcome, grid_splits=splits(pairs, grid_runs)[0],
+        fitting=fitting, limits=limits, wanted=wanted, slots=slots, now=known.now, alone=fitting.predicted(per_run),
+        together=together, splits=outcome, grid_splits=splits(pairs, grid_runs)[0],
         plan=curve_of("this plan", fitting, slots, per_run, before, limits),
         grid=curve_of("the paper's grid", fitting, grid, of_grid, before, limits),
         more=one_more(fitting, choice, slots, per_run, before, limits),
@@ -467,9 +455,8 @@ def one_more(
 
 
 def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
-    """Standard error of each parameter in percent of it."""
     covariance = np.asarray(np.linalg.inv(information))
-    wanted = relative_directions(fitting)
+    wanted = fitting.relative_directions
     return {name: 100.0 * stderr_along(covariance, direction) for name, direction in wanted.items()}
 
 
@@ -515,14 +502,15 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str
     }, f"Simulated runs lack what {', '.join(left)} needs." if left else ""  # fmt: skip
 
 
-def turns(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> Floats:
-    """Return how far [degrees] the model turns in each run, from the rest to the end of the log, (R,)."""
-    found = np.zeros(len(candidates))
+def headings_of(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> list[Floats]:
+    """Return the heading of the model in each run, less that at its start [rad]."""
+    headings = [np.zeros(0)] * len(candidates)
     for places in alike(candidates).values():
         runs = [logger.run(candidates[place]) for place in places]
-        heading = roll(model, runs, np.zeros(len(runs)), np.zeros(len(runs))).position[0]
-        found[places] = [row[len(run.time) - 1] - row[0] for row, run in zip(heading, runs)]
-    return np.rad2deg(found)
+        rolled = roll(model, runs, np.zeros(len(runs)), np.zeros(len(runs))).position[0]
+        for place, run, row in zip(places, runs, rolled):
+            headings[place] = row[: len(run.time)] - row[0]
+    return headings
 
 
 def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:

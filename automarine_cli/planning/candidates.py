@@ -214,13 +214,17 @@ def allowance(limits: Limits) -> Floats:
 @dataclass(frozen=True)
 class Slot:
     """One run of the campaign: `number` from 1, `begins` [s] after the first log's start, `wait` [s] after it (none
-    after the last), `left` [Ah] in the battery when its log ends."""
+    after the last), `left` [Ah] in the battery when its log ends; `why` it is made, how far [degrees] it turns the
+    vehicle, and how far to turn to its start heading before."""
 
     number: int
     candidate: Candidate
     begins: float
     wait: float
     left: float
+    why: str = ""
+    turns: float = 0.0
+    turn_there: float = 0.0
 
     @property
     def name(self) -> str:

@@ -8,7 +8,6 @@ the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs 
 (Fedorov 1972, Theory of Optimal Experiments, chapter 2).
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -41,14 +40,11 @@ from automarine_cli.simulation.rollout import Start, simulate, step_for
 
 Fit = Literal["whole-runs", "half-turns", "diagnosis"]
 
-HELD_OUT = 0.25
-"""Share of the runs that `diagnose` does not fit, where no others are given to be held out."""
-QUIET = 1e-5
-"""Disturbance moment of a pool, as a factor of the fits: none."""
+HELD_OUT = 0.25  # share of the runs that `diagnose` does not fit, where no others are given to be held out
+QUIET = 1e-5  # disturbance moment of a pool, as a factor of the fits: none
 OFFSET = "switch offset"
 ANGLE = "inertial turn angle"
-FEWEST = 3
-"""Runs below which no interval is told."""
+FEWEST = 3  # runs below which no interval is told
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 """Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
 LOOSE = 3.0
@@ -70,7 +66,6 @@ class Logger:
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """Columns beside position and command."""
         return () if self.voltage is None else ("voltage",)
 
     def run(self, candidate: Candidate) -> Run:
@@ -128,7 +123,6 @@ class Fitting:
 
     @cached_property
     def base(self) -> YawModel:
-        """The model's drag alone, which every fit has."""
         return self.frame or replace(self.model, terms=self.model.terms[: len(BASE_TERMS[self.number])])
 
     @cached_property
@@ -144,7 +138,6 @@ class Fitting:
 
     @cached_property
     def logger(self) -> Logger:
-        """How the runs will be logged."""
         model = self.model
         return Logger(model.dof, model.moment_unit, self.rate, self.rest, self.voltage, self.channels)
 
@@ -242,6 +235,140 @@ class Fitting:
         noises = [self.noise] if self.rate_noise is None else [self.noise, self.rate_noise]
         return np.log([*noises, *(factors.get(name, QUIET) for name in own.factor_names)])
 
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters that the fit is free to choose, the common instant of the switches last."""
+        return tuple(name for name, free in zip((*self.labels, OFFSET), self.free) if free)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Name all parameters: those of an effect beside the drag begin with the effect's."""
+        dof = self.model.dof
+        own = [dof.symbols.inertia]
+        for i, term in enumerate(self.model.terms):
+            prefix = "" if i < len(self.base.terms) else f"{term.name} "
+            own += [f"{prefix}{name}" for name in effects.get(term.name).names_in(dof)]
+        return tuple(own)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Tell which entries of theta, and the offset after them, are fitted."""
+        held = [h for term in self.model.terms for h in effects.get(term.name).held(term.values)]
+        return ~np.array([False, *held, False])
+
+    @property
+    def loose_information(self) -> Floats:
+        """Return next to no information (p, p) on the free parameters: of each its own size, `LOOSE` times over."""
+        values = np.append(self.model.theta, 0.3)
+        sizes = np.where(self.on_log, 1.0, np.maximum(np.abs(values), 1e-3))[self.free]
+        return np.diag(1.0 / (LOOSE * sizes) ** 2)
+
+    def information(self, candidates: Sequence[Candidate]) -> Floats:
+        """Return the information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
+
+        Where a share of the runs is held out of the fit, each counts for what it tells on average.
+        """
+        free = np.flatnonzero(self.free)
+        if self.random:
+            return self.fitted * self._by_innovations(candidates, free)
+        found = np.zeros((len(candidates), len(free), len(free)))
+        for places in alike(candidates).values():
+            problem = self.problem([candidates[i] for i in places])
+            found[places] = self._of_problem(problem, free)
+        return self.fitted * found
+
+    def _by_innovations(self, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
+        """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
+        these (the efficient score), so that it adds up over runs."""
+        size, runs = len(self.model.theta), np.zeros(0)
+        for places in alike(candidates).values():
+            problem, phi = self.driven([candidates[i] for i in places])
+            (slopes,) = problem.slopes(phi[None])
+            if not len(runs):
+                runs = np.zeros((len(candidates), *slopes.information.shape[1:]))
+            runs[places] = slopes.information
+        names = [problem.names[i] for i in problem.free]
+        at = [names.index(name) for name in (*self.model.parameter_names, SWITCH) if name in names]
+        rest = [i for i in range(len(names)) if i not in at]
+        total = runs.sum(axis=0) + problem.prior_information
+        project = -np.linalg.solve(total[np.ix_(rest, rest)], total[np.ix_(rest, at)]).T
+        back = np.zeros((len(at), len(names)))
+        back[np.arange(len(at)), at] = 1.0
+        back[:, rest] = project
+        natural = phi[: size + 1].copy()
+        natural[-1] = 1.0
+        positive = np.append(problem.positive[:size], False)
+        scale = np.where(np.array(self.on_log) & ~positive, natural, 1.0)[free]
+        back *= scale[:, None]
+        found = back @ runs @ back.T
+        found[:, -1, :-1] = found[:, :-1, -1] = 0.0  # such fits confine the switches to their interval
+        return np.asarray(found)
+
+    def _of_problem(self, problem: Problem, free: NDArray[np.int64]) -> Floats:
+        variances, phi = self.variances(problem), self.phi(problem)
+        if self.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
+            return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
+        total = np.zeros(())
+        for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum()):
+            b = np.zeros_like(problem.effects.scale)
+            problem.effects.of(b, SWITCHES)[...] = node
+            total = total + weight * _at(problem, phi, b * (problem.effects.scale > 0), variances, free)
+        return total
+
+    def predicted(self, per_run: Floats) -> dict[str, Estimate]:
+        """Predict the estimates that a fit would report: the model's values, with these runs' (R, p, p) intervals."""
+        per_run = moving(per_run)
+        covariance = reported_covariance(per_run)
+        dof = {}
+        for name, direction in self.directions.items():
+            many = len(per_run) >= ENOUGH_RUNS
+            dof[name] = runs_that_carry(per_run, direction) if many else float(max(len(per_run) - 1, 1))
+        return self.estimates(covariance, dof)
+
+    @cached_property
+    def directions(self) -> dict[str, Floats]:
+        """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and inertia over
+        quadratic drag."""
+        names = self.names
+        axes = np.eye(len(names))
+        found = {name: axes[i] for i, name in enumerate(names) if name != OFFSET}
+        own = self.model.dof.symbols
+        if own.quadratic in found:
+            found[ANGLE] = found[own.inertia] - found[own.quadratic]
+        return found
+
+    @cached_property
+    def relative_directions(self) -> dict[str, Floats]:
+        """The same in shares of the parameter's value where it is not told on the logarithm (in ones where it is
+        zero)."""
+        values, logarithms, _ = self._parameters()
+        return {
+            name: direction if logarithms[name] else direction / (abs(values[name]) or 1.0)
+            for name, direction in self.directions.items()
+        }
+
+    def estimates(self, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
+        """Make estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
+        values, logarithms, units = self._parameters()
+        found = {}
+        for name, direction in self.directions.items():
+            stderr = stderr_along(covariance, direction)
+            form = Estimate.from_log if logarithms[name] else Estimate.from_stderr
+            found[name] = form(values[name], stderr, dof[name], units[name])
+        return found
+
+    def _parameters(self) -> tuple[dict[str, float], dict[str, bool], dict[str, str]]:
+        model, unit, names = self.model, self.model.moment_unit, self.labels
+        values = dict(zip(names, map(float, model.theta)))
+        logarithms = dict(zip(names, self.on_log))
+        dof, own = model.dof, model.dof.symbols
+        every = [p for term in model.terms for p in effects.get(term.name).card(dof, unit).parameters]
+        units = {own.inertia: dof.unit_of("inertia", unit)} | {name: p.unit for name, p in zip(names[1:], every)}
+        if own.quadratic in values:
+            values[ANGLE], logarithms[ANGLE] = values[own.inertia] / values[own.quadratic], True
+            units[ANGLE] = dof.unit_of("ratio")
+        return values, logarithms, units
+
 
 @lru_cache(maxsize=64)
 def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> Study:
@@ -250,105 +377,10 @@ def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...
     return Study(runs, base, False, logger.signals, channels=logger.channels)
 
 
-def names_of(fitting: Fitting) -> tuple[str, ...]:
-    """Name the parameters that the fit is free to choose, the common instant of the switches last."""
-    return tuple(name for name, free in zip((*labels(fitting), OFFSET), free_in(fitting)) if free)
-
-
-def labels(fitting: Fitting) -> tuple[str, ...]:
-    """Name all parameters: those of an effect beside the drag begin with the effect's."""
-    dof = fitting.model.dof
-    own = [dof.symbols.inertia]
-    for i, term in enumerate(fitting.model.terms):
-        prefix = "" if i < len(fitting.base.terms) else f"{term.name} "
-        own += [f"{prefix}{name}" for name in effects.get(term.name).names_in(dof)]
-    return tuple(own)
-
-
-def free_in(fitting: Fitting) -> NDArray[np.bool_]:
-    """Tell which entries of theta, and the offset after them, are fitted."""
-    held = [h for term in fitting.model.terms for h in effects.get(term.name).held(term.values)]
-    return ~np.array([False, *held, False])
-
-
-def loose_information(fitting: Fitting) -> Floats:
-    """Return next to no information (p, p) on the free parameters: of each its own size, `LOOSE` times over."""
-    values = np.append(fitting.model.theta, 0.3)
-    sizes = np.where(fitting.on_log, 1.0, np.maximum(np.abs(values), 1e-3))[free_in(fitting)]
-    return np.diag(1.0 / (LOOSE * sizes) ** 2)
-
-
-def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
-    """Return the information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
-
-    Where a share of the runs is held out of the fit, each counts for what it tells on average.
-    """
-    free = np.flatnonzero(free_in(fitting))
-    if fitting.random:
-        return fitting.fitted * _by_innovations(fitting, candidates, free)
-    found = np.zeros((len(candidates), len(free), len(free)))
-    for places in alike(candidates).values():
-        problem = fitting.problem([candidates[i] for i in places])
-        found[places] = _of_problem(problem, fitting, free)
-    return fitting.fitted * found
-
-
-def _by_innovations(fitting: Fitting, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
-    """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
-    these (the efficient score), so that it adds up over runs."""
-    size, runs = len(fitting.model.theta), np.zeros(0)
-    for places in alike(candidates).values():
-        problem, phi = fitting.driven([candidates[i] for i in places])
-        (slopes,) = problem.slopes(phi[None])
-        if not len(runs):
-            runs = np.zeros((len(candidates), *slopes.information.shape[1:]))
-        runs[places] = slopes.information
-    names = [problem.names[i] for i in problem.free]
-    at = [names.index(name) for name in (*fitting.model.parameter_names, SWITCH) if name in names]
-    rest = [i for i in range(len(names)) if i not in at]
-    total = runs.sum(axis=0) + problem.prior_information
-    project = -np.linalg.solve(total[np.ix_(rest, rest)], total[np.ix_(rest, at)]).T
-    back = np.zeros((len(at), len(names)))
-    back[np.arange(len(at)), at] = 1.0
-    back[:, rest] = project
-    natural = phi[: size + 1].copy()
-    natural[-1] = 1.0
-    positive = np.append(problem.positive[:size], False)
-    scale = np.where(np.array(fitting.on_log) & ~positive, natural, 1.0)[free]
-    back *= scale[:, None]
-    found = back @ runs @ back.T
-    found[:, -1, :-1] = found[:, :-1, -1] = 0.0  # such fits confine the switches to their interval
-    return np.asarray(found)
-
-
-def _of_problem(problem: Problem, fitting: Fitting, free: NDArray[np.int64]) -> Floats:
-    variances, phi = fitting.variances(problem), fitting.phi(problem)
-    if fitting.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
-        return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
-    total = np.zeros(())
-    for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum()):
-        b = np.zeros_like(problem.effects.scale)
-        problem.effects.of(b, SWITCHES)[...] = node
-        total = total + weight * _at(problem, phi, b * (problem.effects.scale > 0), variances, free)
-    return total
-
-
 def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:
     headings, by_phi, by_run = derivatives(problem, phi, b)
     gram = problem.inner(by_phi, by_run, 0.0 * headings).keep(free)
     return linear_mixed.weigh(gram, problem.effects, variances).hessian
-
-
-def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
-    """Return how far each run turns from its start heading at most [rad], (K,)."""
-    found = np.zeros(len(candidates))
-    for places in alike(candidates).values():
-        problem = fitting.problem([candidates[i] for i in places])
-        readings = problem.readings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
-        position = fitting.model.dof.position
-        headings, seen = problem.of(readings, position), problem.of(problem.seen, position)
-        found[places] = np.where(seen, np.abs(headings - headings[:, :1]), 0.0).max(axis=1)
-    return found
 
 
 def reported_covariance(per_run: Floats) -> Floats:
@@ -372,93 +404,19 @@ def reported_covariance(per_run: Floats) -> Floats:
     return np.asarray(inverse * np.outer(grow, grow))
 
 
-def predicted(fitting: Fitting, per_run: Floats) -> dict[str, Estimate]:
-    """Predict the estimates that a fit would report: the model's values, with the intervals of these runs (R, p, p)."""
-    per_run = moving(per_run)
-    covariance = reported_covariance(per_run)
-    dof = {}
-    for name, direction in directions(fitting).items():
-        many = len(per_run) >= ENOUGH_RUNS
-        dof[name] = runs_that_carry(per_run, direction) if many else float(max(len(per_run) - 1, 1))
-    return estimates_of(fitting, covariance, dof)
-
-
 def moving(per_run: Floats) -> Floats:
     """Drop the runs that say nothing of the parameters: fits set rest records aside."""
     return per_run[np.any(per_run != 0.0, axis=(1, 2))]
 
 
-def directions(fitting: Fitting) -> dict[str, Floats]:
-    """Return what is wanted, each as a direction (p,) of the search's coordinates: every parameter, and inertia over
-    quadratic drag."""
-    names = names_of(fitting)
-    axes = np.eye(len(names))
-    found = {name: axes[i] for i, name in enumerate(names) if name != OFFSET}
-    own = fitting.model.dof.symbols
-    if own.quadratic in found:
-        found[ANGLE] = found[own.inertia] - found[own.quadratic]
-    return found
-
-
-def relative_directions(fitting: Fitting) -> dict[str, Floats]:
-    """Return `directions`, in shares of the parameter's value where it is not told on the logarithm (in ones where it
-    is zero)."""
-    values, logarithms, _ = _parameters(fitting)
-    return {
-        name: direction if logarithms[name] else direction / (abs(values[name]) or 1.0)
-        for name, direction in directions(fitting).items()
-    }
-
-
-def estimates_of(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
-    """Make estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
-    values, logarithms, units = _parameters(fitting)
-    found = {}
-    for name, direction in directions(fitting).items():
-        stderr = stderr_along(covariance, direction)
-        form = Estimate.from_log if logarithms[name] else Estimate.from_stderr
-        found[name] = form(values[name], stderr, dof[name], units[name])
-    return found
-
-
-def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], dict[str, str]]:
-    """Value, whether it is told on the logarithm, and unit, by name."""
-    model, unit, names = fitting.model, fitting.model.moment_unit, labels(fitting)
-    values = dict(zip(names, map(float, model.theta)))
-    logarithms = dict(zip(names, fitting.on_log))
-    dof, own = model.dof, model.dof.symbols
-    every = [p for term in model.terms for p in effects.get(term.name).card(dof, unit).parameters]
-    units = {own.inertia: dof.unit_of("inertia", unit)} | {name: p.unit for name, p in zip(names[1:], every)}
-    if own.quadratic in values:
-        values[ANGLE], logarithms[ANGLE] = values[own.inertia] / values[own.quadratic], True
-        units[ANGLE] = dof.unit_of("ratio")
-    return values, logarithms, units
-
-
 def stderr_along(covariance: Floats, direction: Floats) -> float:
-    """Return the standard error along a direction (p,)."""
     return float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
 
 
-class Objective(ABC):
-    """What a campaign is for. Worth is that of `counts` (K,), how often each candidate is run."""
-
-    @abstractmethod
-    def scores(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
-        """Return the worth of the campaign with one more run, each of `extras` (B,) in turn, (B,); as it is, (1,)."""
-
-    @abstractmethod
-    def reached(self, counts: Floats) -> bool:
-        """Tell whether nothing more is wanted."""
-
-    def score(self, counts: Floats) -> float:
-        """Return the worth of the campaign."""
-        return float(self.scores(counts, None)[0])
-
-
 @dataclass(frozen=True)
-class Intervals(Objective):
-    """Intervals to narrow: worth is the mean logarithm by which the wanted standard errors have come down.
+class Intervals:
+    """Intervals to narrow: the worth of `counts` (K,), how often each candidate is run, is the mean logarithm by which
+    the wanted standard errors have come down.
 
     `information` (K, p, p) of the candidates, `known` (p, p) beforehand, `wanted` (p, m) the directions whose
     intervals count. `goal` is the largest standard error of a wanted direction at which nothing more is wanted, or
@@ -470,13 +428,15 @@ class Intervals(Objective):
     wanted: Floats
     goal: float | None = None
 
-    def scores(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
+    def scores(self, counts: Floats, extras: NDArray[np.int64] | None = None) -> Floats:
+        """Return the worth with one more run, each of `extras` (B,) in turn, (B,); as it is, (1,)."""
         spread = self._spread(counts, extras)
         unit = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
         shape = np.linalg.slogdet(spread / unit[:, :, None] / unit[:, None, :])[1]
         return np.asarray(-(np.log(unit).sum(axis=1) + 0.5 * shape) / self.wanted.shape[1])
 
     def reached(self, counts: Floats) -> bool:
+        """Tell whether nothing more is wanted."""
         if self.goal is None:
             return False
         return bool(np.all(np.sqrt(np.diagonal(self._spread(counts, None)[0])) <= self.goal))

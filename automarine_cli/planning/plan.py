@@ -20,8 +20,7 @@ from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.propulsion import map_and_arm
 
-LARGEST_NU = 1.0
-"""Largest moment of a normalised model where the limits do not say."""
+LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
 FIT_COMMANDS = {
     "whole-runs": "automarine fit-yaw LOGS --fit-to whole-runs -o out/yaw",
     "half-turns": "automarine fit-yaw LOGS --fit-to half-turns -o out/yaw",
@@ -45,11 +44,9 @@ class Plan(Shown):
 
     @property
     def fit_command(self) -> str:
-        """The command that the runs are planned for."""
         return FIT_COMMANDS[self.campaign.fitting.fit].format(model=self.model)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of plan.json: schema automarine/plan/1."""
         campaign, supply = self.campaign, self.supply
         fitting, limits, last = campaign.fitting, campaign.limits, campaign.slots[-1]
         return {
@@ -85,19 +82,11 @@ class Plan(Shown):
                  "evidence_of_grid": grid.evidence}
                 for split, grid in zip(campaign.splits, campaign.grid_splits)
             ],
-            "curves": [
-                {
-                    "campaign": curve.name, "minutes": list(curve.minutes), "motion_s": list(curve.motion),
-                    "stderr_percent": {name: list(values) for name, values in curve.percent.items()},
-                }
-                for curve in (campaign.plan, campaign.grid, *campaign.more)
-            ],
+            "curves": [to_mapping(curve) for curve in (campaign.plan, campaign.grid, *campaign.more)],
             "notes": [self.source, *campaign.notes],
         }  # fmt: skip
 
     def runs(self) -> list[dict[str, object]]:
-        """The run sheet, one mapping a run."""
-        campaign = self.campaign
         return [
             {
                 "number": slot.number,
@@ -105,21 +94,20 @@ class Plan(Shown):
                 "kind": slot.candidate.kind,
                 "begins_s": slot.begins,
                 "start_heading_deg": slot.candidate.start_heading,
-                "turn_there_deg": float(back),
-                "turns_deg": float(turned),
+                "turn_there_deg": slot.turn_there,
+                "turns_deg": slot.turns,
                 "voltage_V": slot.candidate.voltage,
                 "commands": [[moment, seconds] for moment, seconds in slot.candidate.commands],
                 "wait_s": slot.wait,
                 "battery_left_Ah": slot.left,
                 "command_file": command_path(slot),
-                "why": why,
+                "why": slot.why,
             }
-            for slot, why, back, turned in zip(campaign.slots, campaign.why, campaign.ways_back, campaign.turns)
+            for slot in self.campaign.slots
         ]
 
 
 def command_path(slot: Slot) -> str:
-    """Where a run's command file is, from the plan's folder."""
     return f"commands/{slot.name}.csv"
 
 

@@ -13,21 +13,12 @@ from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import Source, read_plain, told
-from automarine_cli.pipeline.result_files import DIAGNOSIS
+from automarine_cli.pipeline.result_files import DIAGNOSIS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.words import printable
-from automarine_cli.planning.information import (
-    ANGLE,
-    OFFSET,
-    Fitting,
-    labels,
-    loose_information,
-    names_of,
-    relative_directions,
-)
+from automarine_cli.planning.information import ANGLE, OFFSET, Fitting
 from automarine_cli.quantities import Floats
 
-NOISE_DEG, SCATTER = 1.0, 0.03
-"""Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""
+NOISE_DEG, SCATTER = 1.0, 0.03  # where a model's file does not say: a compass in a pool, the thrust of small motors
 NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."
 
 
@@ -57,16 +48,8 @@ class PriorResults:
     rate_noise_deg_s: float | None = None
     random: Mapping[str, float] = field(default_factory=dict)
     proposed: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Diagnosed:
-    """What a diagnosis says: effects with their values, estimates by label, base values, doubts."""
-
-    effects: tuple[tuple[str, tuple[float, ...]], ...]
-    estimates: Mapping[str, Estimate]
-    base: Mapping[str, Estimate] = field(default_factory=dict)
-    doubts: tuple[Doubt, ...] = ()
+    file: ModelFile | None = None
+    diagnosis: DiagnosisFile | None = None
 
 
 def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
@@ -81,46 +64,50 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     spread = file.gain_scatter.value if file.gain_scatter else None
     notes: tuple[str, ...] = ()
     doubts: tuple[Doubt, ...] = ()
+    judged = None
     if diagnosis is not None:
-        found = _read_diagnosis(diagnosis, stored)
-        named = [(effect, values) for effect, values in found.effects if effect not in stored.effects]
-        if named and found.base:
-            at = [found.base[n].value if n in found.base else v for n, v in zip(chosen.short_names, chosen.theta)]
+        judged, named, estimates, open_rivals = _read_diagnosis(diagnosis, stored)
+        named = {effect: values for effect, values in named.items() if effect not in stored.effects}
+        base = _some({name: moved.after for name, moved in judged.base.items()}) if named else {}
+        if base:
+            at = [base[n].value if n in base else v for n, v in zip(chosen.short_names, chosen.theta)]
             chosen = chosen.with_theta(at)
-        for effect, values in named:
+        for effect, values in named.items():
             chosen = chosen.with_effect(effect, values)
-        now = {**now, **(found.base if named else {}), **found.estimates}
+        now = {**now, **base, **estimates}
         if named:
             now.pop(ANGLE, None)
-        doubts = tuple(one for one in found.doubts if not lacking(one.rival))
+        doubts = tuple(doubt for doubt in open_rivals if not lacking(doubt.rival))
         notes = tuple(
-            f"{one.rival} is left open: it needs the column {lacking(one.rival)[0]!r}, which planned runs do not have."
-            for one in found.doubts
-            if one not in doubts
+            f"{doubt.rival} is left open: it needs the column {lacking(doubt.rival)[0]!r}, which planned runs do not "
+            "have."
+            for doubt in open_rivals
+            if doubt not in doubts
         )
         if not doubts:
             notes = (*notes, NO_RIVALS)
-    for term in (one for one in chosen.terms if lacking(one.name)):
-        chosen = replace(chosen, terms=tuple(one for one in chosen.terms if one is not term))
+    for term in (term for term in chosen.terms if lacking(term.name)):
+        chosen = replace(chosen, terms=tuple(other for other in chosen.terms if other is not term))
         by = f"the column {lacking(term.name)[0]!r}"
         notes = (*notes, f"{term.name} is left out: it acts by {by}, which planned runs, on the spot, do not have.")
-    rates = (one.noise for one in file.channels if one.used and one.quantity == stored.dof.velocity)
+    rates = (sensor.noise for sensor in file.channels if sensor.used and sensor.quantity == stored.dof.velocity)
     rate = next((noise.value for noise in rates if noise is not None), None)
     random = {name: given.value for name, given in file.random.items() if given.value is not None}
+    noise, scatter, rate = (value if value is not None and value > 0 else None for value in (file.noise, spread, rate))
     return PriorResults(
-        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate), random,
-        {} if diagnosis is not None else file.proposed,
+        stored, chosen, now, noise, scatter, file.runs.used, doubts, notes, rate, random,
+        {} if diagnosis is not None else file.proposed, file, judged,
     )  # fmt: skip
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
-    """Return the covariance of the search's coordinates as the model's file tells it, (p, p) with the offset left open;
-    None where a parameter has no standard error.
+    """Return the covariance (p, p) of the search's coordinates as the model's file tells it, without the offset; None
+    where a parameter has no standard error.
 
     Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
     """
-    names = [name for name in names_of(fitting) if name != OFFSET]
-    logs = dict(zip((*labels(fitting), OFFSET), fitting.on_log))
+    names = [name for name in fitting.names if name != OFFSET]
+    logs = dict(zip((*fitting.labels, OFFSET), fitting.on_log))
     if any(name not in now or not now[name].stderr > 0 for name in names):
         return None
     size = {n: now[n].stderr / (abs(now[n].value) if logs[n] else 1.0) for n in names}
@@ -138,7 +125,7 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
 def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) -> Floats:
     """Return the information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else
     next to none."""
-    loose = loose_information(fitting)
+    loose = fitting.loose_information
     loose[-1, -1] = 1.0
     covariance = covariance_now(fitting, now) if use else None
     if covariance is not None:
@@ -148,11 +135,8 @@ def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) ->
 
 def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
     """Return the directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every
-    parameter.
-
-    Raises ModelError for another name.
-    """
-    known = relative_directions(fitting)
+    parameter. Raises ModelError for another name."""
+    known = fitting.relative_directions
     for name in names:
         if name not in known:
             raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")
@@ -164,17 +148,16 @@ def lacking(effect: str) -> list[str]:
     return [need for need in effects.get(effect).columns if need != "voltage"]
 
 
-def _size(value: float | None) -> float | None:
-    return value if value is not None and value > 0 else None
-
-
-def _some(found: Mapping[str, Given | None]) -> dict[str, Estimate]:
+def _some(entries: Mapping[str, Given | None]) -> dict[str, Estimate]:
     """Those of which the interval is known; a file written by hand may have none."""
-    known = {name: given.estimate for name, given in found.items() if given is not None}
-    return {name: one for name, one in known.items() if one is not None}
+    known = {name: given.estimate for name, given in entries.items() if given is not None}
+    return {name: estimate for name, estimate in known.items() if estimate is not None}
 
 
-def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
+def _read_diagnosis(
+    path: Source, stored: StoredModels
+) -> tuple[DiagnosisFile, dict[str, tuple[float, ...]], dict[str, Estimate], list[Doubt]]:
+    """The file, the effects with their values, estimates by label, and what is open."""
     file, force, where = DIAGNOSIS.read(path), stored.dof.words.force, printable(path.name)
     if file.dof is not stored.dof or file.force_unit is None:
         raise ModelError(
@@ -185,7 +168,7 @@ def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
             f"{where}: a diagnosis of {force}s in {told(file.force_unit)}, but {stored.source} is a model of {force}s "
             f"in {stored.moment_unit}; give the diagnosis of this model"
         )
-    named, estimates, doubts = [], dict[str, Given | None](), []
+    named, estimates, doubts = dict[str, tuple[float, ...]](), dict[str, Given | None](), []
     for i, entry in enumerate(file.effects):
         name = _known(entry.name, f"{where}: effects[{i}]")
         values, effect = [], effects.get(name)
@@ -197,13 +180,11 @@ def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
                 values.append(parameter.start)
             else:
                 raise ModelError(f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate")
-        named.append((name, tuple(values)))
+        named[name] = tuple(values)
         for j, rival in enumerate(entry.rivals):
-            if rival.name.startswith(PREFIX):  # a curve that was not fitted has no size to look for
-                continue
-            doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
-    base = _some({name: moved.after for name, moved in file.base.items()})
-    return Diagnosed(tuple(named), _some(estimates), base, tuple(doubts))
+            if not rival.name.startswith(PREFIX):  # a curve that was not fitted has no size to look for
+                doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
+    return file, named, _some(estimates), doubts
 
 
 def _known(name: str, where: str) -> str:

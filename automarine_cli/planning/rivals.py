@@ -19,16 +19,14 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.information import LOOSE, Fitting, Objective, alike, free_in, loose_information
+from automarine_cli.planning.information import LOOSE, Fitting, alike
 from automarine_cli.planning.prior_results import PriorResults
 from automarine_cli.quantities import Floats
 
 ROUNDS, HALVINGS = 20, 6
 SETTLED = 1e-4
-SEEN = 4.0
-"""Misfit without an effect from which it counts as seen: two standard errors of its size."""
-MOST_STARTS, FEW = 12, 8
-"""Places from which the other explanation's fit may start, and runs on which they are compared."""
+SEEN = 4.0  # misfit without an effect from which it counts as seen: two standard errors of its size
+MOST_STARTS, FEW = 12, 8  # places from which the other explanation's fit may start, and runs on which they are compared
 
 
 @dataclass(frozen=True)
@@ -76,20 +74,20 @@ class Contest:
 
 
 @dataclass(frozen=True)
-class Splitting(Objective):
+class Splitting:
     """Explanations to separate: `contests`, each settled from its misfit of `enough` (C,) on; worth is the shares
     of them that are settled."""
 
     contests: tuple[Contest, ...]
     enough: Floats
 
-    def scores(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
+    def scores(self, counts: Floats, extras: NDArray[np.int64] | None = None) -> Floats:
         runs = counts[None] if extras is None else counts + np.eye(len(counts))[extras]
         shares = [np.minimum(pair.misfit(runs) / enough, 1.0) for pair, enough in zip(self.contests, self.enough)]
         return np.asarray(np.sum(shares, axis=0))
 
     def reached(self, counts: Floats) -> bool:
-        return self.score(counts) >= len(self.contests) - 1e-9
+        return self.scores(counts)[0] >= len(self.contests) - 1e-9
 
 
 def pairs_of(known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
@@ -138,7 +136,7 @@ NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
     """Compare the pair on every candidate, `other` linearised about its parameters."""
-    free = np.flatnonzero(free_in(other))
+    free = np.flatnonzero(other.free)
     count = len(candidates)
     square, gradient = np.zeros(count), np.zeros((count, len(free)))
     hessian = np.zeros((count, len(free), len(free)))
@@ -154,7 +152,7 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
         square[places] = other.fitted * weighted.square
         gradient[places] = other.fitted * weighted.gradient
         hessian[places] = other.fitted * weighted.hessian
-    return Contest(square, gradient, hessian, loose_information(other))
+    return Contest(square, gradient, hessian, other.loose_information)
 
 
 def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
@@ -163,7 +161,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
 
     Gauss-Newton within the parameters' bounds, steps halved until the misfit falls.
     """
-    free = np.flatnonzero(free_in(other))
+    free = np.flatnonzero(other.free)
     problem = other.problem(candidates[:1])
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])

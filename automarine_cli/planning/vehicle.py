@@ -23,8 +23,7 @@ from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
 ROUND_DOWN = 1e-6
-FEWEST = 6
-"""Rows of thruster tests from which on the current is told."""
+FEWEST = 6  # rows of thruster tests from which on the current is told
 MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
 DIGITS = 6
 
@@ -46,8 +45,7 @@ class Drive:
 
     @property
     def largest(self) -> float:
-        """Largest moment, in the model's unit."""
-        ahead, astern = self._thrust(self.ahead, self.most), self._thrust(self.astern, self.most)
+        ahead, astern = self._thrusts(self.most, self.most)
         pull = 2.0 * min(ahead, astern) if self.equal_thrust else ahead + astern
         return self.arm * pull / self.unit * (1.0 - ROUND_DOWN)
 
@@ -60,34 +58,26 @@ class Drive:
 
     def forces(self, moment: float) -> tuple[float, float]:
         """Return the thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
-        wanted = abs(moment) * self.unit / self.arm
-        if self.equal_thrust:
-            return wanted / 2.0, wanted / 2.0
-        n = self._common(wanted)
-        return self._thrust(self.ahead, n), self._thrust(self.astern, n)
+        return self._thrusts(*self._signals(moment))
 
     def commands(self, moment: float) -> tuple[float, float]:
         """Return control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
         if moment == 0.0:
             return 0.0, 0.0
-        if self.equal_thrust:
-            each, _ = self.forces(moment)
-            ahead, astern = _signal(self.ahead, each), _signal(self.astern, each)
-        else:
-            ahead = astern = self._common(abs(moment) * self.unit / self.arm)
+        ahead, astern = self._signals(moment)
         return (ahead, -astern) if moment > 0 else (-astern, ahead)
 
-    def _common(self, wanted: float) -> float:
-        """The signal at which both thrusters together give the thrust `wanted` [N]."""
+    def _signals(self, moment: float) -> tuple[float, float]:
+        """Sizes of the control signals ahead and astern."""
+        wanted = abs(moment) * self.unit / self.arm
+        if self.equal_thrust:
+            ahead, astern = (float(c.n_0 + (wanted / 2.0 / c.a) ** (1.0 / c.p)) for c in (self.ahead, self.astern))
+            return ahead, astern
+        n = optimize.brentq(lambda n: sum(self._thrusts(n, n)) - wanted, 0.0, self.most, xtol=1e-12 * self.most)
+        return float(n), float(n)
 
-        def short(n: float) -> float:
-            return self._thrust(self.ahead, n) + self._thrust(self.astern, n) - wanted
-
-        return float(optimize.brentq(short, 0.0, self.most, xtol=1e-12 * self.most))
-
-    @staticmethod
-    def _thrust(curve: Curve, n: float) -> float:
-        return float(curve.thrust(n))  # type: ignore[arg-type]
+    def _thrusts(self, ahead: float, astern: float) -> tuple[float, float]:
+        return float(self.ahead.thrust(np.asarray(ahead))), float(self.astern.thrust(np.asarray(astern)))
 
 
 def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: bool, unit: float) -> Drive:
@@ -109,11 +99,6 @@ def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: b
     return Drive(ahead, astern, arm, largest, equal_thrust, unit)
 
 
-def _signal(curve: Curve, force: float) -> float:
-    """The control signal that gives a thrust, inverse of `Curve.thrust`."""
-    return float(curve.n_0 + (force / curve.a) ** (1.0 / curve.p))
-
-
 @dataclass(frozen=True)
 class Consumption:
     """Electrical power of one thruster: `idle` + c |F|^1.5 [W], c `ahead` and `astern` [W/N^1.5]."""
@@ -123,7 +108,6 @@ class Consumption:
     astern: float
 
     def power(self, force: float) -> float:
-        """Return the power [W] that the thrust `force` [N] takes, without the idle share."""
         return (self.ahead if force > 0 else self.astern) * abs(force) ** POWER_LAW
 
 
@@ -168,7 +152,6 @@ class CommandTable:
     rows: tuple[tuple[float, tuple[float, ...]], ...]
 
     def held(self, values: Sequence[float]) -> list[float]:
-        """Convert values to the vehicle's own units."""
         return [rule.written(value, factor) for rule, value, factor in zip(self.rules, values, self.factors)]
 
 
@@ -199,7 +182,6 @@ def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | No
 
 
 def in_words(candidate: Candidate, unit: str) -> str:
-    """Say in a line what a person is to do."""
     commands = candidate.commands
     if candidate.kind == "rest":
         return f"nothing for {commands[0][1]:g} s, thrusters idle"

@@ -55,9 +55,8 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
     """Sampling, what was dropped, commands, and what a fit would keep of the step; reasons in the notes."""
     rows = []
     for run in runs:
-        turn, dropped = run.half_turn, ("missing", "duplicates", "glitches")
-        gone = f"{turn[f'{dof.words.gone_key}_{dof.units.key}']:.0f} {dof.units.shown}" if turn else ""
-        part = turn and f"{turn['kept_samples']} samples, {gone} of {number(turn[dof.words.force], 3)}"
+        turn, gone = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
+        moved = turn and f"{turn[gone]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
         rows.append({
             "run": run.run,
             "samples": run.samples,
@@ -65,11 +64,11 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             "Hz": number(run.rate_hz, 3),
             "jitter ms": number(run.jitter_ms, 2),
             "gaps": run.counts.get("gaps", 0),
-            "dropped": sum(run.counts.get(kind, 0) for kind in dropped),
+            "dropped": sum(run.counts.get(kind, 0) for kind in ("missing", "duplicates", "glitches")),
             f"noise {dof.units.shown}": number(run.noise, 2),
             "levels": _levels(run.levels),
             "turns" if dof.wraps else dof.units.base: number(run.extent, 2),
-            "kept of the step": part,
+            "kept of the step": turn and f"{turn['kept_samples']} samples, {moved}",
             "cut by": turn and turn["cut_by"],
             f"no {dof.words.step} because": run.why and run.why.split(":")[0],
         })  # fmt: skip

@@ -72,13 +72,14 @@ def _sheet_rows(campaign: Campaign) -> Table:
         {
             "number": slot.number, "name": slot.name, "kind": slot.candidate.kind,
             "begins_min": f"{slot.begins / 60.0:.2f}", "start_heading_deg": f"{slot.candidate.start_heading:g}",
-            "turn_there_deg": f"{back:.0f}",
+            "turn_there_deg": f"{slot.turn_there:.0f}",
             "voltage_V": "" if slot.candidate.voltage is None else f"{slot.candidate.voltage:g}",
             "rest_s": f"{rest:g}", "do": in_words(slot.candidate, unit), "drive_s": f"{slot.candidate.driven:g}",
-            "turns_deg": f"{turned:.0f}", "wait_s": f"{slot.wait:g}", "battery_left_Ah": f"{slot.left:.4f}",
-            "battery_left_percent": f"{100.0 * slot.left / full:.1f}", "command_file": command_path(slot), "why": why,
+            "turns_deg": f"{slot.turns:.0f}", "wait_s": f"{slot.wait:g}", "battery_left_Ah": f"{slot.left:.4f}",
+            "battery_left_percent": f"{100.0 * slot.left / full:.1f}", "command_file": command_path(slot),
+            "why": slot.why,
         }
-        for slot, why, back, turned in zip(campaign.slots, campaign.why, campaign.ways_back, campaign.turns)
+        for slot in campaign.slots
     ])  # fmt: skip
 
 
@@ -91,12 +92,12 @@ def _sheet_table(campaign: Campaign) -> Table:
     rows = [
         {
             "run": slot.number, "begin at min:s": _clock(slot.begins),
-            "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{back:+.0f}",
+            "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{slot.turn_there:+.0f}",
             "after the rest": in_words(slot.candidate, campaign.fitting.model.moment_unit),
             "then wait s": f"{slot.wait:g}", "battery left %": f"{100.0 * slot.left / _full(campaign):.0f}",
-            "what for": why,
+            "what for": slot.why,
         }
-        for slot, why, back in zip(campaign.slots, campaign.why, campaign.ways_back)
+        for slot in campaign.slots
     ]  # fmt: skip
     rest = f"{campaign.limits.runs.rest_before_s:g} s"
     return Table.of("Run sheet", rows, [f"Every log begins with {rest} at rest, thrusters idle."])
@@ -161,10 +162,17 @@ def _evidence(split: Split) -> str:
 def _compared_table(campaign: Campaign) -> Table:
     """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
     curves = {"this plan": campaign.plan, "the paper's grid": campaign.grid}
-    curves |= {f"this plan and one {curve.name}": curve for curve in campaign.more}
+    curves |= {f"this plan and one {curve.campaign}": curve for curve in campaign.more}
     rows = [
-        {"campaign": label, "min in the pool": number(curve.minutes[-1], 3), "s of motion": number(curve.motion[-1], 3)}
-        | {f"{_symbol(name, campaign)} %": number(curve.percent[name][-1], 2) for name in campaign.plan.percent}
+        {
+            "campaign": label,
+            "min in the pool": number(curve.minutes[-1], 3),
+            "s of motion": number(curve.motion_s[-1], 3),
+        }
+        | {
+            f"{_symbol(name, campaign)} %": number(curve.stderr_percent[name][-1], 2)
+            for name in campaign.plan.stderr_percent
+        }
         for label, curve in curves.items()
     ]
     earlier = " The earlier runs are counted in." if campaign.together else ""

@@ -31,8 +31,8 @@ class Simulation(Shown):
         spec = self.specification
         head = {"schema": SCHEMA, "simulated": label(spec, self.seed), "seed": self.seed}
         if isinstance(spec, PlanarSpecification):
-            made = [_truth_in_plane(run) for run in self.runs]
-            return {**head, **_without(spec, "schema", "seed", "source", "runs"), "made": made}
+            truth = [_truth_in_plane(run) for run in self.runs]
+            return {**head, **_without(spec, "schema", "seed", "source", "runs"), "made": truth}
         bollard = spec.bollard
         thrusters = None if bollard is None else {"file": bollard.file} | _without(bollard, "folder", "name", "format")
         return {

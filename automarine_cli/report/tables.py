@@ -10,6 +10,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Any
 
 from automarine_cli.estimate import Estimate
@@ -220,7 +221,7 @@ class Table:
 def _cell(value: Any) -> Cell:
     if value is None or isinstance(value, Estimate):
         return interval(value)
-    return value if isinstance(value, Cell) else str(value) if isinstance(value, int) else number(value)
+    return value if isinstance(value, Cell) else str(value) if isinstance(value, Integral) else number(value)
 
 
 def _captioned(title: str) -> list[str]:

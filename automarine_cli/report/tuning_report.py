@@ -32,7 +32,8 @@ def _(tuning: Tuning) -> Sections:
     verdict, *more = _sentences(designed)
     tables = [] if designed.new is None and designed.old is None else [_gains_table(designed), _promised_table(tuning)]
     plan = []
-    if tuning.settling is not None:
+    planned_runs, failure = tuning.plan or (None, "")
+    if tuning.settling is not None and not failure:
         where = (
             f"are planned in {tuning.out / SETTLES}" if tuning.out else f"are planned with -o DIR, into DIR/{SETTLES}"
         )
@@ -47,21 +48,17 @@ def _(tuning: Tuning) -> Sections:
     if designed.new is not None:
         plan.append(designed.target.file)
         files[designed.target.file] = tuning.target_text()
-    if tuning.settling is not None:
-        plan.append(f"{SETTLES}/")
-    warnings = []
-    planned_runs, failure = tuning.plan or (None, "")
     if planned_runs is not None:
+        plan.append(f"{SETTLES}/")
         planned, limits = sections(planned_runs), planned_runs.campaign.limits
         moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
         goal = {"half_width_percent": limits.goal.half_width_percent}
         below = dict(planned.files) | {LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}
         files |= {f"{SETTLES}/{name}": content for name, content in below.items()}
         figures |= {f"{SETTLES}/{name}": draw for name, draw in planned.figures.items()}
-    elif failure:
-        warnings.append(failure)
     listed = (*plan, TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png")
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
+    warnings = [failure] if failure else []
     return Sections((verdict, *more, *designed.notes, *tables), files, figures, listed, rows, warnings)
 
 

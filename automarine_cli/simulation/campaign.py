@@ -138,44 +138,33 @@ def _step(plan: Plan, model: Vehicle) -> float:
 def _make(work: tuple[Sequence[Plan], float], specification: AnySpecification, seed: int) -> list[SimulatedRun]:
     plans, step = work
     times = [sample_times(plan, specification.logger, seed) for plan in plans]
-    draw, log = (_draw_in_plane, _log_in_plane) if isinstance(specification, PlanarSpecification) else (_draw, log_run)
-    drawn = [draw(plan, specification, seed, time) for plan, time in zip(plans, times)]  # type: ignore[arg-type]
+    drawn = [_draw(plan, specification, seed, time) for plan, time in zip(plans, times)]
     truth = _truth(plans, specification, drawn, times, step, seed)
+    log = _log_in_plane if isinstance(specification, PlanarSpecification) else _log
     return [log(*run, specification, seed) for run in zip(plans, drawn, times, truth)]  # type: ignore[arg-type]
 
 
-def _draw(plan: Plan, specification: Specification, seed: int, time: Floats) -> Drawn:
-    scatter, key = specification.scatter, plan.key
-    start = scatter.start
-    if isinstance(start, tuple):
+def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) -> Drawn:
+    scatter, key, start = specification.scatter, plan.key, specification.scatter.start
+    if start == "random":
+        start = 360.0 * float(uniform(1, seed, key, "start heading")[0])
+    elif isinstance(start, tuple):
         start = start[plan.turn % len(start)]
-    dof, bias = specification.vehicle.dof, specification.logger.rate_bias or 0.0
-    return Drawn(
-        start=_start(start, dof.inner, seed, key),
-        log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
-        switches=switch_times(plan, specification.logger, seed),
-        zero=float(dof.inner(scatter.zero) * normal(1, seed, key, "heading zero")[0]),
+    inner = scatter.dof.inner
+    gain = scatter.gain * float(normal(1, seed, key, "gain")[0])
+    drawn = Drawn(float(inner(start)), gain, switch_times(plan, specification.logger, seed))
+    if isinstance(specification, PlanarSpecification):
+        disturbance, windows = specification.disturbance, int(time[-1] / WINDOW) + 2
+        share, sizes = np.exp(-WINDOW / disturbance.time_s), zip(disturbance.sizes, PLANAR.dofs)
+        pushed = [size * _process(normal(windows, seed, key, dof.name), share) for size, dof in sizes]
+        return replace(drawn, disturbance=np.stack(pushed))
+    bias = specification.logger.rate_bias or 0.0
+    return replace(
+        drawn,
+        zero=float(inner(specification.scatter.zero) * normal(1, seed, key, "heading zero")[0]),
         added_moment=_added_moment(plan, specification, seed),
-        rate_bias=float(dof.inner(bias) * normal(1, seed, key, "rate bias")[0]),
+        rate_bias=float(inner(bias) * normal(1, seed, key, "rate bias")[0]),
     )
-
-
-def _start(start: float | str, inner: Any, seed: int, key: str) -> float:
-    return float(inner(360.0 * float(uniform(1, seed, key, "start heading")[0]) if start == "random" else start))
-
-
-def _draw_in_plane(plan: Plan, specification: PlanarSpecification, seed: int, time: Floats) -> Drawn:
-    scatter, key, disturbance = specification.scatter, plan.key, specification.disturbance
-    share, windows = np.exp(-WINDOW / disturbance.time_s), int(time[-1] / WINDOW) + 2
-    return Drawn(
-        start=_start(scatter.start, scatter.dof.inner, seed, key),
-        log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
-        switches=switch_times(plan, specification.logger, seed),
-        disturbance=np.stack([
-            size * _process(normal(windows, seed, key, dof.name), share)
-            for size, dof in zip(disturbance.sizes, PLANAR.dofs)
-        ]),
-    )  # fmt: skip
 
 
 def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
@@ -357,7 +346,7 @@ def commanded(time: Floats, switches: Floats, plan: Plan) -> Floats:
     return values[np.searchsorted(switches, time, side="right")]
 
 
-def log_run(
+def _log(
     plan: Plan, drawn: Drawn, time: Floats, truth: Floats, specification: Specification, seed: int
 ) -> SimulatedRun:
     """Log a run of one degree of freedom whose position and velocity are `truth` (N, 2) at `time` (N,) [s since its

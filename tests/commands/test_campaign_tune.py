@@ -1,6 +1,7 @@
 """A campaign that ends with the gains of a controller: made once, kept, shown in the report."""
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from automarine_cli.commands import load
 from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.report import report
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.control import design
+from automarine_cli.control import tuning
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.progress import silent
 from automarine_cli.report.campaign_page import STEPS
@@ -20,7 +21,7 @@ def test_a_campaign_ends_with_gains_and_its_report_shows_them(
     small_day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without a diagnosis the model is tuned; nothing is made again that has not changed."""
-    monkeypatch.setattr(design, "CROWD", 40)
+    monkeypatch.setattr(tuning, "design", partial(tuning.design, count=40))
     shutil.copytree(small_day, tmp_path / "day")
     campaign, out = tmp_path / "day" / "pool" / "campaign.toml", tmp_path / "day" / "out"
     with campaign.open("a") as file:

@@ -3,6 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ import pytest
 from click.testing import Result
 
 import automarine_cli as am
-from automarine_cli.control import design as designing
 from automarine_cli.control import tuning
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.errors import SettingError
@@ -23,7 +23,7 @@ Run = Callable[..., Result]
 @pytest.fixture(autouse=True)
 def small_crowds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
-    monkeypatch.setattr(designing, "CROWD", 48)
+    monkeypatch.setattr(tuning, "design", partial(tuning.design, count=48))
 
 
 def estimate(value: float, unit: str, share: float = 0.03) -> dict[str, object]:
@@ -73,6 +73,7 @@ def test_an_unknown_delay_is_planned_for(run: Run, tmp_path: Path) -> None:
     for name in names - {Path(MANIFEST)}:
         assert (out / "settles" / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
     result = json.loads((out / "tuning.json").read_text())
+    assert result["vehicles"] == 48
     assert result["verdict"] == "cannot-promise" and str(tmp_path) not in json.dumps(result["plan"])
     assert "[settles/plan.md](settles/plan.md)" in (out / "tuning.md").read_text()
     planned = json.loads((out / "settles" / "plan.json").read_text())
@@ -96,6 +97,7 @@ def test_a_tuning_whose_plan_fails_is_written_with_a_warning(
     )
     assert result.exit_code == 0 and f"Warning: {warning}" in result.stderr
     assert json.loads((out / MANIFEST).read_text())["warnings"] == [warning]
+    assert "Such runs are planned" not in result.stdout
     assert (out / "tuning.json").is_file() and not (out / "settles").exists()
     assert "settles/plan.md" not in (out / "tuning.md").read_text()
 

@@ -15,7 +15,8 @@ from automarine_cli.control.design import nominal_of
 from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.ardupilot import RootLaw, distance_to, gyro, gyro_response
-from automarine_cli.control.targets.base import Design, low_pass, share
+from automarine_cli.control.targets.base import Design
+from automarine_cli.control.targets.loops import low_pass, share
 from automarine_cli.control.targets.pid import series_form
 from automarine_cli.control.vehicles import Bend, Spread, crowd
 from automarine_cli.dofs import YAW

@@ -5,6 +5,7 @@ import io
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
-from automarine_cli.control import flown
+from automarine_cli.control import flown, tuning
 from automarine_cli.control.closed_loop import fly
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.errors import RunError
@@ -29,7 +30,8 @@ Run = Callable[..., Result]
 @pytest.fixture(autouse=True)
 def small_crowds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
-    monkeypatch.setattr(designing, "CROWD", 48)
+    monkeypatch.setattr(tuning, "design", partial(tuning.design, count=48))
+    monkeypatch.setattr(flown, "crowds_of", partial(flown.crowds_of, count=48))
     monkeypatch.setattr(designing, "PRESENT", 24)
 
 

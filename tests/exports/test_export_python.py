@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.commands.export import export
+from automarine_cli.effects import base
 from automarine_cli.effects.base import EVEN
-from automarine_cli.effects.learned import KNOTS
+from automarine_cli.effects.learned import KNOTS, Learned
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import in_enu
-from automarine_cli.exports.python import CARRIES
+from automarine_cli.exports.python import CARRIES, definitions
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
@@ -154,6 +155,13 @@ def test_files_hold_what_acts_and_nothing_else(tmp_path: Path) -> None:
         text = export(model_file(trial.model, tmp_path / f"{i}.json"), to="python", frame=trial.frame).text
         assert not any(line != line.rstrip() for line in text.splitlines()), trial.name
         assert "automarine_cli" not in text and "mistaken_for" not in text and "def in_enu" not in text
+
+
+def test_no_two_effects_define_the_same_name() -> None:
+    """Their sources stand in one file."""
+    modules = {type(effects.get(name)).__module__ for name in CARRIES} | {base.__name__, Learned.__module__}
+    every = [name for module in modules for name in definitions(sys.modules[module])]
+    assert len(every) == len(set(every))
 
 
 @pytest.mark.parametrize("name", effects.names())

@@ -14,17 +14,9 @@ from specified import make_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.planning.campaign import fitting_of
+from automarine_cli.planning.campaign import fitting_of, headings_of
 from automarine_cli.planning.candidates import Candidate, candidates, mirrors
-from automarine_cli.planning.information import (
-    ANGLE,
-    Fitting,
-    excursions,
-    information,
-    names_of,
-    predicted,
-    reported_covariance,
-)
+from automarine_cli.planning.information import ANGLE, Fitting, reported_covariance
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.simulation.run_groups import SequenceRuns
@@ -62,7 +54,7 @@ def dense_information(moment: float, seconds: float, rest: float = 3.0, period: 
 
 
 def test_a_step_tells_what_its_covariance_written_out_in_full_says() -> None:
-    found = information(FITTING, [STEP])[0]
+    found = FITTING.information([STEP])[0]
     wanted = dense_information(0.8, 4.0)
     unit = np.sqrt(np.diagonal(wanted))
     assert found / np.outer(unit, unit) == pytest.approx(wanted / np.outer(unit, unit), abs=2e-3)
@@ -84,7 +76,7 @@ def test_what_hangs_on_one_run_is_reported_as_unknown() -> None:
 
 def test_mirrored_runs_tell_the_same() -> None:
     every = candidates(MODEL, Limits(), 1.2)
-    told = information(FITTING, every)
+    told = FITTING.information(every)
     assert told[mirrors(every)] == pytest.approx(told, rel=1e-4, abs=1e-6 * float(np.abs(told).max()))
     assert [every[i].label for i in mirrors(every)] != [one.label for one in every]
 
@@ -96,27 +88,27 @@ def test_one_run_more_never_widens(fit: str) -> None:
         Candidate("step", str(i), ((side * size, 12.0),))
         for i, (size, side) in enumerate(((0.3, 1), (0.6, -1), (1.2, 1), (1.0, -1)))
     ]
-    told = information(fitting, runs)
+    told = fitting.information(runs)
     for dof in np.eye(told.shape[1]):
         errors = [dof @ np.linalg.inv(told[:count].sum(axis=0)) @ dof for count in (2, 3, 4)]
         assert errors == sorted(errors, reverse=True)
 
 
 def test_more_noise_and_more_scatter_tell_less() -> None:
-    quiet, loud = (information(Fitting(MODEL, "whole-runs", noise, SCATTER), MIXED) for noise in (NOISE, 2 * NOISE))
-    even, uneven = (information(Fitting(MODEL, "whole-runs", NOISE, scatter), MIXED) for scatter in (0.0, 0.1))
+    quiet, loud = (Fitting(MODEL, "whole-runs", noise, SCATTER).information(MIXED) for noise in (NOISE, 2 * NOISE))
+    even, uneven = (Fitting(MODEL, "whole-runs", NOISE, scatter).information(MIXED) for scatter in (0.0, 0.1))
     for more, less in ((quiet, loud), (even, uneven)):
         assert np.linalg.eigvalsh((more - less).sum(axis=0)).min() > -1e-9 * np.abs(more).max()
 
 
 def test_excursions_are_those_of_the_closed_form() -> None:
     turned, _ = response(3.95, 0.8, INERTIA, 0.0, DRAG)
-    assert excursions(FITTING, [STEP])[0] == pytest.approx(float(turned), abs=5e-3)
+    assert np.abs(headings_of(FITTING.model, FITTING.logger, [STEP])[0]).max() == pytest.approx(float(turned), abs=5e-3)
 
 
 def test_parameters_that_are_held_are_not_planned_for() -> None:
     model = MODEL.with_effect("dead-band", (0.03, 0.0)).with_effect("input-delay", (0.2,))
-    names = names_of(Fitting(model, "diagnosis", NOISE, SCATTER))
+    names = Fitting(model, "diagnosis", NOISE, SCATTER).names
     assert names == ("I_r", "k_rr", "dead-band width", "input-delay t_d", "switch offset")
 
 
@@ -126,7 +118,8 @@ def test_predicted_intervals_are_those_that_a_fit_reports(fit: str) -> None:
     within a tenth (tests/benchmarks/planning.py)."""
     steps = [side * size for size in (0.3, 0.6, 1.2) for side in (1, -1) for _ in range(2)]
     runs = [Candidate("step", f"{i}", ((moment, 5.0 / np.sqrt(abs(moment))),)) for i, moment in enumerate(steps)]
-    told = predicted(Fitting(MODEL, fit, NOISE, SCATTER), information(Fitting(MODEL, fit, NOISE, SCATTER), runs))  # type: ignore[arg-type]
+    fitting = Fitting(MODEL, fit, NOISE, SCATTER)  # type: ignore[arg-type]
+    told = fitting.predicted(fitting.information(runs))
     squares = np.mean([reported(runs, fit, seed) for seed in range(6)], axis=0)
     wanted = [told[name].stderr / told[name].value for name in ("I_r", "k_rr", ANGLE)]
     assert np.asarray(wanted[1:2]) / np.sqrt(squares[1:2]) == pytest.approx(1.0, abs=0.25)
@@ -153,7 +146,7 @@ QUIET = {"yaw.disturbance": 1e-5, "yaw.disturbance-time": 2.0, "yaw.thrust-noise
 
 def spread_of(fitting: Fitting) -> Floats:
     """Standard errors of ln I and ln k_r of the four steps."""
-    return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(information(fitting, STEPS).sum(axis=0)))))[:2]
+    return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(fitting.information(STEPS).sum(axis=0)))))[:2]
 
 
 def test_without_disturbance_innovations_tell_what_whole_runs_do() -> None:

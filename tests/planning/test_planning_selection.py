@@ -30,9 +30,9 @@ def plain() -> Campaign:
 
 
 def test_as_many_runs_to_one_side_as_to_the_other(plain: Campaign) -> None:
-    own = [1 if one.commands[0][0] > 0 else -1 for one, why in zip(plain.candidates, plain.why) if why == NARROW]
+    own = [1 if one.candidate.commands[0][0] > 0 else -1 for one in plain.slots if one.why == NARROW]
     assert abs(sum(own)) <= 1
-    assert plain.why[0] == plain.why[-1] == DRIFT
+    assert plain.slots[0].why == plain.slots[-1].why == DRIFT
     assert plain.candidates[0].label == plain.candidates[-1].label
 
 
@@ -60,14 +60,18 @@ def test_start_headings_come_in_turn_and_no_run_turns_far(plain: Campaign) -> No
 
 
 def test_the_plan_needs_less_of_the_pool_than_the_grid_for_the_same_inertia(plain: Campaign) -> None:
-    reached = [m for m, e in zip(plain.plan.minutes, plain.plan.percent["I_r"]) if e <= plain.grid.percent["I_r"][23]]
+    reached = [
+        m
+        for m, e in zip(plain.plan.minutes, plain.plan.stderr_percent["I_r"])
+        if e <= plain.grid.stderr_percent["I_r"][23]
+    ]
     assert reached and reached[0] < plain.grid.minutes[23]
 
 
 def test_one_run_more_of_any_kind_never_widens(plain: Campaign) -> None:
     for curve in plain.more:
-        for name, (value,) in curve.percent.items():
-            assert value <= plain.plan.percent[name][-1] * (1 + 1e-9)
+        for name, (value,) in curve.stderr_percent.items():
+            assert value <= plain.plan.stderr_percent[name][-1] * (1 + 1e-9)
 
 
 def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.planning.campaign import turns, ways_back
+from automarine_cli.planning.campaign import headings_of, ways_back
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.information import Logger
 
@@ -16,7 +16,7 @@ LOGGER = Logger(YAW, "nu", 10.0, 2.0, None, None)
 def test_a_run_turns_as_the_closed_form_says() -> None:
     runs = [Candidate("step", str(m), ((m, 8.0),)) for m in (0.5, -0.5, 1.0)]
     runs.append(Candidate("reversal", "r", ((0.5, 4.0), (-0.5, 4.0))))
-    found = turns(MODEL, LOGGER, runs)
+    found = np.rad2deg([heading[-1] for heading in headings_of(MODEL, LOGGER, runs)])
     # I r' = tau - k r|r|, so psi = I / k log cosh(sqrt(k tau) t / I); half a sample passes before a command shows
     right = [np.sign(m) * np.log(np.cosh(np.sqrt(1.25 * abs(m)) * 7.95)) / 1.25 for m in (0.5, -0.5, 1.0)]
     assert found[:3] == pytest.approx(np.rad2deg(right), rel=1e-3)

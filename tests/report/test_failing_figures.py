@@ -40,7 +40,7 @@ CASES = {
     ),
     "fit-yaw": Case("fit-yaw pool/steps", f"{REPORT}.figures.yaw.drag_figure", "drag"),
     "fit-yaw, whole runs": Case(
-        "fit-yaw pool/driving pool/steps --fit-to whole-runs", f"{REPORT}.figures.yaw.whole_runs_figure", "whole_runs"
+        "fit-yaw pool/driving pool/steps --fit-to whole-runs", f"{REPORT}.figures.runs.whole_runs_figure", "whole_runs"
     ),
     "fit-surge": Case("fit-surge forces/surge", f"{REPORT}.figures.yaw.half_turns_figure", "steps"),
     "fit-heave": Case("fit-heave forces/heave", f"{REPORT}.figures.yaw.inertia_figure", "inertia"),
@@ -50,10 +50,10 @@ CASES = {
         "validation_there_and_back",
     ),
     "diagnose": Case(
-        "diagnose pool/steps --model yaw/yaw_model.json", f"{REPORT}.diagnosis_report.where_figure", "where"
+        "diagnose pool/steps --model yaw/yaw_model.json", f"{REPORT}.figures.diagnosis.where_figure", "where"
     ),
     "diagnose thrusters": Case(
-        "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.thrusters.why_figure",
+        "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.diagnosis.thruster_why_figure",
         "why",
     ),
     "compare": Case("compare yaw driven", f"{REPORT}.compare_report.compare_figure", "comparison"),

@@ -2,13 +2,16 @@
 
 import csv
 import io
-from dataclasses import dataclass
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from automarine_cli.estimate import Estimate
 from automarine_cli.report.tables import MISSING, Math, Table, interval, number
+
+Interval = partial(Estimate, unit="")
 
 AWKWARD = Table(
     "Table_1: 50 % & more",
@@ -21,13 +24,6 @@ AWKWARD = Table(
     rules=(2,),
     notes=("r² in rad/s ± 5 %",),
 )
-
-
-@dataclass
-class Interval:
-    value: float
-    stderr: float
-    ci95: tuple[float, float]
 
 
 def test_csv_is_read_back_by_any_program() -> None:
@@ -146,7 +142,7 @@ def test_number_is_right_to_its_digits(x: float) -> None:
         (None, "–"),
     ],
 )
-def test_interval_shows_the_digits_that_count(estimate: Interval | None, text: str) -> None:
+def test_interval_shows_the_digits_that_count(estimate: Estimate | None, text: str) -> None:
     assert interval(estimate) == text
 
 

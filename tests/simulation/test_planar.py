@@ -17,8 +17,7 @@ from automarine_cli.models.allocation import Allocation, Thruster
 from automarine_cli.models.planar import PLACES, CrossDrag, Inertia, PlanarModel
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.plane import product_with, turning_of
-from automarine_cli.simulation.rollout import Start, Trajectory, simulate
+from automarine_cli.simulation.rollout import Start, Trajectory, product_with, simulate, turning_of
 
 Floats = NDArray[np.float64]
 BODY = Inertia(20.0, 32.0, 2.6, m_vr=1.5, m_ur=-0.7, m_uv=0.9)

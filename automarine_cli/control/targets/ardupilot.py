@@ -11,20 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.targets.base import (
-    Design,
-    Gains,
-    Nominal,
-    Parameter,
-    State,
-    Target,
-    hold,
-    leads,
-    low_pass,
-    share,
-    spread,
-    within,
-)
+from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.loops import hold, leads, low_pass, share, spread, within
 from automarine_cli.quantities import Complexes, Floats
 
 RAD = np.pi / 180.0
@@ -40,7 +28,6 @@ def gyro(slow: Floats, slower: Floats, velocity: Floats, dt: float, cutoff: floa
 
 
 def gyro_response(z: Complexes, dt: float, cutoff: float) -> Complexes:
-    """Return the response of `gyro` at z."""
     ratio = (1.0 - 1.0 / z) / (2.0 * np.pi * cutoff * dt)
     return np.asarray(1.0 / (1.0 + np.sqrt(2.0) * ratio + ratio * ratio))
 
@@ -57,12 +44,10 @@ class RootLaw:
 
     @classmethod
     def of(cls, gain: Floats, limit: Floats, step: float) -> "RootLaw":
-        """Work out once what every loop needs."""
         gain = np.maximum(gain, 1e-6)
         return cls(gain, np.where(limit > 0, limit, np.inf) / gain**2, 2.0 * np.where(limit > 0, limit, 0.0), step)
 
     def __call__(self, error: Floats) -> Floats:
-        """Return the velocity for what is left."""
         size = np.abs(error)
         far = size > self.near
         wish = self.gain * size
@@ -112,8 +97,6 @@ class ArduSub(ParameterFile):
     """
 
     name = "ardusub"
-    says = "ArduSub's heading hold: a .param file"
-    source = "ArduPilot, AC_AttitudeControl"
     file = "ardusub.param"
     firmware = "ArduSub 4.1 to 4.5"
     of = "Heading"
@@ -176,10 +159,7 @@ class ArduSub(ParameterFile):
         own.to_target = RootLaw.of(gain, pull, dt)
         return own
 
-    def step(
-        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
-    ) -> tuple[State, Floats]:
-        """Rate controller, motors, then the angle loop."""
+    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
         own = gains if isinstance(gains, Prepared) else self.prepared(gains)
         assert isinstance(own, Prepared)
         dt = self.period
@@ -219,8 +199,6 @@ class ArduRover(ParameterFile):
     """
 
     name = "ardurover"
-    says = "ArduPilot Rover's steering of a boat: a .param file"
-    source = "ArduPilot, APM_Control/AR_AttitudeControl"
     file = "ardurover.param"
     firmware = "Rover 4.2 to 4.6"
     of = "Steering"
@@ -265,9 +243,7 @@ class ArduRover(ParameterFile):
         # gyro's filter (two states), rate asked for, filtered error, integral, last output
         return (zero, zero, zero, zero, integral, zero)
 
-    def step(
-        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
-    ) -> tuple[State, Floats]:
+    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
         dt = self.period
         slow, slower, asked, error, integral, last = state
         slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)

@@ -1,6 +1,6 @@
 """What a target of `tune` is, and the recipe for the next one.
 
-Recipe: one file in this folder with one subclass of `Target` that says what it is called (`name`, `says`, `source`),
+Recipe: one file in this folder with one subclass of `Target` that says what it is called (`name`),
 its `parameters` in its own names and units, and does five things: `propose` makes gains of design numbers, `start` and
 `step` are the stack as it runs, loop by loop, `paths` the same stack in frequency, `text` its file. `__init__.py` lists
 the targets. All arrays are over sets (S) by flights (R): a set is one vehicle with one set of gains.
@@ -23,9 +23,9 @@ from automarine_cli.pipeline.records import Source
 from automarine_cli.pipeline.words import printable, quoted
 from automarine_cli.quantities import Complexes, Floats
 
-Gains = Mapping[str, Floats]
-"""Parameters by name, (S, 1) each."""
+Gains = Mapping[str, Floats]  # parameters by name, (S, 1) each
 State = tuple[Floats, ...]
+Stepped = tuple[State, Floats]  # the next state, and the output
 BEYOND = 10.0
 LARGEST = 2_000_000  # bytes of a parameter file; a vehicle has some thousand parameters
 LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)")
@@ -62,7 +62,6 @@ class Nominal:
     bend: Bend | None = None
 
     def model(self, count: int) -> dict[str, Floats]:
-        """Return the values of `MODEL`, (count,) each."""
         values = {"inertia": self.inertia, "drag": self.linear, "squared": self.quadratic}
         return {name: np.full(count, value) for name, value in values.items()}
 
@@ -86,38 +85,27 @@ MODEL = (
 
 
 class Target(ABC):
-    """One stack; see the module's docstring."""
-
     name: ClassVar[str]
-    says: ClassVar[str]
-    source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     file: ClassVar[str]
-    firmware: ClassVar[str] = ""
-    """What the parameters are of, where names and units differ from version to version."""
+    firmware: ClassVar[str] = ""  # what the parameters are of, where names and units differ from version to version
     motions: ClassVar[tuple[str, ...]] = ("yaw",)
-    numbers: ClassVar[int]
-    """How many design numbers `propose` takes."""
-    linear: ClassVar[bool] = False
-    """Whether it, or what stands behind it, makes up for the map from output to moment."""
+    numbers: ClassVar[int]  # how many design numbers `propose` takes
+    linear: ClassVar[bool] = False  # whether it, or what stands behind it, makes up for the map from output to moment
     period: float
-    timed: ClassVar[bool] = False
-    """Whether whoever flies it may choose its sample time."""
+    timed: ClassVar[bool] = False  # whether whoever flies it may choose its sample time
 
     def __init__(self, period: float | None = None, beyond: bool = False) -> None:
-        """Loops of `period` [s] where one is given; gains `beyond` the documented ranges where that is allowed."""
         self.beyond = beyond
         if period is not None:
             self.period = period
 
     @property
     def defaults(self) -> dict[str, float]:
-        """Default values by name."""
         return {p.name: p.default for p in self.parameters if p.default is not None}
 
     @property
     def has_defaults(self) -> bool:
-        """Whether a vehicle flies with something before it was tuned."""
         return len(self.defaults) == len(self.parameters)
 
     @abstractmethod
@@ -133,9 +121,7 @@ class Target(ABC):
         """Start the stack at rest at a position (S, R), with what holds the vehicle there in its integrator."""
 
     @abstractmethod
-    def step(
-        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
-    ) -> tuple[State, Floats]:
+    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
         """Run one loop: the next state, and the output (S, R) held until the next loop."""
 
     @abstractmethod
@@ -193,43 +179,3 @@ def present_gains(target: Target, source: Source | None) -> Mapping[str, float] 
             f"{target.parameters[0].name},{target.parameters[0].default:g}"
         )
     return {**target.defaults, **present}
-
-
-def share(step: float, cutoff: Floats | float) -> Floats:
-    """Return the weight of the new value in a first-order low-pass of `cutoff` [Hz] at loops of `step` [s]; 0 Hz is
-    none."""
-    rate = 2.0 * np.pi * step * np.asarray(cutoff, dtype=float)
-    return np.where(rate > 0, rate / (1.0 + rate), 1.0)
-
-
-def low_pass(weight: Floats, z: Complexes) -> Complexes:
-    """Return the response of a low-pass of a `weight` at z."""
-    return np.asarray(weight / (1.0 - (1.0 - weight) / z))
-
-
-def hold(s: Complexes, step: float) -> Complexes:
-    """Return the response at s of an output that is held over each loop of `step` [s]."""
-    return np.asarray((1.0 - np.exp(-s * step)) / (s * step))
-
-
-def within(value: Floats, most: Floats | float) -> Floats:
-    """Limit `value` to `most` on either side."""
-    return np.minimum(np.maximum(value, -most), most)
-
-
-def summed(integral: Floats, grown: Floats, now: Floats, error: Floats) -> Floats:
-    """Return the integrator after a loop: `grown`, unless the output is at its limit and the error would carry it
-    further."""
-    out = now + grown
-    return np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
-
-
-def spread(number: Floats, low: float, high: float) -> Floats:
-    """Map a design number between 0 and 1 to one between `low` and `high`, in equal ratios."""
-    return np.asarray(low * (high / low) ** number)
-
-
-def leads(number: Floats) -> Floats:
-    """Map a design number to the time of a derivative, in shares of all that is slow: none up to a fifth, then up to
-    one and a half times as long."""
-    return np.asarray(1.5 * np.maximum(number - 0.2, 0.0) / 0.8)

@@ -10,30 +10,15 @@ import json
 
 import numpy as np
 
-from automarine_cli.control.targets.base import (
-    Design,
-    Gains,
-    Nominal,
-    Parameter,
-    State,
-    Target,
-    hold,
-    spread,
-    summed,
-    within,
-)
+from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
-FEWEST = 10.0
-"""How many times shorter than the derivative's time its low-pass is: chapter 3."""
+FEWEST = 10.0  # how many times shorter than the derivative's time its low-pass is: chapter 3
 
 
 class Pid(Target):
-    """See the module's docstring."""
-
     name = "pid"
-    says = "a PID controller of your own: its numbers in parallel and series form, as JSON"
-    source = "Astrom and Hagglund (2006), Advanced PID Control"
     file = "pid.json"
     motions = ("yaw", "surge", "heave", "sway")
     numbers = 4
@@ -68,9 +53,7 @@ class Pid(Target):
         zero = np.zeros_like(position)
         return (position, zero, holding + gains["K_p"] * (1.0 - gains["b"]) * position)
 
-    def step(
-        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
-    ) -> tuple[State, Floats]:
+    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
         dt = self.period
         before, slope, integral = state
         slope = slope + dt / (dt + gains["T_f"]) * ((position - before) / dt - slope)

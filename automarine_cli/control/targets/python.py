@@ -13,19 +13,8 @@ from importlib.resources import files
 import numpy as np
 
 from automarine_cli import __version__
-from automarine_cli.control.targets.base import (
-    MODEL,
-    Design,
-    Gains,
-    Nominal,
-    Parameter,
-    State,
-    Target,
-    hold,
-    spread,
-    summed,
-    within,
-)
+from automarine_cli.control.targets.base import MODEL, Design, Gains, Nominal, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
 WRAPPED = """        # the heading counts on over north, as the model does
@@ -35,11 +24,7 @@ WRAPPED = """        # the heading counts on over north, as the model does
 
 
 class Python(Target):
-    """See the module's docstring."""
-
     name = "python"
-    says = "one readable Python file without libraries, to fly from a companion computer"
-    source = "Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control"
     file = "controller.py"
     motions = ("yaw", "surge", "heave", "sway")
     numbers = 5
@@ -72,9 +57,7 @@ class Python(Target):
         zero = np.zeros_like(position)
         return (position, zero, holding + zero)
 
-    def step(
-        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
-    ) -> tuple[State, Floats]:
+    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
         dt = self.period
         model, slope, integral = state
         w, ahead = gains["velocity"], gains["reference"]

@@ -18,7 +18,7 @@ MARKS = dict(zip(KINDS, "os^DvxP"))
 @house_style
 def plan_figure(campaign: Campaign) -> Figure:
     """A panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
-    names, dof = list(campaign.plan.percent)[:MOST_PANELS], campaign.fitting.model.dof
+    names, dof = list(campaign.plan.stderr_percent)[:MOST_PANELS], campaign.fitting.model.dof
     own, length = dof.symbols, dof.words.inertial_length
     math = {own.quadratic: own.quadratic_math, own.linear: own.linear, own.inertia: own.inertia}
     math[length] = f"{own.inertia}/{own.quadratic_math}"
@@ -29,14 +29,14 @@ def plan_figure(campaign: Campaign) -> Figure:
         for curve, colour, line in ((campaign.plan, "blue", "-"), (campaign.grid, "orange", (0, (5, 1.5)))):
             kept = slice(FEWEST_RUNS - 1, None)
             ax.plot(
-                curve.minutes[kept], curve.percent[name][kept], color=COLOURS[colour], ls=line, marker=".", ms=3,
-                label=curve.name,
+                curve.minutes[kept], curve.stderr_percent[name][kept], color=COLOURS[colour], ls=line, marker=".", ms=3,
+                label=curve.campaign,
             )  # fmt: skip
         for curve in campaign.more:
-            mark = MARKS[curve.name]
+            mark = MARKS[curve.campaign]
             ax.plot(
-                curve.minutes, curve.percent[name], ls="", marker=mark, ms=4, color=COLOURS["vermilion"],
-                mfc="none" if mark != "x" else None, label=f"plan and one {curve.name}",
+                curve.minutes, curve.stderr_percent[name], ls="", marker=mark, ms=4, color=COLOURS["vermilion"],
+                mfc="none" if mark != "x" else None, label=f"plan and one {curve.campaign}",
             )  # fmt: skip
         ax.set_yscale("log")
         low, high = ax.get_ylim()
