@@ -59,17 +59,25 @@ def roll(
     times at most. Returns
     positions and rates (P, R, N), padded; not finite where the model diverges. Raises RunError as `make_batch`.
     """
+    signals, position, rate = needed_signals(model), np.atleast_2d(position), np.atleast_2d(rate)
+
+    def once(step: float) -> Trajectory:
+        batch = make_batch(runs, step, signals)
+        delay = switch_offset * batch.interval[None] if switch_offset else None
+        with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away is told of, not warned about
+            return simulate(model, batch, start=Start(position, rate, switch_delay=delay, water=water))
+
     if step is not None:
-        return _once(model, runs, position, rate, switch_offset, step, water)
+        return once(step)
     step = step_of(model, runs)
-    best = _once(model, runs, position, rate, switch_offset, step, water)
+    best = once(step)
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     most = max(MOST_STEPS, 4 * max(len(run) for run in runs))
     for _ in range(MOST_HALVINGS):
         step /= 2
         if longest / step > most:
             break
-        finer = _once(model, runs, position, rate, switch_offset, step, water)
+        finer = once(step)
         both = np.isfinite(finer.position) & np.isfinite(best.position)
         moved = np.abs(np.where(both, finer.position, 0.0) - np.where(both, best.position, 0.0)).max()
         same_fate = bool(np.all(np.isfinite(finer.position) == np.isfinite(best.position)))
@@ -77,22 +85,6 @@ def roll(
         if same_fate and model.dof.shown(moved) <= SETTLED:
             break
     return best
-
-
-def _once(
-    model: YawModel,
-    runs: Sequence[Run],
-    position: ArrayLike,
-    rate: ArrayLike,
-    switch_offset: float,
-    step: float,
-    water: ArrayLike,
-) -> Trajectory:
-    batch = make_batch(runs, step, needed_signals(model))
-    delay = switch_offset * batch.interval[None] if switch_offset else None
-    position, rate = np.atleast_2d(position), np.atleast_2d(rate)
-    with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away is told of, not warned about
-        return simulate(model, batch, start=Start(position, rate, switch_delay=delay, water=water))
 
 
 def groups(items: Sequence[Item], sizes: Sequence[int]) -> Iterator[slice]:

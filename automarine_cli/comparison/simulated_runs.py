@@ -86,8 +86,7 @@ class Restarts:
 
 
 def find_restarts(run: Run) -> Restarts:
-    """Restart at the last sample before each change or ramp of the command, or every 15 s where it changes all the
-    time."""
+    """Restart at the last sample before each change or ramp of the command, or every 15 s where it always changes."""
     changes = [first for first, _, _ in segments(run.command)[1:]]
     waits = np.diff(run.time[changes])
     ramping = waits < SHORTEST * (1 - 1e-9)

@@ -469,13 +469,7 @@ class Predicted:
 
 
 def predict(
-    model: Vehicle,
-    course: Course,
-    theta: Floats,
-    noises: Noises,
-    horizons: Sequence[float] = HORIZONS,
-    channel: int = 0,
-    followed: Followed | None = None,
+    model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0, followed: Followed | None = None
 ) -> tuple[Predicted, ...]:
     """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
     that were `followed`."""
@@ -483,9 +477,9 @@ def predict(
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING))
-    targets = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
+    targets = {h: targets_of(of.seen, time, run, origin, h) for h in HORIZONS}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
-    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
     rates = _rates(of, time, run, origin, targets)
     here = of.values[run, origin]
     found = []
@@ -528,7 +522,7 @@ def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, chan
     run = np.flatnonzero(late.any(axis=1))
     origin = late[run].argmax(axis=1)
     last = late.shape[1] - 1 - late[run, ::-1].argmax(axis=1)
-    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
     out = np.full(late.shape, np.nan)
     for r, begin, end, shown in zip(run, origin, last, path):
         out[r, begin : end + 1] = shown[: end - begin + 1]
@@ -558,31 +552,17 @@ def carried(
     theta: Floats,
     noises: Noises,
     states: Floats,
-    channel: Channel,
-    run: NDArray[np.int64],
-    origin: NDArray[np.int64],
-    last: NDArray[np.int64],
-) -> Floats:
-    """What the channel shows from each origin on, (A, longest + 1), every prediction being a run of its own.
-
-    A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
-    the sum is at the origin.
-    """
-    return carried_by(model, course, theta[None], noises, states, (channel,), run, origin, last)[0, 0]
-
-
-def carried_by(
-    model: Vehicle,
-    course: Course,
-    theta: Floats,
-    noises: Noises,
-    states: Floats,
     channels: Sequence[Channel],
     run: NDArray[np.int64],
     origin: NDArray[np.int64],
     last: NDArray[np.int64],
 ) -> Floats:
-    """The same of C channels by each of P parameter sets (P, p): (C, P, A, longest + 1)."""
+    """What C channels show from each origin on under each theta (P, p), every prediction being a run of its own,
+    (C, P, A, longest + 1).
+
+    A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
+    the sum is at the origin.
+    """
     longest = int(np.max(last - origin, initial=0))
     at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
     step = Step(model, course, theta, noises.late)

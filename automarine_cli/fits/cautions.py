@@ -203,17 +203,13 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof, of_steps: bool
         )
         yield Caution("", DRAG, says)
     if of_steps and len(sizes) == 2:
+        third = 0.5 * (sizes[0] + sizes[1]) if sizes[1] > 2.0 * sizes[0] else 0.5 * sizes[0]  # that these leave out
         says = (
             f"The runs command two sizes of {force}, {sizes[0]:g} and {sizes[1]:g} {unit}: model 2 goes through any "
             f"two, so Table 1 cannot tell how drag grows with the {speed}; add runs at "
-            f"{_third(sizes[0], sizes[1]):.3g} {unit}."
+            f"{third:.3g} {unit}."
         )
         yield Caution("", DRAG, says)
-
-
-def _third(low: float, high: float) -> float:
-    """A size of moment that two others leave out: between them if they are far apart, else half the smaller."""
-    return 0.5 * (low + high) if high > 2.0 * low else 0.5 * low
 
 
 UNEXPLAINED = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
@@ -259,7 +255,7 @@ def fit_warnings(
     position_noise: float | None = None,
 ) -> list[str]:
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
-    `position_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
+    `position_noise` [rad] that the headings have by themselves."""
     fit = fits[preference.number]
     dof = fit.model.dof
     words, mark, base = dof.words, dof.units.mark, dof.units.base

@@ -353,8 +353,7 @@ def _joined(pieces: Sequence[Predicted]) -> Predicted:
 
 
 def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
-    """The same by a fit of runs that were simulated whole, beside which only gains and noise are random; none where no
-    filter follows the runs."""
+    """The same by a fit of runs simulated whole, with random gains and noise alone; none where no filter follows."""
     problem, own = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
     bounds, mixed = problem.bounds.copy(), fit.mixed
     bounds[:own] = fit.model.theta[:, None]
@@ -605,10 +604,6 @@ def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
     )
 
 
-def judged_whole(course: Course, fit: OutputErrorFit) -> Judgement:
-    return Judgement(worth_of(whole_predictions(course, fit)), len(course.names))
-
-
 def use_of(
     course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
 ) -> Use:
@@ -618,13 +613,6 @@ def use_of(
     problem = driven_problem(fit.model, course)
     followed = problem.follow(found.phi[None], keep=True)
     assert followed.states is not None
-    return Use(
-        worth_of(predictions),
-        len(course.names),
-        proposed,
-        course,
-        predictions,
-        free_run(fit.model, course, found.of_model, problem.noises(found.theta[None])),
-        fit.model.inertia * followed.states[followed.places.pushed[0], 0],
-        large_disturbance(course, fit),
-    )
+    free = free_run(fit.model, course, found.of_model, problem.noises(found.theta[None]))
+    push, large = fit.model.inertia * followed.states[followed.places.pushed[0], 0], large_disturbance(course, fit)
+    return Use(worth_of(predictions), len(course.names), proposed, course, predictions, free, push, large)

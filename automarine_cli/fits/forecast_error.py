@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
-from automarine_cli.filters.kalman import Noises, carried_by, shown_channel, smoothed, targets_of
+from automarine_cli.filters.kalman import Noises, carried, shown_channel, smoothed, targets_of
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.quantities import Floats
@@ -63,7 +63,7 @@ class ForecastProblem:
     def misses(self, phi: Floats) -> Floats:
         """Forecast less measured (P, C, H, A) under phi (P, p), zero where nothing was measured."""
         theta = self.driven.natural(phi)[:, : self.count]
-        path = carried_by(
+        path = carried(
             self.driven.model, self.driven.course, theta, self.noises, self.states, self.channels, self.run,
             self.origin, self.target.max(axis=(0, 1)),
         )  # fmt: skip

@@ -109,8 +109,7 @@ def step_data(
     intervals: Sequence[float],
     dof: Dof,
 ) -> StepData:
-    """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading
-    [rad]."""
+    """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading [rad]."""
     width = max(len(t) for t in times)
     time, heading = np.zeros((2, len(times), width))
     seen = np.zeros((len(times), width), dtype=bool)
@@ -139,53 +138,32 @@ def step_problem(data: StepData, model: str, known: Known = NOTHING_KNOWN, sided
         role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
     ]  # linear drag has either sign beside a quadratic one, as in Table 1
     drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
-    most = 0.0 if known.switch_instant else MOST_OFFSET
-    steps = _Steps(data, roles, main, RunEffects(_blocks(data, known)))
-    measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
-    return Problem(
-        steps.readings,
-        measured,
-        seen,
-        steps.blocks,
-        np.array([(0.0, np.inf), *drags, (-most, most)]),
-        np.array([True, *np.logical_not(signed), False]),
-        names,
-        slots_of(data.channels),
-    ).informed(known.parameters)
+    most, blocks = 0.0 if known.switch_instant else MOST_OFFSET, RunEffects(_blocks(data, known))
 
-
-@dataclass(frozen=True)
-class _Steps:
-    """The response of half-turns to the parameters in `roles`, of which `main` is the drag that may differ between the
-    ways."""
-
-    data: StepData
-    roles: tuple[str, ...]
-    main: str
-    blocks: RunEffects
-
-    def readings(self, theta: Floats, b: Floats) -> Floats:
-        """What all channels read (P, R, N) for theta (P, p) and run effects (P, R, q)."""
-        runs, samples = self.data.time.shape
+    def readings(theta: Floats, b: Floats) -> Floats:
+        runs, samples = data.time.shape
         at_once = max(1, AT_ONCE // samples)
         parts = (slice(i, i + at_once) for i in range(0, runs, at_once))
-        return np.concatenate([self._readings_of(theta, b, rows) for rows in parts], axis=1)
+        return np.concatenate([readings_of(theta, b[:, rows], rows) for rows in parts], axis=1)
 
-    def _readings_of(self, theta: Floats, b: Floats, rows: slice) -> Floats:
+    def readings_of(theta: Floats, b: Floats, rows: slice) -> Floats:
         *columns, switch = (theta[:, i, None, None] for i in range(theta.shape[1]))
-        own = dict(zip(self.roles, columns))
-        of_run = {name: self.blocks.of(b[:, rows], name) for name in self.blocks.names}
-        force = self.data.moment[rows, None] * np.exp(of_run[GAIN]) + own.get("constant", 0.0)
+        own, of_run = dict(zip(roles, columns)), {name: blocks.of(b, name) for name in blocks.names}
+        force = data.moment[rows, None] * np.exp(of_run[GAIN]) + own.get("constant", 0.0)
         drag = {role: own.get(role, 0.0) for role in ("linear", "quadratic")}
         if "difference" in own:
-            apart = own[self.main] + np.sign(force) * own["difference"]
-            drag[self.main] = np.maximum(apart, LEAST_SHARE * own[self.main])
-        late = self.data.interval[rows, None] * instant(switch + of_run[SWITCHES])
+            drag[main] = np.maximum(own[main] + np.sign(force) * own["difference"], LEAST_SHARE * own[main])
+        time = data.time[rows] - data.interval[rows, None] * instant(switch + of_run[SWITCHES])
         begin = of_run[START_POSITION]
-        time = self.data.time[rows] - late
         position, rate = response(time, force, own["inertia"], drag["linear"], drag["quadratic"], begin)
-        shown = [rate + of_run[bias_of(c.quantity)] if c.velocity else position for c in self.data.channels]
+        shown = [rate + of_run[bias_of(c.quantity)] if c.velocity else position for c in data.channels]
         return np.concatenate(shown, axis=2)
+
+    measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
+    bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
+    positive = np.array([True, *np.logical_not(signed), False])
+    problem = Problem(readings, measured, seen, blocks, bounds, positive, names, slots_of(data.channels))
+    return problem.informed(known.parameters)
 
 
 def _blocks(data: StepData, known: Known) -> tuple[Block, ...]:

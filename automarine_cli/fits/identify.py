@@ -211,8 +211,7 @@ def _effects_json(fit: whole_runs.OutputErrorFit) -> list[dict[str, object]]:
 
 
 def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Estimate]]:
-    """Estimates of the effects beside drag that a fit was asked to have, by effect and parameter; standard errors of
-    zero are of what is not fitted."""
+    """Estimates of the effects beside drag, by effect and parameter; standard errors of what is not fitted are zero."""
     found, model = {}, fit.model
     for term in model.terms:
         if term.own:
@@ -344,7 +343,9 @@ def _fit_steps(
     data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))
     rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
-    start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
+    table = rough.inertia["3"]  # where noise made it negative, the middle of the sizes
+    inertia = table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
+    start = (inertia, rough.drag["1"].drag[0], rough.drag["3"].drag[1])
     name = dof.symbols.constant
     constant = {model: fit.estimates[name].value for model, fit in rough.drag.items() if dof.has_constant}
     both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
@@ -368,12 +369,6 @@ def _fit_steps(
     return YawFit(
         unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, known=known
     )
-
-
-def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
-    """The paper's inertia of model 3; where noise made it negative, the middle of the sizes."""
-    table = rough.inertia["3"]
-    return table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
 
 
 def _fit_model(
@@ -419,17 +414,23 @@ def _fit_whole(
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
-    filtered = driven.is_driven(moving, at_rest, chosen.names, with_effects)
-    if filtered:
-        course = make_course(moving, at_rest, channels=chosen.names)
-        fits, refused = driven.fitted_driven(moving, course, each, with_effects, known.parameters)
-    else:
-        refused = {}
+    words, refused = dof.words, dict[str, str]()
+    use: driven.Judgement
+    course = make_course(moving, at_rest, channels=chosen.names)
+    if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, known=known)
         fits = dict(zip("123", each(ask, ("1", "2", "3"))))
-    words = dof.words
-    how = "by output error, for the evidence asks for no disturbance"
-    if filtered:
+        preference = whole_runs.prefer(fits)
+        predictions = driven.whole_predictions(course, fits[preference.number])
+        use = driven.Judgement(driven.worth_of(predictions), len(moving))
+        how = "by output error, for the evidence asks for no disturbance"
+    else:
+        fits, refused = driven.fitted_driven(moving, course, each, with_effects, known.parameters)
+        ahead = driven.left_out(course, fits)
+        preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
+        number = preference.number
+        fits[number], proposed = driven.widened(course, fits[number])
+        use = driven.use_of(course, fits[number], ahead[number], proposed)
         how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
         period = float(np.median([run.sample_period for run in moving]))
         if averaged_over(period) > 1:
@@ -444,27 +445,16 @@ def _fit_whole(
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
-    ahead = driven.left_out(course, fits) if filtered else {}
-    preference = (driven.prefer_driven(fits, ahead, dof) if filtered else None) or whole_runs.prefer(fits)
-    proposed: dict[str, float] = {}
-    if filtered:
-        fits[preference.number], proposed = driven.widened(course, fits[preference.number])
     if estimator := fits[preference.number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     listed = (*cautions.design_cautions(levels.tolist(), unit, dof, of_steps=False), *cautions.fit_cautions(fits))
     warnings = (
+        *use.warnings(dof),
+        *(f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items()),
         *cautions.fit_warnings(fits, preference, [run.name for run in moving]),
         *cautions.told(listed, preference),
     )
-    number, use = preference.number, driven.Judgement((), 0)
-    if not filtered:
-        use = driven.judged_whole(make_course(moving, at_rest, channels=chosen.names), fits[number])
-        warnings = (*use.warnings(dof), *warnings)
-    else:
-        use = driven.use_of(course, fits[number], ahead[number], proposed)
-        missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
-        warnings = (*use.warnings(dof), *missing, *warnings)
     return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, listed, dof, chosen, use, known)
 
 

@@ -428,6 +428,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
     information += 0.0 if problem.smooth is None else problem.smooth / runs
     every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
+    of_left_out = np.where(np.isfinite(density), density, -1e9)[1:]  # next to nothing where a filter ran away
     assert every.states is not None
     theta, read = problem.natural(phi), {one.quantity: int(one.seen.sum()) for one in problem.course.channels}
     return InnovationsFit(
@@ -438,7 +439,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         covariance=covariance,
         left_out=left_out,
         log_likelihood=float(density[0].sum()),
-        predictive=density[0] if brief else _finite(density[1:])[np.arange(runs), np.arange(runs)],
+        predictive=density[0] if brief else np.diagonal(of_left_out),
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
         iterations=reached.iterations,
         converged=reached.converged,
@@ -450,10 +451,6 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         read=read,
         known=problem.known,
     )
-
-
-def _finite(density: Floats) -> Floats:
-    return np.where(np.isfinite(density), density, -1e9)
 
 
 def random_estimates(found: InnovationsFit, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:

@@ -115,8 +115,7 @@ def _prior(name: str, given: object) -> Prior:
 
 
 def names_in(dof: Dof, effects: Iterable[str] = ()) -> dict[str, str]:
-    """Qualified names of the parameters that fits of one motion may have, by what users write; `effects` are those of
-    the effects beside drag."""
+    """Qualified names of the parameters of one motion's fits, by what users write; `effects` are those beside drag."""
     roles = ("inertia", "linear", "quadratic", *(["constant"] if dof.has_constant else []))
     return {dof.parameters[role]: dof.parameter(role) for role in roles} | {name: name for name in effects}
 

@@ -233,7 +233,8 @@ def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
     scale = effects.deviation(variances)
     q = scale.shape[1]
     try:
-        root = np.asarray(np.linalg.cholesky(_kernel(gram, scale, s2)), dtype=np.float64)
+        kernel = s2 * np.eye(q) + scale[:, :, None] * gram.vv * scale[:, None, :]
+        root = np.asarray(np.linalg.cholesky(kernel), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise FitError(NO_MOTION) from None
     present = np.divide(gram.present, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -258,10 +259,6 @@ def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
         by_phi=product[:, unit, phi],
         spread=spread,
     )
-
-
-def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
-    return s2 * np.eye(scale.shape[1]) + scale[:, :, None] * gram.vv * scale[:, None, :]
 
 
 def curvature_scale(hessian: Floats) -> Floats:
@@ -296,8 +293,7 @@ def normal_equations(grams: Grams, weighted: Weighted) -> tuple[Floats, Floats]:
 
 
 def bounded_solution(hessian: Floats, gradient: Floats, phi: Floats, bounds: Floats) -> Floats:
-    """The solution of H x = h within `bounds` (p, 2), from `phi`, by an active set that starts with every parameter
-    free."""
+    """The solution of H x = h within `bounds` (p, 2), from `phi`, by an active set that starts with all free."""
     new, free = phi.copy(), np.ones(len(phi), dtype=bool)
     while free.any():
         push = gradient[free] - hessian[np.ix_(free, ~free)] @ new[~free]

@@ -88,18 +88,16 @@ class Outcome(ABC):
         """Each run's own effects (R, k) of one kind."""
 
     @property
-    def jackknife_covariance(self) -> Floats:
-        """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a
-        run."""
-        count = len(self.left_out)
-        spread = self.left_out - self.left_out.mean(axis=0)
-        return (count - 1) / count * spread.T @ spread
-
-    @property
     def error_of_known(self) -> Floats:
         """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
         prior = prior_of(self.known, self.names, self.positive)
         return np.zeros_like(self.covariance) if prior is None else self.covariance @ prior[1] @ self.covariance
+
+
+def jackknife(left_out: Floats) -> Floats:
+    """Covariance (p, p) of phi from leaving each run out, (R, p); assumes nothing of the noise within a run."""
+    count, spread = len(left_out), left_out - left_out.mean(axis=0)
+    return np.asarray((count - 1) / count * spread.T @ spread)
 
 
 def natural_of(phi: Floats, positive: NDArray[np.bool_]) -> Floats:
@@ -266,8 +264,7 @@ class MixedFit(Outcome):
         return self.effects.of(self.run_effects, block)
 
     def factor_interval(self, block: str) -> tuple[float, float]:
-        """95 % interval of one block's factor: where the restricted deviance rises by 3.84, the other
-        variances fixed."""
+        """95 % interval of a factor: where the restricted deviance rises by 3.84, the other variances fixed."""
         index = self.effects.factor_names.index(block)
         best, limits = self.variances, self.effects.limits[index]
         place = len(self.noises) + index
@@ -328,8 +325,6 @@ def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> Mixed
     )  # fmt: skip
 
 
-__all__ = ["MixedFit", "Problem", "derivatives", "fit_mixed"]
-
 PHI_STEP = 1e-6
 """Step of the one-sided differences by phi, as a share of it or of a tenth: truncation and rounding are then both some
 1e-6 of the derivative."""
@@ -377,7 +372,7 @@ def fit_mixed(
     noises = np.append(noises, [slot.noise for slot in problem.counted[len(noises) :]])
     variances = np.log([*noises, *np.maximum(factors, SMALLEST_FACTOR)])
     step, share, last = 0, 1.0, np.zeros_like(phi)
-    converged, stuck, point = False, False, _first(problem, phi, b)
+    converged, stuck, point = False, False, _linearise(problem, phi, b)
     while step < iterations and not (converged or stuck):
         step += 1
         inside = point.gram.keep(np.flatnonzero(~_at_bound(point.phi, bounds)))
@@ -399,8 +394,7 @@ def fit_mixed(
 
 @dataclass(frozen=True)
 class _Point:
-    """One point of the search: phi (p,), run effects (R, q), readings there (R, N), and the problem linearised
-    about it."""
+    """One point of the search: phi (p,), run effects (R, q), readings (R, N), and the problem linearised there."""
 
     phi: Floats
     b: Floats
@@ -429,15 +423,10 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # where the response is infinite, `weigh` says so
 def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     return _Point(phi, b, fitted, problem.gram(by_phi, by_run, fitted, b, phi))
-
-
-def _first(problem: Problem, phi: Floats, b: Floats) -> _Point:
-    """The start of the search, where the response may well be infinite: `weigh` then says so."""
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _linearise(problem, phi, b)
 
 
 def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
@@ -459,9 +448,7 @@ def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Flo
     share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
     for _ in range(12):
         phi, b = here.phi + share * (new_phi - here.phi), here.b + share * (new_b - here.b)
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            trial = _followed(problem, variances, phi, b, limit)
-        if trial is not None:
+        if (trial := _followed(problem, variances, phi, b, limit)) is not None:
             return trial
         share /= 2.0
     return here
@@ -476,6 +463,7 @@ def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, wante
     return _penalised(problem, variances, old) - _penalised(problem, variances, new) < TRIFLE
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit: float) -> _Point | None:
     """The point (phi, b) if its penalised sum of squares is within `limit`, else with the run effects fitted
     again at this phi while that helps, else None.

@@ -4,9 +4,9 @@ from the errors.
 Tail: the straight end of a half-turn. Its line has the steady rate as slope; its intercept at the instant of
 the step, less the start heading, is the velocity error (equation 5). Inertia follows by equation 7 (model
 1), 9 (model 3) or their common generalisation (model 2) with the drag of Table 1. All tails start at one angle, where
-drag and inertia are expected to be off least (tail_choice.py). What is known to bias them is taken off: the closed form
+drag and inertia are expected to be off least. What is known to bias them is taken off: the closed form
 of a rough model says by how much a line through this tail misses the steady one, the noise of the rates what it
-dilutes (drag.py).
+dilutes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -53,8 +53,7 @@ class DragFit:
     influence: Floats
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
-        """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on the way that it
-        goes."""
+        """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on its way."""
         return self.acting_with(moment, [e.value for e in self.estimates.values()])
 
     def acting_with(self, moment: Floats, values: Iterable[float]) -> tuple[Floats, Floats | float, Floats | float]:
@@ -185,9 +184,10 @@ def fit_drag(
     influence = score @ inverse
     stderr = np.sqrt(np.sum(influence**2, axis=0))
     sse = float(residuals @ residuals)
+    like = {C: "constant", **({"difference": main_drag(model)} if sided else {})}  # what has the same unit
     estimates = {
         dof.parameters.get(role, role): Estimate.from_stderr(
-            v, e, points - count, dof.unit_of(_like(role, model), moment_unit)
+            v, e, points - count, dof.unit_of(like.get(role, role), moment_unit)
         )
         for role, v, e in zip(columns, values, stderr)
     }
@@ -207,14 +207,8 @@ def _credible(
     return min(1.0, MOST_DILUTED / worst) if worst > 0 else 1.0
 
 
-def _like(role: str, model: str) -> str:
-    """What has the same unit: the difference between two ways is one of the drag that the model always has."""
-    return main_drag(model) if role == "difference" else "constant" if role == C else role
-
-
 def _aicc(sse: float, points: int, parameters: int) -> float:
-    """Akaike's criterion corrected for few points (Hurvich and Tsai 1989); the noise variance counts as a
-    parameter."""
+    """Akaike's criterion corrected for few points (Hurvich and Tsai 1989); the noise variance is a parameter."""
     k = parameters + 1
     correction = 2.0 * k * (k + 1) / (points - k - 1) if points > k + 1 else np.inf
     return float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)
@@ -269,19 +263,12 @@ def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask,
 
 
 def first_past(turned: Floats, time: Floats, seen: Mask, starts: Floats) -> NDArray[np.int64]:
-    """First sample (R, A) of each run whose noise-free turned angle (R, N) is past each start (A,) [rad]; at most so
-    late that a few samples are left."""
+    """First sample (R, A) of each run whose noise-free turn (R, N) is past each start (A,) [rad]; a few remain."""
     last, begun = last_sample(seen), np.argmax(seen & (time > 0), axis=1)
     few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
     # noise-free turns go one way: what is past an angle is what comes after the first sample past it
     past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(turned, last)]
     return np.minimum(past, few[:, None])
-
-
-def last_share(time: Floats, seen: Mask, share: float) -> Mask:
-    """Samples in the last share of the time since the step."""
-    end = np.where(seen, time, -np.inf).max(axis=1)
-    return seen & (time >= (1.0 - share) * end[:, None])
 
 
 def last_sample(seen: Mask) -> NDArray[np.int64]:
@@ -415,8 +402,7 @@ class Reference:
         return replace(self, inertia=inertia * self.inertia, acting=(moment, drag * k_r, drag * k_rr))
 
     def read(self, tails: TailLines) -> tuple[Floats, Floats]:
-        """Logarithms of inertia and of the factor of the drag by the tails, and the influence of each run on them
-        (R, 2)."""
+        """Logarithms of inertia and the drag's factor by the tails, and each run's influence on them (R, 2)."""
         drag, _ = (x[:, 0] for x in self.balance(tails.rate[:, None]))
         moment, k_r, k_rr = self.acting
         squares = drag @ drag
@@ -448,8 +434,7 @@ class Reference:
         return bool(np.abs(mine - others).max() <= share * np.abs(others).max())
 
     def steady(self, tails: TailLines, time: Floats) -> TailLines:
-        """The tails without the part that is not steady yet: what a line through as much of the noise-free turn
-        lacks."""
+        """The tails less what is not steady yet: what a line through as much of the noise-free turn lacks."""
         lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used, self.fit.dof)
         rate = tails.rate * steady_rate(*self.acting) / lines.rate
         moment, *drag = self.acting
@@ -531,14 +516,6 @@ class Expected:
             name: {"error": float(error), "noise": float(noise), "bias": float(own)}
             for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.bias)
         } | {"dilution": float(self.dilution)}
-
-    def at(self, i: int) -> "Expected":
-        return Expected(self.start[i], self.bias[:, i], self.dilution[i], self.noise[:, i])
-
-
-def starts(data: StepData) -> Floats:
-    ways = np.abs(np.where(data.seen, data.heading, 0.0)).max(axis=1)
-    return np.asarray(SHARES * (data.dof.limits.trim if np.isfinite(data.dof.limits.trim) else ways.min()))
 
 
 def expected(time: Floats, data: StepData, model: Reference, noise: float, thrust: float, start: Floats) -> Expected:
@@ -669,7 +646,7 @@ def fit_velocity_error(
     models: Sequence[str] = ("1", "2", "3", "3+c"),
     tail: float | None = None,
 ) -> VelocityErrorFit:
-    """Run the paper's method on half-turns, for some of the readings of Table 1 (see drag.py).
+    """Run the paper's method on half-turns, for some of the readings of Table 1.
 
     `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
     share of its switch interval (the logger's convention); `tail` [rad or m] is where the tails start, None: where
@@ -682,50 +659,33 @@ def fit_velocity_error(
             "too few for Table 1; "
             f"run at least 3 steps at 2 {words.force}s"
         )
-    found = _settled(time, data, start_heading, tail)
-    variance = found.tails.rate_variance(found.noise)
-    variance = variance + found.model.thrust_variance(found.thrust)
-    more = feedback(found.model, found.raw, time)
+    raw, tails, model, noise, thrust, grid, place = _settled(time, data, start_heading, tail)
+    variance = tails.rate_variance(noise) + model.thrust_variance(thrust)
+    more = feedback(model, raw, time)
     drag, inertia = {}, {}
-    for name, fit in _drag(data, found.tails.rate, variance, moment_unit, models).items():
+    for name, fit in _drag(data, tails.rate, variance, moment_unit, models).items():
         drag[name] = more.on_drag(data.moment, fit)
-        table = inertia_table(data.moment, found.tails, fit, moment_unit, data.dof) if name != "3+c" else None
+        table = inertia_table(data.moment, tails, fit, moment_unit, data.dof) if name != "3+c" else None
         if table is not None:
             inertia[name] = more.on_inertia(data.moment, fit, table)
-    i = found.place
-    return VelocityErrorFit(
-        float(found.expected.start[i]),
-        tail is not None,
-        found.expected.at(i),
-        bool(np.abs(found.expected.bias).max(axis=0).min() <= BIAS_LIMIT),
-        found.tails,
-        variance,
-        found.thrust,
-        drag,
-        inertia,
-    )
+    steady = bool(np.abs(grid.bias).max(axis=0).min() <= BIAS_LIMIT)
+    expect = Expected(grid.start[place], grid.bias[:, place], grid.dilution[place], grid.noise[:, place])
+    start = float(expect.start)
+    return VelocityErrorFit(start, tail is not None, expect, steady, tails, variance, thrust, drag, inertia)
 
 
-@dataclass(frozen=True)
-class _Settled:
-    """Tails, `raw` and with the bias taken off, and the model by which, which follows from them; noise [rad] of the
-    headings, relative scatter of the thrust, what was expected of each place and which was taken."""
-
-    raw: TailLines
-    tails: TailLines
-    model: Reference
-    noise: float
-    thrust: float
-    expected: Expected
-    place: int
-
-
-def _settled(time: Floats, data: StepData, start_heading: Floats, tail: float | None) -> _Settled:
-    """Tails placed and corrected by a model that is found from them: a few rounds settle both."""
+def _settled(
+    time: Floats, data: StepData, start_heading: Floats, tail: float | None
+) -> tuple[TailLines, TailLines, Reference, float, float, Expected, int]:
+    """Tails, as they are and with the bias taken off, and the model by which, which follows from them: a few rounds
+    settle both. Then noise [rad] of the headings, relative scatter of the thrust, what was expected of each place, and
+    which was taken."""
     dof, seen = data.dof, data.seen
-    tails = tail_lines(time, data.heading, start_heading, last_share(time, seen, 0.3), dof)
+    ends = np.where(seen, time, -np.inf).max(axis=1, keepdims=True)
+    tails = tail_lines(time, data.heading, start_heading, seen & (time >= 0.7 * ends), dof)
     model = reference(data.moment, tails, 0.0, dof)
-    places, kinds = starts(data), MODELS
+    least = np.abs(np.where(seen, data.heading, 0.0)).max(axis=1).min()
+    places, kinds = SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else least), MODELS
     if tail is not None:
         checked_tail(tail, data.names, data.heading, seen, dof)
         places = np.append(places, tail)
@@ -746,7 +706,7 @@ def _settled(time: Floats, data: StepData, start_heading: Floats, tail: float | 
         before, model = model, reference(data.moment, tails, variance, dof, kinds)
         if turn >= PLACED and model.like(before, SETTLED):
             break
-    return _Settled(raw, tails, model, noise, thrust, grid, place)
+    return raw, tails, model, noise, thrust, grid, place
 
 
 def _drag(

@@ -145,8 +145,7 @@ def _beside(name: str, one: ForecastScore) -> str:
 
 
 def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = False) -> Forecasts:
-    """Predictions of each run by the parameters that the other runs give, of all that is judged; see
-    `left_out_predictions`."""
+    """Predictions of each run by the parameters that the other runs give, of all that is judged."""
     at = {one.quantity: c for c, one in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
     names = [YAW.position, *(PLACES if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
@@ -163,13 +162,9 @@ def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFi
     at = {one.quantity: c for c, one in enumerate(course.channels)}
     model, noises = problem.model, problem.noises(found.theta[None])
     drawn = [name for name in (YAW.position, *PLACES) if name in at]
-    return PlanarUse(
-        forecasts,
-        _yaw_only(runs, tuple(name for name in (YAW.position, YAW.velocity) if name in at)),
-        len(runs),
-        course,
-        {name: free_run(model, course, found.of_model, noises, at[name]) for name in drawn},
-    )
+    free = {name: free_run(model, course, found.of_model, noises, at[name]) for name in drawn}
+    alone = _yaw_only(runs, tuple(name for name in (YAW.position, YAW.velocity) if name in at))
+    return PlanarUse(forecasts, alone, len(runs), course, free)
 
 
 def _distances(each: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
@@ -290,11 +285,11 @@ def _promising(
     known = best.found.known
     models = [one.beside(known, rough) for one in new]
     added = [tuple(name for name in model.free if name not in best.found.model.free) for model in models]
-    gains = estimator.gains(best.structure.widest.beside(known, rough), best.found, added)
+    promises = estimator.promises(best.structure.widest.beside(known, rough), best.found, added)
     have, price = len(best.found.model.free), np.log(max(best.found.readings, 2))
     promised = [
-        2.0 * gain - price * (len(model.free) - have) if 2.0 * gain > price * len(names) else -np.inf
-        for gain, model, names in zip(gains, models, added)
+        2.0 * one.gain - price * (len(model.free) - have) if 2.0 * one.gain > price * len(names) else -np.inf
+        for one, model, names in zip(promises, models, added)
     ]
     order = np.argsort(promised)[::-1][:FULLY]
     return [(new[i], models[i]) for i in order if np.isfinite(promised[i])]
@@ -541,24 +536,11 @@ class PlanarLikelihood:
         own = slice(0, found.parameters)
         slopes = np.where(found.positive[own], found.theta[own], 1.0)
         random = found.of_chance
-        return Estimated(
-            model.with_theta(found.of_model),
-            run_covariance(found)[own, own] * np.outer(slopes, slopes),
-            found.log_likelihood,
-            sum(found.read.values()),
-            found.noise_of,
-            {
-                dof.name: {
-                    "size": random[f"{dof.name}.disturbance"],
-                    "time_s": random[f"{dof.name}.disturbance-time"],
-                    "thrust_noise": random[f"{dof.name}.thrust-noise"],
-                }
-                for dof in self.seen.dofs
-            },
-            found.converged,
-            random,
-            found,
-        )
+        covariance = run_covariance(found)[own, own] * np.outer(slopes, slopes)
+        keys = {"size": "disturbance", "time_s": "disturbance-time", "thrust_noise": "thrust-noise"}
+        pushes = {dof.name: {key: random[f"{dof.name}.{name}"] for key, name in keys.items()} for dof in self.seen.dofs}
+        model, likely, readings = model.with_theta(found.of_model), found.log_likelihood, sum(found.read.values())
+        return Estimated(model, covariance, likely, readings, found.noise_of, pushes, found.converged, random, found)
 
     def choose(self, tried: Sequence[Tried]) -> Choice:
         """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
@@ -584,11 +566,6 @@ class PlanarLikelihood:
         assert found.fit is not None
         use = planar_use(self.runs, self.problem(found.model), found.fit, chosen[2])
         return Choice(chosen[0], chosen[1], use, _because(chosen, fitted, simplest))
-
-    def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
-        """The gain in log likelihood to be expected of each group of free parameters of `wide` beside those of an
-        estimate `near` it, of which it has the values."""
-        return [one.gain for one in self.promises(wide, near, added)]
 
     def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list["Promise"]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimate `near` it,

@@ -27,7 +27,16 @@ from automarine_cli.fits.linear_mixed import (
     RunEffects,
     bias_of,
 )
-from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Outcome, Problem, derivatives, fit_mixed, slots_of
+from automarine_cli.fits.mixed_model import (
+    SWITCH,
+    MixedFit,
+    Outcome,
+    Problem,
+    derivatives,
+    fit_mixed,
+    jackknife,
+    slots_of,
+)
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
@@ -62,12 +71,6 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
     rest = np.linalg.pinv((whole - stiffness) / np.outer(scale, scale), rcond=1e-9)
     moved[:, free] = -(rest @ (pull / scale)[:, :, None])[:, :, 0] / scale
     return moved
-
-
-def covariance_of_changes(moved: Floats) -> Floats:
-    """Jackknife covariance (p, p) from the changes (R, p) when each run is left out."""
-    count, spread = len(moved), moved - moved.mean(axis=0)
-    return np.asarray((count - 1) / count * spread.T @ spread)
 
 
 def degrees_of_freedom(fit: Outcome, direction: Floats) -> float:
@@ -181,16 +184,9 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
 
     most = MOST_OFFSET if within else 0.5
     bounds = np.array([*parameter_bounds(model), (-most, most)])
-    return Problem(
-        readings,
-        np.concatenate([channel.values for channel in batch.channels], axis=1),
-        np.concatenate([channel.seen for channel in batch.channels], axis=1),
-        blocks,
-        bounds,
-        bounds[:, 0] >= 0.0,
-        names,
-        slots_of(batch.channels),
-    )
+    measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
+    slots = slots_of(batch.channels)
+    return Problem(readings, measured, seen, blocks, bounds, bounds[:, 0] >= 0.0, names, slots)
 
 
 def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]) -> tuple[Block, ...]:
@@ -214,10 +210,6 @@ def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Seq
 def varying_terms(model: YawModel) -> list[str]:
     """Names of the model's effects of which every run has coefficients of its own."""
     return [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
-
-
-def without_gain(problem: Problem) -> Problem:
-    return replace(problem, effects=problem.effects.with_scale(gain=0.0))
 
 
 def parameter_bounds(model: YawModel) -> list[tuple[float, float]]:
@@ -331,20 +323,14 @@ def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
 
     drag, distance = {}, {}
     for way, sign in zip(dof.words.ways, (1.0, -1.0)):
-        value, slope = (
-            middle + sign * half,
-            middle * axes[i] + sign * axes[j],
-        )  # phi holds the logarithm of the middle
+        value, slope = middle + sign * half, middle * axes[i] + sign * axes[j]  # phi holds the logarithm of the middle
+        size = max(value, 1e-3 * middle, 1e-300)
         deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
-        of_log = deviation / max(value, 1e-3 * middle, 1e-300)
-        drag[way] = Estimate.from_log(value, of_log, freedom(slope), fit.estimates[main].unit)
+        drag[way] = Estimate.from_log(value, deviation / size, freedom(slope), fit.estimates[main].unit)
         if role == "quadratic":
-            ratio = axes[of_inertia] - slope / max(value, 1e-3 * middle, 1e-300)
+            ratio, inertia = axes[of_inertia] - slope / size, fit.estimates[own.inertia].value
             spread = float(np.sqrt(max(ratio @ covariance @ ratio, 0.0)))
-            inertia = fit.estimates[own.inertia].value
-            distance[way] = Estimate.from_log(
-                inertia / max(value, 1e-3 * middle, 1e-300), spread, freedom(ratio), dof.unit_of("ratio")
-            )
+            distance[way] = Estimate.from_log(inertia / size, spread, freedom(ratio), dof.unit_of("ratio"))
     error = float(np.sqrt(max(covariance[j, j], 1e-300)))
     return Ways(dof, role, drag, distance, float(2.0 * special.stdtr(freedom(axes[j]), -abs(half) / error)))
 
@@ -420,7 +406,7 @@ def fit_whole_runs(
     alone = len(batch.names) == 1
     rough = rough_model(number, batch, sided)
     problem = whole_run_problem(rough, batch, at_rest).informed(known.parameters)
-    pooled = without_gain(problem)
+    pooled = replace(problem, effects=problem.effects.with_scale(gain=0.0))
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
     begin = np.append(rough.theta, 0.0)
@@ -443,18 +429,18 @@ def run_covariance(mixed: Outcome, problem: Problem | None = None) -> Floats:
     """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
 
     Given the `problem` that was fitted, it is exact where instants are confined to their sample intervals (see
-    influence.py); without, it is the linearised jackknife, which is too wide there.
+    `left_out_changes`); without, it is the linearised jackknife, which is too wide there.
     """
     runs = len(mixed.left_out)
     if runs < 2:
         return mixed.covariance
-    jackknife = mixed.jackknife_covariance
+    left_out = mixed.left_out
     if problem is not None and isinstance(mixed, MixedFit):
-        jackknife = covariance_of_changes(left_out_changes(problem, mixed))
-    jackknife = jackknife + mixed.error_of_known
+        left_out = left_out_changes(problem, mixed)
+    by_runs = jackknife(left_out) + mixed.error_of_known
     if runs >= ENOUGH_RUNS:
-        return jackknife
-    likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, jackknife))
+        return by_runs
+    likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, by_runs))
     ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
     grow = np.clip(ratio, 1.0, MOST_GROWTH)
     return mixed.covariance * np.outer(grow, grow)
@@ -482,10 +468,9 @@ def spare(mixed: Outcome) -> float | None:
 
 def ratio_of(mixed: Outcome, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
     """Parameter i over parameter k, each searched on its logarithm or not; `dof` is that of `run_dof` if None."""
-    axes = np.where(mixed.positive, 1.0, 1.0 / np.where(mixed.positive, 1.0, mixed.theta))[:, None] * np.eye(
-        len(mixed.theta)
-    )
-    direction = axes[i] - axes[k]
+    axes = np.eye(len(mixed.theta))
+    of_i, of_k = (axes[j] if mixed.positive[j] else axes[j] / mixed.theta[j] for j in (i, k))
+    direction = of_i - of_k
     stderr = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
     return Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, dof or run_dof(mixed, direction), unit)
 
@@ -508,18 +493,10 @@ def motion_fit(
         turn = ratio_of(mixed, covariance, at["inertia"], at["quadratic"], dof.unit_of("ratio"), alone)
     size, (low, high) = (mixed.factor(GAIN), mixed.factor_interval(GAIN)) if scatters else (0.0, (0.0, 0.0))
     bound = "gain-scatter" in mixed.names and mixed.names.index("gain-scatter") in mixed.at_bound
-    return OutputErrorFit(
-        number,
-        model.with_theta(mixed.of_model),
-        estimates,
-        turn,
-        Estimate(0.0, 0.0, (0.0, 0.0), "sample interval"),
-        Estimate(size, (high - low) / 3.92, (low, high), "1", at_bound=bound),
-        mixed.noise_of.get(dof.position),
-        mixed,
-        covariance,
-        start,
-    )
+    scatter = Estimate(size, (high - low) / 3.92, (low, high), "1", at_bound=bound)
+    offset, noise = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval"), mixed.noise_of.get(dof.position)
+    model = model.with_theta(mixed.of_model)
+    return OutputErrorFit(number, model, estimates, turn, offset, scatter, noise, mixed, covariance, start)
 
 
 def _simulated_fit(

@@ -157,8 +157,7 @@ class YawModel:
         return float(self.inertia / max(linear + 2.0 * quadratic * float(rate), 1e-12))
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
-        """What the vehicle moves by under each `moment`: that with the constant force, linear and quadratic drag on
-        its way."""
+        """What moves the vehicle under each `moment`: that with the constant force, and the drags on its way."""
         linear, quadratic = self.drag()
         if not (self.dof.has_constant or self.dof.directional):
             return moment, linear, quadratic

@@ -19,7 +19,7 @@ from real_baseline import BEFORE, HORIZONS, STEP, causal_state
 from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
-from automarine_cli.filters.kalman import carried_by
+from automarine_cli.filters.kalman import carried
 from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, of_model_alone, search
 from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.logs import ColumnMap
@@ -176,7 +176,7 @@ def tool_ahead(fit: PlanarFit, runs: Sequence[Run], seen: Observed, states: Stat
         [min(np.searchsorted(clock[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(states.run, states.time)]
     )
     channels = [next(one for one in course.channels if one.quantity == name) for name in QUANTITIES]
-    paths = carried_by(
+    paths = carried(
         problem.model, course, found.of_model[None], noises, followed.states[:, 0], channels, states.run, origin, last
     )[:, 0]  # fmt: skip
     return np.array([

@@ -20,7 +20,7 @@ from automarine_cli.diagnosis.planar import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarLikelihood, Tried, search
+from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarLikelihood, Promise, Tried, search
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes, rough_velocities
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
@@ -80,9 +80,9 @@ class Scripted:
         count = len(model.free)
         return Estimated(model, 0.01 * np.eye(count), sum(worth(model.free)), 1000, NOISE)
 
-    def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
+    def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What is named."""
-        return [sum(worth(names)) for names in added]
+        return [Promise(sum(worth(names)), {}) for names in added]
 
     def choose(self, tried: Sequence[Tried]) -> Choice:
         """The likeliest."""
@@ -318,11 +318,12 @@ def test_a_promise_is_the_gain_of_the_fit() -> None:
     simplest, rough = Structure.simplest(likelihood.seen), rough_sizes(runs)
     found = likelihood.estimate(replace(simplest, couplings=("Y_r",)).model(rough))
     wide = simplest.widest.beside(found.known, rough)
-    gains = likelihood.gains(wide, found, [("surge.X_u",), ("yaw.N_v",), ("planar.m_vr",)])
+    added = [("surge.X_u",), ("yaw.N_v",), ("planar.m_vr",)]
+    gains = [one.gain for one in likelihood.promises(wide, found, added)]
     assert all(0 <= gain < 6 for gain in gains)
     without = likelihood.estimate(simplest.model(rough))
-    (promised,) = likelihood.gains(simplest.widest.beside(without.known, rough), without, [("sway.Y_r",)])
-    assert promised > 10 and found.log_likelihood - without.log_likelihood > 10
+    (promised,) = likelihood.promises(simplest.widest.beside(without.known, rough), without, [("sway.Y_r",)])
+    assert promised.gain > 10 and found.log_likelihood - without.log_likelihood > 10
 
 
 def test_the_command_says_of_what_use_the_model_is(tmp_path: Path) -> None:

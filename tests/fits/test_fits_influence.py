@@ -9,8 +9,8 @@ from made_runs import mirrored
 
 from automarine_cli.fits.half_turns import half_turn_data, step_problem
 from automarine_cli.fits.linear_mixed import Block, RunEffects
-from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed
-from automarine_cli.fits.whole_runs import covariance_of_changes, degrees_of_freedom, left_out_changes, run_covariance
+from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
+from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 
@@ -42,7 +42,7 @@ def test_of_a_linear_problem_it_is_the_linearised_jackknife() -> None:
     moved = left_out_changes(problem, fit)
     expected = fit.left_out - fit.phi
     np.testing.assert_allclose(moved, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
-    np.testing.assert_allclose(run_covariance(fit, problem), fit.jackknife_covariance, rtol=1e-2, atol=1e-9)
+    np.testing.assert_allclose(run_covariance(fit, problem), jackknife(fit.left_out), rtol=1e-2, atol=1e-9)
 
 
 def fitted(runs: list[Run], of: MixedFit | None = None) -> tuple[Problem, MixedFit]:
@@ -91,7 +91,7 @@ def test_a_parameter_at_its_bound_does_not_move() -> None:
 def test_jackknife_of_means_is_the_error_of_the_mean() -> None:
     values = np.random.default_rng(3).standard_normal(40)
     without = (values.sum() - values) / 39 - values.mean()
-    assert covariance_of_changes(without[:, None])[0, 0] == pytest.approx(values.var(ddof=1) / 40)
+    assert jackknife(without[:, None])[0, 0] == pytest.approx(values.var(ddof=1) / 40)
 
 
 def lines(steep: np.ndarray) -> MixedFit:

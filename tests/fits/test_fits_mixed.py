@@ -11,7 +11,7 @@ from tolerances import assert_close
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import Block, Gram, Grams, RunEffects, choose_variances, deviance, scored_deviance
-from automarine_cli.fits.mixed_model import Problem, Slot, fit_mixed
+from automarine_cli.fits.mixed_model import Problem, Slot, fit_mixed, jackknife
 
 Floats = NDArray[np.float64]
 
@@ -264,7 +264,7 @@ def test_leaving_runs_out_is_exact_for_a_linear_problem() -> None:
     ]
     assert fit.predictive == pytest.approx(densities, abs=1e-5)
     spread = refits - refits.mean(axis=0)
-    assert fit.jackknife_covariance == pytest.approx((RUNS - 1) / RUNS * spread.T @ spread, rel=1e-5)
+    assert jackknife(fit.left_out) == pytest.approx((RUNS - 1) / RUNS * spread.T @ spread, rel=1e-5)
 
 
 def test_log_likelihood_is_the_greatest_of_all_variances() -> None:

@@ -18,7 +18,7 @@ from automarine_cli.fits.cautions import fit_warnings
 from automarine_cli.fits.half_turns import StepData, half_turn_data, instant, step_problem
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.fits.mixed_model import fit_mixed
+from automarine_cli.fits.mixed_model import fit_mixed, jackknife
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference, fit_half_turns
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
@@ -104,7 +104,7 @@ def test_heading_noise_is_found() -> None:
 def test_standard_error_of_the_likelihood_agrees_with_that_of_leaving_runs_out() -> None:
     for i in range(2):
         likely = np.mean([fit.mixed.covariance[i, i] for fit in many(0.05)])
-        left_out = np.mean([fit.mixed.jackknife_covariance[i, i] for fit in many(0.05)])
+        left_out = np.mean([jackknife(fit.mixed.left_out)[i, i] for fit in many(0.05)])
         assert left_out == pytest.approx(likely, rel=0.3)
 
 
