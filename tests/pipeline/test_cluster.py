@@ -1,6 +1,5 @@
 """Work on a Dask cluster: a real scheduler, two workers, one of them killed in the middle; the same bytes."""
 
-import json
 import os
 import shutil
 import signal
@@ -8,15 +7,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
-from few_candidates import few_candidates
+from click.testing import CliRunner
 from repository import ROOT
 from small_campaign import make_small_campaign
 
-from automarine_cli.commands.diagnose import diagnose
-from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands import automarine
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import ordered_map
@@ -63,6 +62,8 @@ class Cluster:
 
 
 def _address(note: Path) -> str:
+    import json
+
     for _ in range(300):
         if note.exists() and note.stat().st_size:
             return str(json.loads(note.read_text())["address"])
@@ -115,17 +116,19 @@ def test_nothing_is_lost_with_a_worker_that_is_killed(cluster: Cluster) -> None:
 
 
 def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(cluster: Cluster, tmp_path: Path) -> None:
-    logs, model = ROOT / "sample_runs/hidden_one", tmp_path / "model" / "yaw_model.json"
-    fit_yaw([logs], fit_to="whole-runs", out=model.parent, figure_formats=())
-
-    def struck(stage: str, now: int, total: int) -> None:
-        if stage == "trying effects" and now == 1:
-            cluster.workers[1].send_signal(signal.SIGKILL)
-
-    with few_candidates(("bias-moment", "dead-band", "thruster-lag", "water-swirl")):
-        diagnose([logs], model=model, out=tmp_path / "here")
-        diagnose([logs], model=model, out=tmp_path / "there", cluster=cluster.address, progress=struck)
-    assert cluster.workers[1].wait(10) == -signal.SIGKILL
+    logs = str(ROOT / "sample_runs/hidden_one")
+    run = partial(CliRunner().invoke, automarine, catch_exceptions=False)
+    fitted = run(["fit-yaw", logs, "--fit-to", "whole-runs", "-o", str(tmp_path / "model"), "-q"])
+    assert fitted.exit_code == 0, fitted.output
+    asked = ["diagnose", logs, "--model", str(tmp_path / "model/yaw_model.json"), "-q"]
+    assert run([*asked, "-o", str(tmp_path / "here")]).exit_code == 0
+    struck = subprocess.Popen(
+        [sys.executable, "-c", f"import os, time; time.sleep(3); os.kill({cluster.workers[1].pid}, 9)"]
+    )
+    there = run([*asked, "-o", str(tmp_path / "there"), "--cluster", cluster.address])
+    struck.wait()
+    assert there.exit_code == 0, there.output
+    assert cluster.workers[1].poll() == -signal.SIGKILL, "the diagnosis was over before the worker was killed"
     cluster.workers[1] = cluster.worker()
     for file in sorted((tmp_path / "here").iterdir()):
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
