@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 5922, "report": 6028, "diagnosis": 4634, "logs": 4634, "commands": 3290, "runs": 3216, "thrusters":
-    3161, "link": 2719, "control": 2529, "planning": 2233, "simulation": 2015, "effects": 2014, "exports": 1892,
+    "report": 6032, "fits": 5922, "logs": 4634, "diagnosis": 4165, "commands": 3290, "runs": 3216, "thrusters":
+    2814, "link": 2719, "control": 2529, "planning": 2233, "simulation": 2015, "effects": 2014, "exports": 1892,
     "pipeline": 1560, "comparison": 1544, "models": 1085, "filters": 984, "dofs": 496, "top": 195, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 50343
-MOST_FILES = 263
+MOST_LINES_IN_ALL = 49531
+MOST_FILES = 260
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
