@@ -20,5 +20,5 @@ class ThrustExponent(Effect):
     source = "Blue Robotics T200 performance data (2019): thrust as command to the power 1.64 to 1.69"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        p, reference = values
-        return np.sign(commands.force) * reference * (np.abs(commands.force) / reference) ** p
+        p, agreed = values
+        return np.sign(commands.force) * agreed * (np.abs(commands.force) / agreed) ** p

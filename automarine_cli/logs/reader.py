@@ -125,7 +125,6 @@ def _format_of_file(path: Path, name: str) -> Format:
     form = format_of(path.name)
     if form is None:
         raise LogError(f"{name}: unknown log format; give a file that ends in {ENDINGS}")
-    trouble = ""
     if path.is_symlink() and not path.exists():
         trouble = f"a broken link; expected a {form.name} file. Copy the log here, or leave the link out"
     elif path.is_dir() or not path.is_file():
@@ -135,9 +134,9 @@ def _format_of_file(path: Path, name: str) -> Format:
         trouble = (
             f"the file is empty; expected a {form.name} file with a header and rows. Copy it again, or leave it out"
         )
-    if trouble:
-        raise LogError(f"{name}: {trouble}")
-    return form
+    else:
+        return form
+    raise LogError(f"{name}: {trouble}")
 
 
 def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:

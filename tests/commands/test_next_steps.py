@@ -51,6 +51,7 @@ class Refusal(NamedTuple):
 TREES = {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
 
 
+DEEPEST = 5  # names and calls that are followed in turn
 Scope = tuple[ast.AST, ...]
 """Where a name is looked for: the function that it stands in, then its module."""
 
@@ -67,9 +68,9 @@ def sentences(node: ast.expr, scope: Scope, deep: int = 0) -> list[str]:
         *front, last = node.values
         said = "".join(map(placeholder, front))
         named = isinstance(last, ast.FormattedValue) and isinstance(last.value, ast.Name)
-        tails = sentences(last.value, scope, deep + 1) if named and deep < 3 else [placeholder(last)]
+        tails = sentences(last.value, scope, deep + 1) if named and deep < DEEPEST else [placeholder(last)]
         return [said + tail for tail in tails]
-    if deep < 3 and (made := list(makers(node, scope))):
+    if deep < DEEPEST and (made := list(makers(node, scope))):
         return [said for value, there in made for said in sentences(value, there, deep + 1)]
     return [f"{{{ast.unparse(node)}}}"]
 
@@ -82,28 +83,34 @@ def placeholder(node: ast.expr) -> str:
 
 
 def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
-    """What a name was given, in its function or else its module; or what a function of the package returns."""
+    """What a name was given, in its function, its module or another's constants; or what a function or a property of
+    the package returns or yields."""
     if isinstance(node, ast.Name):
-        for outer in scope:
-            given = [
-                one.value
-                for one in ast.walk(outer)
-                if isinstance(one, ast.Assign) and any(getattr(t, "id", "") == node.id for t in one.targets)
-            ]
-            if given:
+        constants = TREES.values() if node.id.isupper() else ()
+        for outer in (*scope, *constants):
+            if given := list(given_to(node.id, outer)):
                 yield from ((value, scope) for value in given)
                 return
             if isinstance(outer, ast.FunctionDef):
                 own = outer.args.args[len(outer.args.args) - len(outer.args.defaults) :]
                 yield from ((d, scope) for a, d in zip(own, outer.args.defaults, strict=True) if a.arg == node.id)
-    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        for there in (scope[-1], *TREES.values()):
-            found = [f for f in ast.walk(there) if isinstance(f, ast.FunctionDef) and f.name == node.func.id]
-            for function in found:
-                returned = [r.value for r in ast.walk(function) if isinstance(r, ast.Return) and r.value]
-                yield from ((value, (function, there)) for value in returned)
-            if found:
-                return
+    name = node.attr if isinstance(node, ast.Attribute) else getattr(getattr(node, "func", None), "id", "")
+    for there in (scope[-1],) if isinstance(node, ast.Attribute) else (scope[-1], *TREES.values()):
+        found = [f for f in ast.walk(there) if isinstance(f, ast.FunctionDef) and f.name == name]
+        for function in found:
+            ends = [r.value for r in ast.walk(function) if isinstance(r, ast.Return | ast.Yield) and r.value]
+            yield from ((end, (function, there)) for end in ends if getattr(end, "value", end))
+        if found:
+            return
+
+
+def given_to(name: str, tree: ast.AST) -> Iterator[ast.expr]:
+    """What a name stands for in a piece of the package: assigned, walrus, or over what a loop goes."""
+    for one in ast.walk(tree):
+        if isinstance(one, ast.Assign | ast.NamedExpr | ast.For):
+            targets = one.targets if isinstance(one, ast.Assign) else [one.target]
+            if any(getattr(target, "id", "") == name for target in targets):
+                yield one.iter if isinstance(one, ast.For) else one.value
 
 
 def refusals() -> Iterator[Refusal]:

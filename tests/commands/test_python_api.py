@@ -18,7 +18,7 @@ import automarine_cli as am
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.manifest import read_manifest
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import interval
 
@@ -91,7 +91,7 @@ def test_frames_hold_the_numbers(results: dict[str, Any]) -> None:
 def test_every_figure_is_drawn(results: dict[str, Any], name: str) -> None:
     listed = sections(results[name]).figures
     with drawn():
-        assert listed and all(png(results[name].plot(what)).startswith(b"\x89PNG") for what in listed)
+        assert listed and all(FORMATS["png"](results[name].plot(what)).startswith(b"\x89PNG") for what in listed)
     with pytest.raises(SettingError, match=f"there is no figure 'x'; known are {next(iter(listed))}"):
         results[name].plot("x")
 

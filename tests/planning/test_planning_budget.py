@@ -58,7 +58,7 @@ def test_commands_give_the_moment_through_the_map(equal_thrust: bool, moment: fl
     drive = drive_of(MAP, 0.11, 150.0, equal_thrust, 0.36)
     moment *= drive.largest / 0.36
     port, starboard = drive.commands(moment)
-    assert float(MAP.moment(port, starboard, 0.11)) == pytest.approx(0.36 * moment, rel=1e-9)
+    assert 0.11 * float(MAP.force(port) - MAP.force(starboard)) == pytest.approx(0.36 * moment, rel=1e-9)
     assert np.sign(port) == np.sign(moment) == -np.sign(starboard)
     if equal_thrust:
         assert float(MAP.force(port) + MAP.force(starboard)) == pytest.approx(0.0, abs=1e-9)
@@ -100,7 +100,7 @@ def test_a_command_file_holds_each_moment_until_the_next() -> None:
     )
     assert rows[0] == ["time_s", "n_port", "n_stbd"]
     port, starboard = (float(cell) for cell in rows[2][1:])
-    assert float(MAP.moment(port, starboard, 0.11)) == pytest.approx(0.1, rel=1e-4)
+    assert 0.11 * float(MAP.force(port) - MAP.force(starboard)) == pytest.approx(0.1, rel=1e-4)
 
 
 def test_what_a_person_reads() -> None:
