@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "report": 6032, "fits": 5922, "logs": 4634, "diagnosis": 4165, "commands": 3290, "runs": 3216, "thrusters":
+    "report": 6032, "fits": 5922, "logs": 4633, "diagnosis": 4165, "commands": 3290, "runs": 3216, "thrusters":
     2814, "link": 2719, "control": 2529, "planning": 2233, "simulation": 2015, "effects": 2014, "exports": 1892,
-    "pipeline": 1560, "comparison": 1544, "models": 1085, "filters": 984, "dofs": 496, "top": 195, "guide": 192,
+    "pipeline": 1601, "comparison": 1544, "models": 1085, "filters": 984, "dofs": 496, "top": 195, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 49531
+MOST_LINES_IN_ALL = 49571
 MOST_FILES = 260
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Executor, InvalidStateError, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
@@ -90,8 +90,13 @@ def _executor(jobs: int, cluster: str | None) -> Iterator[tuple[Executor | None,
                 f"one of {jobs} processes died, usually for want of memory; try again with fewer, for example --jobs 1"
             ) from None
         except BaseException:  # nobody waits for the items under way
+            hook = threading.excepthook
+            # the executor's own thread may give the news to items that are cancelled already, which is none of a user's
+            threading.excepthook = lambda args: None if args.exc_type is InvalidStateError else hook(args)
             for child in set(multiprocessing.active_children()) - others:
                 child.kill()
+            executor.shutdown(cancel_futures=True)
+            threading.excepthook = hook
             raise
         finally:
             executor.shutdown(cancel_futures=True)

@@ -1,6 +1,7 @@
 """Results in a folder appear whole or not at all: filled beside the target, then renamed; old ones stay until then.
 
-While a process writes to `NAME`, `.NAME.automarine-new` beside it is what it fills, and nobody else can make one.
+While a process writes to `NAME`, `.NAME.automarine-new` beside it is what it fills, and nobody else can make one. The
+process holds a lock on a file in it, which ends with the process: what a killed one left is replaced.
 `.NAME.automarine-old` holds the former results between two renames.
 """
 
@@ -20,6 +21,12 @@ from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, manif
 from automarine_cli.pipeline.records import Source, json_text
 from automarine_cli.pipeline.words import printable
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+LOCK = ".lock"
 Made = TypeVar("Made")
 Attempt = tuple[Made | None, str]
 """What was made; or None, and a sentence that says why."""
@@ -119,13 +126,7 @@ def result_folder(
     missing = [parent for parent in target.parents if not parent.exists()]
     with one_sentence(out):
         target.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            new.mkdir()
-        except FileExistsError:
-            raise OutputError(
-                f"another automarine is writing results to {target.name}; wait until it has ended, or, if it was "
-                f"killed, delete {new}"
-            ) from None
+        lock = _taken(new, target.name)
     try:
         with one_sentence(out):
             _put_back(old, target)
@@ -143,13 +144,48 @@ def result_folder(
             if target.exists():
                 target.rename(old)
             new.rename(target)
+            (target / LOCK).unlink()
             shutil.rmtree(old, ignore_errors=True)
     finally:
         _put_back(old, target)
         shutil.rmtree(new, ignore_errors=True)
+        os.close(lock)
         for parent in missing:  # those that stay empty
             with contextlib.suppress(OSError):
                 parent.rmdir()
+
+
+def _taken(new: Path, name: str) -> int:
+    """Make the folder to be filled, in place of one that a killed process left; return the open file that locks it.
+    Raises OutputError where its process still runs."""
+    try:
+        new.mkdir()
+    except FileExistsError:
+        if not _abandoned(new):
+            raise OutputError(
+                f"another automarine is writing results to {name}; wait until it has ended, or, if it was killed, "
+                f"delete {new}"
+            ) from None
+        new.mkdir()
+    lock = os.open(new / LOCK, os.O_CREAT | os.O_RDWR)
+    if fcntl is not None:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    return lock
+
+
+def _abandoned(new: Path) -> bool:
+    """Whether nobody holds the lock of a folder; then it is moved out of the way and deleted."""
+    if fcntl is None:
+        return False
+    try:
+        with (new / LOCK).open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            left = new.with_name(f"{new.name}-{os.getpid()}")
+            new.rename(left)
+            shutil.rmtree(left, ignore_errors=True)
+    except OSError:  # it is held, or gone by now
+        return False
+    return True
 
 
 def _put_back(old: Path, target: Path) -> None:
