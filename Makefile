@@ -87,6 +87,7 @@ check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	MYPYPATH=tests:tests/helpers:tests/benchmarks $(BIN)/mypy --follow-imports=silent tests/benchmarks/*.py
 	$(BIN)/python -m pytest -q tests/test_house.py
 
 sample-runs: $(READY) ## Make sample_runs again from its specifications

@@ -82,10 +82,10 @@ def short_cases(seeds: int, noisy: bool) -> list[Case]:
     """One law of each of 21 effects, with manoeuvres or `noisy` steps alone; two effects; nothing hidden."""
     first = {name: law for law, (name, *_) in reversed(LAWS.items())}
     one = [law for law in LAWS if law in first.values()][:21]
-    luck = {"scatter": 0.05, "noise": 2.0} if noisy else {}
+    scatter, noise = (0.05, 2.0) if noisy else (None, None)
     layout = "steps" if noisy else "full"
     return [
-        Case(hidden, "large" if hidden else "short", layout, seed, **luck)
+        Case(hidden, "large" if hidden else "short", layout, seed, scatter=scatter, noise=noise)
         for seed in range(seeds)
         for hidden in [*((law,) for law in one), *PAIRS[:3], ()]
     ]

@@ -225,10 +225,10 @@ class Yardstick:
     def of(cls, plan: Plan, vehicle: Vehicle, chance: Chance, scatter: float, noise: float) -> "Yardstick":
         """Simulate the vehicle without anything hidden, and a hundredth beside it."""
         luck = chance.without_scatter()
-        drag = {"quadratic": 1.01 * vehicle.quadratic, "linear": 1.01 * vehicle.linear}
         still = headings(plan, vehicle, luck, COARSE)
         heavier = headings(plan, replace(vehicle, inertia=1.01 * vehicle.inertia), luck, COARSE)
-        slower = headings(plan, replace(vehicle, **drag), luck, COARSE)
+        dragged = replace(vehicle, quadratic=1.01 * vehicle.quadratic, linear=1.01 * vehicle.linear)
+        slower = headings(plan, dragged, luck, COARSE)
         stronger = headings(plan, vehicle, replace(luck, gain=np.full(len(still), 1.01)), COARSE)
         gain = (stronger - still) / 0.01
         return cls(plan, vehicle, luck, scatter, noise, still, heavier - still, slower - still, gain)

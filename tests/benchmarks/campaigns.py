@@ -61,7 +61,7 @@ def make_campaign(
     for i, (moment, heading0) in enumerate(zip(moments, start)):
         delivered = moment * np.exp(scatter * random.standard_normal())
         last = round(_length(abs(moment), k_r, k_rr) / PERIOD)
-        time = PERIOD * (np.arange(-REST, last) + random.uniform())
+        time = PERIOD * (np.arange(-REST, last, dtype=float) + random.uniform())
         heading, rate = response(time, delivered, INERTIA, k_r, k_rr, heading0)
         noisy = heading + noise * random.standard_normal(len(time))
         extras = {}
@@ -92,5 +92,5 @@ def known_half_turns(campaign: Campaign) -> StepData:
         [turn.switch_to - turn.switch_from for turn in turns],
         turns[0].step.run.dof,
     )
-    rates = [turn.step.run.extras.get("yaw_rate") for turn in turns]
-    return data.rated([rate[turn.kept] for rate, turn in zip(rates, turns)]) if rates[0] is not None else data
+    rates = [turn.step.run.extras["yaw_rate"] for turn in turns if "yaw_rate" in turn.step.run.extras]
+    return data.rated([rate[turn.kept] for rate, turn in zip(rates, turns)]) if rates else data

@@ -14,7 +14,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ class Hidden:
     def refuse(self, campaign: LinkCampaign) -> None:
         """Everything can be driven."""
 
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """A run's log, by the truth."""
         run, begins = campaign.runs[number], campaign.begins(number)
         yield "time_s,heading_deg,tau\n"

@@ -5,7 +5,7 @@ from typing import Any
 
 from campaigns import INERTIA, K_RR
 from interval_coverage import HEADER, Outcome, Trial, failures, misses, summarise, summary_rows
-from specified import make_runs
+from specified import make_runs, specified
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.search import Trial as Explained
@@ -17,7 +17,7 @@ from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.simulation.specification import SCHEMA, specification_from
+from automarine_cli.simulation.specification import SCHEMA
 
 STREAM = 1000
 LARGEST = 1.2
@@ -61,9 +61,9 @@ def specification(name: str) -> dict[str, Any]:
 def run_trial(item: tuple[int, str]) -> Trial:
     """Simulate one campaign, fit the base model with the effect, and compare every interval with the truth."""
     index, name = item
-    runs = make_runs(specification_from(specification(name)), STREAM + index)
+    runs = make_runs(specified(specification(name)), STREAM + index)
     base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
-    study = study_of(runs, base, disturbed=False)
+    study = study_of(runs, base, driven=False)
     values = tuple(
         study.reference(parameter.reference)
         if parameter.reference

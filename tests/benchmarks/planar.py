@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
@@ -26,7 +27,12 @@ from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar
 from automarine_cli.models.yaw_model import Term
 
-GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
+GIVEN = PlanarModel(
+    Inertia(18.0, 18.0, 2.2),
+    surge=(Term("quadratic-drag", (15.0,)),),
+    sway=(Term("quadratic-drag", (50.0,)),),
+    yaw=(Term("quadratic-drag", (3.0,)),),
+)
 FITTED, LENGTH = 5, 16.0
 ADDED = {"N_ur": "yaw.N_ur", "N_v": "yaw.N_v", "Y_r": "sway.Y_r", "munk-moment": "sway.m_v", "current": "current.north"}
 
@@ -44,7 +50,7 @@ def judged(kind: str, found: PlanarSearch) -> str:
     return "tie" if ADDED[kind] in rivals else "wrong"
 
 
-def rows(seeds: int) -> Iterator[dict[str, object]]:
+def rows(seeds: int) -> Iterator[dict[str, Any]]:
     """One campaign after the other."""
     for kind, craft in HIDDEN.items():
         for seed in range(11, 11 + seeds):

@@ -7,7 +7,7 @@ Usage: python tests/benchmarks/planning.py [--campaigns N] [--jobs N]
 import os
 
 from identified import identify
-from specified import make_runs
+from specified import make_runs, specified
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, and for the processes: each has one core
 
@@ -26,6 +26,7 @@ from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
@@ -38,7 +39,7 @@ from automarine_cli.planning.prior_results import Doubt, PriorResults
 from automarine_cli.planning.rivals import pairs_of
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.specification import Specification, specification_from
+from automarine_cli.simulation.specification import Specification
 
 Floats = NDArray[np.float64]
 
@@ -97,12 +98,17 @@ def grid_of(like: Campaign, passed: float = 1.0) -> Campaign:
 
 def made_of(campaign: Campaign) -> Specification:
     """The specification that `automarine simulate` would read from the plan's folder."""
-    return specification_from(specification(campaign, 0)[0])
+    return specified(specification(campaign, 0)[0])
 
 
 def estimates(runs: Sequence[Run], fit: str) -> dict[str, Estimate]:
     """What `fit-yaw` reports of model 3."""
-    found = identify(runs, fit).output_error["3"]
+    return reported_by(identify(runs, fit))
+
+
+def reported_by(fit: YawFit) -> dict[str, Estimate]:
+    """Estimates of model 3 with its inertial turn angle."""
+    found = fit.output_error["3"]
     assert found.inertial_turn_angle is not None
     return {**found.estimates, ANGLE: found.inertial_turn_angle}
 
@@ -119,7 +125,8 @@ def ratios(count: int, jobs: int, progress: Progress) -> tuple[Table, dict[str, 
     """Predicted over reported standard errors (root mean square over campaigns), and predicted over actual spread."""
     work = [(case, index) for case in CASES for index in range(count)]
     found = ordered_map(reported, work, jobs, progress=progress, stage="predicted intervals")
-    rows, results = [], {}
+    rows: list[tuple[str, ...]] = []
+    results: dict[str, Any] = {}
     for case in CASES:
         numbers = np.array([one for (other, _), one in zip(work, found) if other == case])
         plan = planned(case, CASES[case][1])
@@ -150,11 +157,8 @@ def attained(item: tuple[float, int]) -> dict[str, list[float]]:
     drag, own = grid.seed_method.drag["3"].drag[1], grid.seed_method.inertia["3"].overall.value
     ml, new = (
         {name: one.value for name, one in found.items()}
-        for found in (
-            {**grid.output_error["3"].estimates, ANGLE: grid.output_error["3"].inertial_turn_angle},
-            estimates(make_runs(made_of(plan), 7000 + index), "whole-runs"),
-        )
-    )  # type: ignore[misc]
+        for found in (reported_by(grid), estimates(make_runs(made_of(plan), 7000 + index), "whole-runs"))
+    )
     return {
         OWN_METHOD: [own, drag, own / drag],
         GRID: [ml[name] for name in PARAMETERS],
@@ -170,7 +174,9 @@ def precision(count: int, jobs: int, progress: Progress) -> tuple[Table, dict[st
     scatters, truth = (0.0, 0.03, 0.05), np.array([INERTIA, K_RR, INERTIA / K_RR])
     work = [(scatter, index) for scatter in scatters for index in range(count)]
     found = ordered_map(attained, work, jobs, progress=progress, stage="precision")
-    rows, results, rules = [], [], []
+    rows: list[tuple[str, ...]] = []
+    results: list[dict[str, Any]] = []
+    rules: list[int] = []
     for scatter in scatters:
         plan = planned("a third of the paper's motion", scatter)
         rules += [len(rows)] if rows else []

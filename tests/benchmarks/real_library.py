@@ -88,9 +88,9 @@ def _from_filtered_states(fitted: Fitted, found: InnovationsFit, runs: Sequence[
         [min(np.searchsorted(time[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(anchors.run, begin)]
     )
     path = carried(
-        fitted.model, course, found.of_model, noises, followed.states[:, 0], shown_channel(course),
+        fitted.model, course, found.of_model[None], noises, followed.states[:, 0], [shown_channel(course)],
         np.asarray(anchors.run), origin, last,
-    )  # fmt: skip
+    )[0, 0]  # fmt: skip
     rows = [
         np.interp(t + np.array(HORIZONS), time[i, o : e + 1], row[: e - o + 1], right=np.nan)
         for i, t, o, e, row in zip(anchors.run, begin, origin, last, path)

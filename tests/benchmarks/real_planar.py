@@ -20,7 +20,8 @@ from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
 from automarine_cli.filters.kalman import carried
-from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, of_model_alone, search
+from automarine_cli.fits.driven import of_model_alone
+from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, search
 from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table

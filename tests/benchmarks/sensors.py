@@ -11,7 +11,7 @@ from campaigns import INERTIA, K_RR, NOISE, PERIOD, known_half_turns, make_campa
 from faults import FAULTS, HONEST, judged
 from identified import identify
 from numpy.typing import NDArray
-from specified import make_runs
+from specified import make_runs, specified
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.search import Trial as Explained
@@ -26,7 +26,7 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.simulation.specification import SCHEMA, specification_from
+from automarine_cli.simulation.specification import SCHEMA
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def run_trial(index: int) -> Trial:
     return Trial(
         {name: fit.mixed.theta[:2] / TRUTH - 1.0 for name, fit in ((BOTH, nothing), (INSTANT_KNOWN, instant))},
         {name: variance / np.square(TRUTH) for name, variance in variances.items()},
-        nothing.mixed.noises / [NOISE, RATE_NOISE],
+        np.array([*nothing.mixed.noise_of.values()]) / [NOISE, RATE_NOISE],
         float(nothing.mixed.own("yaw_rate-bias").std() / RATE_BIAS),
     )
 
@@ -131,7 +131,7 @@ def run_worth(index: int) -> dict[str, tuple[float, float]]:
     }  # fmt: skip
     found["I_r/k_rr"] = tuple(_half(fit.inertial_turn_angle) for fit in fits)
     for name, values in EFFECTS.items():
-        runs = make_runs(specification_from(_specification(name, index)))
+        runs = make_runs(specified(_specification(name, index)))
         here = [_with_effect(runs, name, values, channels) for channels in (None, YAW.channels)]
         for key in here[0]:
             found[key] = tuple(one[key] for one in here)
@@ -156,7 +156,7 @@ def _specification(name: str, index: int) -> dict[str, Any]:
 
 def _with_effect(runs: Any, name: str, values: dict[str, float], channels: tuple[str, ...] | None) -> dict[str, float]:
     base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
-    study = study_of(runs, base, disturbed=False, channels=channels)
+    study = study_of(runs, base, driven=False, channels=channels)
     defaults = {one.name: one.start for one in effects.get(name).parameters}
     model = base.with_effect(name, tuple({**defaults, **values}.values()))
     fit = study.fit(model, near=study.fit(base))

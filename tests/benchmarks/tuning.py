@@ -190,7 +190,7 @@ def flown(truth: Truth, target: Target, gains: dict[str, float], seconds: float,
     own: Gains = {key: np.full((1, 1), value) for key, value in gains.items()}
     reference, load = np.array([[np.pi / 2, 0.0]]), np.array([0.0, 0.1])
     state = target.start(own, np.zeros((1, 2)), np.zeros((1, 1)))
-    parts: Floats | list[Any] = []
+    parts: list[Floats] = []
     left = 0.0
     for k in range(round(seconds / target.period)):
         if k % max(1, round(0.1 / target.period)) == 0:
@@ -204,7 +204,7 @@ def flown(truth: Truth, target: Target, gains: dict[str, float], seconds: float,
             vehicle.advance(output[0], load)
             left -= STEP
     position = np.stack(parts, axis=1)[None]
-    time = 0.1 * np.arange(position.shape[2])
+    time = 0.1 * np.arange(position.shape[2], dtype=float)
     return scores(Flight(time, position, 0.0 * position), np.pi / 2, np.deg2rad(2.0))
 
 

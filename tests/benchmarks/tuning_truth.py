@@ -121,7 +121,7 @@ class Vehicle:
         return (moment - drag - own.size("spring") * heading) / own.inertia
 
 
-Plans = list[tuple[str, float, Callable[[Floats], Floats]]]
+Plans = list[tuple[str, float, Callable[..., Floats]]]
 
 
 def write_logs(

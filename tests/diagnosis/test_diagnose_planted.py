@@ -59,8 +59,9 @@ def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str) -> None
 
 
 @pytest.mark.slow
-def test_nothing_planted_nothing_named() -> None:
-    found = judge(campaign(seed=1), base_for(""))
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nothing_planted_nothing_named(seed: int) -> None:
+    found = judge(campaign(seed=seed), base_for(""))
     assert (found.verdict, found.effects) == ("nothing-missing", ())
     assert set(found.detectable) == set(IN_YAW) - {"quadratic-drag"}
     assert all(0 < size < np.inf for size in found.detectable.values())

@@ -1,5 +1,6 @@
 """Specifications from files, and their campaigns as clean runs, without a log in between."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,16 @@ from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.specification import Specification, specification_from
 
 
+def specified(table: Mapping[str, object], where: str = "specification") -> Specification:
+    """The specification of one motion in a table."""
+    specification = specification_from(table, where)
+    assert isinstance(specification, Specification)
+    return specification
+
+
 def read_specification(path: Path) -> Specification:
     """The specification in a TOML (or JSON) file. Raises SettingError with file and key."""
-    return specification_from(read_mapping(path), printable(path.name))
+    return specified(read_mapping(path), printable(path.name))
 
 
 def make_runs(specification: Specification, seed: int | None = None) -> list[Run]:

@@ -55,8 +55,9 @@ def two_computers() -> Iterator[tuple[str, str]]:
             subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
 
 
-def test_a_link_that_is_taken_down_loses_nothing(tmp_path: Path) -> None:
-    campaign, drawn = made_campaign(24, seconds=100.0), random.Random(1)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_link_that_is_taken_down_loses_nothing(seed: int, tmp_path: Path) -> None:
+    campaign, drawn = made_campaign(24, seconds=100.0), random.Random(seed)
     document, downs = tmp_path / "campaign.json", 0
     document.write_text(campaign.text)
     with two_computers() as (under, above):

@@ -35,13 +35,16 @@ use_earlier_runs = false
 """
 
 
-def test_a_campaign_on_ardusub_finds_the_truth(run: Callable[..., Result], tmp_path: Path) -> None:
+@pytest.mark.parametrize(("frame", "gain"), [(1, 0.75), (2, 1.0)])
+def test_a_campaign_on_ardusub_finds_the_truth(
+    run: Callable[..., Result], tmp_path: Path, frame: int, gain: float
+) -> None:
     guess, limits = tmp_path / "guess.json", tmp_path / "limits.toml"
     guess.write_text(json.dumps(GUESSED))
     limits.write_text(LIMITS)
     planned = run("plan", str(guess), "--limits", str(limits), "-o", str(tmp_path / "plan"))
     assert planned.exit_code == 0, planned.stderr
-    vehicle = FakeSub(**TRUTH, frame=2, gain=0.75)
+    vehicle = FakeSub(**TRUTH, frame=frame, gain=gain)
     sub, store = ArduSub(vehicle.address, clock=Tank(vehicle)), Store(tmp_path / "vehicle")
     store.prepare()
     server = LinkServer(("127.0.0.1", 0), store, sub, TOKEN)
