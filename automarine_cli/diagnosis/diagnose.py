@@ -9,7 +9,7 @@ import numpy as np
 from automarine_cli import effects
 from automarine_cli.diagnosis.learned_curve import learn, with_curves
 from automarine_cli.diagnosis.residual_regions import Where, find_where
-from automarine_cli.diagnosis.search import STANDS, TIE, Found, Trial, gain_exponent, search, variants, varied
+from automarine_cli.diagnosis.search import STANDS, TIE, Found, gain_exponent, search, variants, varied
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.verdict import (
     NAMED,
@@ -29,13 +29,13 @@ from automarine_cli.diagnosis.verdict import (
     verdict_of,
 )
 from automarine_cli.errors import TooFewRunsError
-from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import LEAST_STEP
 from automarine_cli.fits.cautions import covariance_json, valid_range
 from automarine_cli.fits.driven import stepped
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.models.store import StoredModels, model_json
+from automarine_cli.fits.whole_runs import ratio_of
+from automarine_cli.models.store import StoredModels, effects_json, model_head
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
@@ -158,45 +158,6 @@ def expected_seconds(runs: Sequence[Run]) -> float:
     return float(readings) * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
 
 
-def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, object]:
-    """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
-    base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
-    roles = ("quadratic", "linear", "inertia", "constant", "difference")
-    own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
-    drag = {name: base[name].to_json() for name in own.values()}
-    ratio, covariance = None, study.covariance(model, fit)
-    likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
-    if "quadratic" in own and base[own["quadratic"]].value > 0:
-        i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
-        spread = float(np.sqrt(max(covariance[i, i] + covariance[k, k] - 2.0 * covariance[i, k], 0.0)))
-        inertia, quadratic = (base[own[role]].value for role in ("inertia", "quadratic"))
-        ratio = Estimate.from_log(inertia / quadratic, spread, len(study.runs) - 1, dof.unit_of("ratio")).to_json()
-    added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.own}
-    exponent = gain_exponent(study, fit)
-    driven = {}
-    if isinstance(fit, InnovationsFit):
-        driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
-    return {
-        **model_json(
-            dof, unit=stored.moment_unit, fitted_to="whole runs",
-            models={stored.preferred: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
-            preferred=stored.preferred, because=f"Model {stored.preferred} was the base of the diagnosis.", ratio=ratio,
-            valid_range=valid_range(
-                (end for run in study.runs for end in (run.command.min(), run.command.max())), model
-            ),
-            effects=[
-                {"name": name, "parameters": {parameter: e.to_json() for parameter, e in estimates.items()}}
-                for name, estimates in added.items()
-            ],
-        ),
-        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(fit.noise)) if study.position_counts else None,
-        **driven,
-        "gain_scatter": float(fit.factor(GAIN)),
-        "gain_exponent": exponent and exponent.to_json(),
-        "parent": {"file": stored.source, "sha256": parent_sha256},
-    }  # fmt: skip
-
-
 @dataclass(frozen=True, repr=False)
 class MotionDiagnosis(Shown):
     """The diagnosis of a stored model of one motion: the model, its file's hash, and the runs left out."""
@@ -213,10 +174,39 @@ class MotionDiagnosis(Shown):
 
     def extended_model(self) -> dict[str, object]:
         """Return the base model with the effects named, refitted together: `validate` and `diagnose` take it."""
-        return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
+        study, trial, number = self.diagnosis.study, self.diagnosis.said.leaves, self.stored.preferred
+        base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
+        roles = ("quadratic", "linear", "inertia", "constant", "difference")
+        own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+        drag = {name: base[name].to_json() for name in own.values()}
+        ratio, covariance = None, study.covariance(model, fit)
+        likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
+        if "quadratic" in own and base[own["quadratic"]].value > 0:
+            i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
+            ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
+        added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.own}
+        exponent, driven = gain_exponent(study, fit), {}
+        ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
+        noise = float(dof.shown(fit.noise)) if study.position_counts else None
+        if isinstance(fit, InnovationsFit):
+            driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
+        return {
+            **model_head(dof, self.stored.moment_unit),
+            "fitted_to": "whole runs",
+            "models": {number: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
+            "preferred": number,
+            "preferred_because": f"Model {number} was the base of the diagnosis.",
+            dof.ratio_key: ratio,
+            "valid_range": valid_range(ends, model),
+            "effects": effects_json(added),
+            f"{dof.words.position}_noise_{dof.units.key}": noise,
+            **driven,
+            "gain_scatter": float(fit.factor(GAIN)),
+            "gain_exponent": exponent and exponent.to_json(),
+            "parent": {"file": self.stored.source, "sha256": self.parent_sha256},
+        }
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of diagnosis.json: schema automarine/diagnosis/1."""
         diagnosis, dof = self.diagnosis, self.stored.dof
         study, search = diagnosis.study, diagnosis.found
         before, after = (base_estimates(study, trial) for trial in (search.base, diagnosis.said.leaves))

@@ -43,12 +43,11 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarLikelihood, Promise, Tried
+from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, PLACES, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, discover
-from automarine_cli.models.planar import derivative, parameters_of
+from automarine_cli.models.planar import Tied, derivative, parameters_of
 from automarine_cli.models.planar_store import StoredPlanar, planar_json
-from automarine_cli.models.tied import Tied
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.pipeline.result_files import DIAGNOSIS
@@ -231,7 +230,6 @@ class PlanarSearch:
 
     @property
     def verdict(self) -> str:
-        """ "named", "suspected", "unexplained" where the gap stands out all the same, or "nothing-missing"."""
         if self.named or self.suspected:
             return NAMED if self.named else SUSPECTED
         return UNEXPLAINED if self.where is not None and self.where.regions else NOTHING
@@ -367,7 +365,6 @@ def fit_of(found: Estimated) -> InnovationsFit:
 
 
 def _densities(likelihood: PlanarLikelihood, found: Estimated) -> Floats:
-    """Log density of each run under an estimate, (R,)."""
     problem = likelihood.problem(found.model)
     return problem.follow(problem.search(fit_of(found).theta)[None]).log_density[0]
 
@@ -385,27 +382,20 @@ def foretold(likelihood: PlanarLikelihood, found: Estimated) -> Foretold:
 
 @dataclass(frozen=True, repr=False)
 class PlanarDiagnosis(Shown):
-    """The diagnosis of a stored planar model on `runs`, with others held out: the search, what the logs observe, the
-    runs left out, and the hash of the model's file."""
+    """The diagnosis of a stored planar model: the search, the runs left out, and the hash of the model's file."""
 
     search: PlanarSearch
-    runs: tuple[Run, ...]
-    held_out: tuple[Run, ...]
-    observed: Observed
     set_aside: tuple[SetAside, ...]
     parent_sha256: str
 
     @cached_property
     def estimates(self) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
         """Parameters of the first and the last model, by qualified name."""
-        return self._estimates(self.search.before), self._estimates(self.search.after)
-
-    def _estimates(self, estimated: Estimated) -> dict[str, Estimate]:
-        tried = Tried(Structure.simplest(self.observed), estimated)
-        return PlanarFit((tried,), Choice(tried), self.runs, self.observed).estimates
+        before, after = (one.estimates(self.search.fitted) for one in (self.search.before, self.search.after))
+        return before, after
 
     def estimates_of(self, contender: Contender) -> dict[str, Estimate]:
-        estimates = self._estimates(contender.found)
+        estimates = contender.found.estimates(self.search.fitted)
         return {name: estimates[name] for name in contender.candidate.added}
 
     def document(self, option: str) -> Document:
@@ -414,7 +404,6 @@ class PlanarDiagnosis(Shown):
         return json_document("extended_model.json", self.extended_model())
 
     def extended_model(self) -> dict[str, object]:
-        """Return the model with what was named, and what is random as fitted: schema automarine/planar-model/1."""
         after = self.search.after
         return {
             **planar_json(after.model.model, {name: one.to_json() for name, one in self.estimates[1].items()}),
@@ -425,9 +414,8 @@ class PlanarDiagnosis(Shown):
         }
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of diagnosis.json: schema automarine/diagnosis/1."""
-        search, (before, after) = self.search, self.estimates
-        listed = [(step.best, step.rivals) for step in search.steps if step.best is not None]
+        search, (before, after), runs = self.search, self.estimates, self.search.every.runs
+        listed = [(step.best, step.rivals) for step in search.rounds if step.best is not None]
         listed = listed or [(suspect, ()) for suspect in search.suspected]
         first = search.rounds[0]
         fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
@@ -454,8 +442,8 @@ class PlanarDiagnosis(Shown):
                 name: {"before": old.to_json(), "after": after[name].to_json()}
                 for name, old in before.items() if name in after
             },
-            "held_out": [run.name for run in self.held_out],
-            "runs": runs_json(len(self.runs), self.set_aside, [*self.runs, *self.held_out]),
+            "held_out": [run.name for run in runs[search.fitted :]],
+            "runs": runs_json(search.fitted, self.set_aside, runs),
         }  # fmt: skip
 
     def _effect_json(self, contender: Contender, rivals: Sequence[Contender]) -> dict[str, object]:

@@ -1,7 +1,7 @@
 """Named, suspected, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,6 @@ class GapSizes:
         return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
 
     def to_json(self, unit: str, shown: Callable[[float], float] = float) -> dict[str, float]:
-        """The contract's form: `unit` ends the keys, `shown` turns the numbers into it."""
         sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
         return {f"{name}_{unit}": float(shown(size)) for name, size in sizes.items()}
 
@@ -92,7 +91,6 @@ class Ahead:
     constant: float
 
     def to_json(self, dof: Dof) -> dict[str, float]:
-        """The contract's form, in the unit in which people see positions."""
         errors = {
             "before": self.before, "after": self.after, "constant_rate": self.constant_rate,
             f"constant_{dof.words.position}": self.constant,
@@ -166,24 +164,18 @@ def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
 
 
 def _estimates(study: Study, trial: Trial) -> list[Estimate]:
-    """Estimates of a model's parameters, in the order of theta."""
     model, covariance = trial.model, study.covariance(trial.model, trial.fit)
     units = [model.dof.unit_of("inertia", model.moment_unit)]
     for term in model.terms:
         units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
     found = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
-    for varying in varying_terms(model):
-        size = effects.get(varying).names_in(model.dof)[0]
-        found[model.index(f"{varying}.{size}")] = _amplitude(study, trial, varying)
-    return found
-
-
-def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
-    """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
     scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
-    low, high = (scale * end for end in trial.fit.factor_interval(name))
-    value, unit = scale * trial.fit.factor(name), trial.model.moment_unit
-    return Estimate(value, (high - low) / (2.0 * float(special.ndtri(0.975))), (low, high), unit)
+    for name in varying_terms(model):  # the amplitude of which every run has a share, by the likelihood of their spread
+        low, high = (scale * end for end in trial.fit.factor_interval(name))
+        value, error = scale * trial.fit.factor(name), (high - low) / (2.0 * float(special.ndtri(0.975)))
+        place = model.index(f"{name}.{effects.get(name).names_in(model.dof)[0]}")
+        found[place] = Estimate(value, error, (low, high), model.moment_unit)
+    return found
 
 
 def detectable(study: Study, found: Found) -> dict[str, float]:
@@ -248,7 +240,6 @@ class NamedEffect:
 
     @property
     def few_rivals(self) -> tuple[NamedRival, ...]:
-        """The likeliest ones: nobody reads more."""
         return self.rivals[:MOST_RIVALS]
 
     @property
@@ -295,25 +286,25 @@ def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None,
     if not study.driven:
         reason = _unexplained(study, found, where, kept if last is found else None)
         if reason:
-            return Verdict(UNEXPLAINED, found.without_effects, f"{reason} {_nearest(study, found)}")
+            without_effects = replace(found, final=found.base, p_values={}, rivals=(), doubtful=None)
+            return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, found)}")
     doubt = "" if last is None else _borne_out(study, last, held_out, kept, ahead)
     if last is None or (last is not found and doubt):
         if not where.regions:
             return Verdict(NOTHING, found)
         reason = f"The error is beyond chance {stretch(where.regions[0])}."
         return Verdict(UNEXPLAINED, found, f"{reason} {_nearest(study, found)}")
-    doubt = _beyond_chance(last) if last is not found else _no_name(found, kept) or doubt
+    if last is not found:
+        (p_value,) = last.p_values.values()
+        doubt = f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
+    else:
+        doubt = _no_name(found, kept) or doubt
     if doubt:
         return Verdict(SUSPECTED, last, doubt)
     if kept is None or study.driven or not _something_left(kept):
         return Verdict(NAMED, found, left=found.equals)
     left = f"A residual remains: on the held-out runs the gap is {kept.in_noises}."
     return Verdict(NAMED, found, left=left)
-
-
-def _beyond_chance(doubtful: Found) -> str:
-    (p_value,) = doubtful.p_values.values()
-    return f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
 
 
 def _no_name(found: Found, kept: Gap | None) -> str:

@@ -233,7 +233,7 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
         found.append(
             f"{words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
             f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
-            f"{100 * max(map(abs, seed.bias)):.1f} %, which was removed with a rough model; trust the maximum "
+            f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
             "likelihood, which needs no tail."
         )
     unsteady = [turn.name for turn in turns if not turn.steady]

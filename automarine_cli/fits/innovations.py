@@ -68,6 +68,16 @@ class DrivenProblem:
     smooth: Floats | None = None
     known: Mapping[str, Prior] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls, model: Vehicle, course: Course, names: Sequence[str],
+        searched: Sequence[tuple[tuple[float, float], bool, float]], random: tuple[Randomness, ...],
+    ) -> "DrivenProblem":  # fmt: skip
+        """From the bounds, the scale and a small step of each of the model's own parameters."""
+        every = [*searched, *(((one.lower, one.upper), not one.signed, 1.0) for one in random)]
+        bounds, positive, scale = map(np.array, zip(*every))
+        return cls(model, course, (*names, *(one.name for one in random)), bounds, positive, scale, random)
+
     def informed(self, known: Mapping[str, Prior]) -> "DrivenProblem":
         return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
 
@@ -84,13 +94,12 @@ class DrivenProblem:
     def priors(self) -> tuple[Floats, Floats]:
         """Mean (p,) and precision (p, p) of phi before the data; no precision where nothing is known."""
         count = len(self.names)
-        mean, precision = np.zeros(count), np.zeros((count, count))
+        known = prior_of(self.known, self.names, self.positive, self.smooth)
+        mean, precision = known or (np.zeros(count), np.zeros((count, count)))
         for i, one in enumerate(self.random, count - len(self.random)):
             mean[i] = one.median if one.signed else np.log(one.median)
             precision[i, i] = one.spread**-2
-        if (known := prior_of(self.known, self.names, self.positive)) is not None:
-            mean, precision = mean + known[0], precision + known[1]
-        return mean, precision if self.smooth is None else precision + self.smooth
+        return mean, precision
 
     @cached_property
     def prior_information(self) -> Floats:
@@ -518,10 +527,6 @@ def _sensor(one: ChannelVerdict, noises: Mapping[str, Estimate]) -> Sensor:
     return Sensor(one.quantity, one.used, noises.get(one.quantity) if one.used else None, one.why or None)
 
 
-def _bound(one: Estimate) -> str:
-    return ", at its bound" * one.at_bound
-
-
 def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
     return channel_sentences(choice, channel_noises(fit, dof), dof)
 
@@ -539,7 +544,8 @@ def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
     for one in sensors:
         name, noise = words.get(one.quantity, one.quantity), one.noise
         if one.used:
-            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{_bound(noise)})")
+            bound = ", at its bound" * (noise is not None and noise.at_bound)
+            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
         if one.why:
             lines.append(one.why if one.used else f"The {name} does not count. {one.why}")
     return [f"Sensors that count: {' and '.join(used)}.", *lines]

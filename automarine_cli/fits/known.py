@@ -128,13 +128,14 @@ def bounds_of(known: Mapping[str, Prior], names: Sequence[str], bounds: Floats) 
 
 
 def prior_of(
-    known: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_]
+    known: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_], smooth: Floats | None = None
 ) -> tuple[Floats, Floats] | None:
-    """Mean (p,) and precision (p, p) in the coordinates of a search; None where nothing is known with an error."""
+    """Mean (p,) and precision (p, p) in the coordinates of a search, with the precision `smooth` (p, p) about zero;
+    None where nothing is known with an error."""
     at = {names.index(name): one for name, one in known.items() if name in names and one.stderr is not None}
-    if not at:
+    if not at and smooth is None:
         return None
-    mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names))) if smooth is None else smooth.copy()
     for i, one in at.items():
         assert one.stderr is not None
         mean[i] = np.log(one.value) if positive[i] else one.value

@@ -12,8 +12,7 @@ import numpy as np
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
-from automarine_cli.models.planar import FORCES, Inertia, PlanarModel
-from automarine_cli.models.tied import Tied
+from automarine_cli.models.planar import FORCES, Inertia, PlanarModel, Tied
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
