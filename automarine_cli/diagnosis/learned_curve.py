@@ -21,7 +21,6 @@ from automarine_cli.diagnosis.search import (
     may_stand,
 )
 from automarine_cli.diagnosis.study import ITERATIONS, SPREADS, Fit, Study, learned_term, places, precision, smoothed
-from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import (
     DRAG,
@@ -374,15 +373,6 @@ def curve_of(trial: Trial) -> LearnedCurve | None:
         term.name.removeprefix(PREFIX), units[0], kind, units[1], x, y, y - half, y + half, variable.sized,
         variable.needs,
     )  # fmt: skip
-
-
-def with_curves(found: Found, named: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
-    """The effects named with what was learned, and a sentence that says whether it is thrust or a moment."""
-    curve = curve_of(found.final)
-    if curve is None:
-        return tuple(named)
-    says, name = sentence(curve, found), PREFIX + curve.variable
-    return tuple(replace(effect, learned=curve, says=says) if effect.name == name else effect for effect in named)
 
 
 def sentence(curve: LearnedCurve, found: Found) -> str:

@@ -13,6 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.diagnose import (
+    NAMED,
+    NOTHING,
+    SUSPECTED,
+    UNEXPLAINED,
+    GapSizes,
+    Outlook,
+    in_few_words,
+    outlook_of,
+    stretch,
+)
 from automarine_cli.diagnosis.residual_regions import (
     Column,
     Gap,
@@ -25,17 +36,6 @@ from automarine_cli.diagnosis.residual_regions import (
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
 from automarine_cli.diagnosis.study import JUDGED
-from automarine_cli.diagnosis.verdict import (
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    GapSizes,
-    Outlook,
-    in_few_words,
-    outlook_of,
-    stretch,
-)
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -115,38 +115,31 @@ def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
 def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate]:
     """What may be added to a model; `largest` is the largest moment [N m]."""
     model, have = base.model, {term.name for term in base.model.cross}
-    for name in COUPLINGS:
-        if name in have or not (SWAY in seen.dofs or name == "N_ur"):
-            continue
+
+    def candidate(name: str, *added: str, ties: Mapping[str, tuple[str, float]] = base.ties, **more: Any) -> Candidate:
+        return Candidate(name, added, Tied(replace(model, **more), (*base.free, *added), ties))
+
+    for name in [name for name in COUPLINGS if name not in have and (SWAY in seen.dofs or name == "N_ur")]:
         added = f"{base.motion.dofs[derivative(name)[0]].name}.{name}"
-        wider = replace(model, cross=(*model.cross, Term(name, (0.0,))))
-        yield Candidate("cross-coupling", (added,), Tied(wider, (*base.free, added), base.ties))
+        yield candidate("cross-coupling", added, cross=(*model.cross, Term(name, (0.0,))))
     if SWAY in seen.dofs and "planar.m_vr" not in base.free:
-        yield Candidate("cross-coupling", ("planar.m_vr",), Tied(model, (*base.free, "planar.m_vr"), base.ties))
+        yield candidate("cross-coupling", "planar.m_vr")
     for dof in seen.dofs:
         own: tuple[Term, ...] = getattr(model, dof.name)
         for law in [law for law in LAWS[-1] if law not in [term.name for term in own]]:
-            added_drag = dof.parameter(law.removesuffix("-drag"))
             more: dict[str, Any] = {dof.name: (*own, Term(law, (0.0,)))}
-            wider = replace(model, **more)
-            yield Candidate(law, (added_drag,), Tied(wider, (*base.free, added_drag), base.ties))
+            yield candidate(law, dof.parameter(law.removesuffix("-drag")), **more)
     mass = SWAY.parameter("inertia")
     if mass in base.ties:
-        ties = {name: tie for name, tie in base.ties.items() if name != mass}
-        yield Candidate("munk-moment", (mass,), Tied(model, (*base.free, mass), ties))
+        yield candidate("munk-moment", mass, ties={name: tie for name, tie in base.ties.items() if name != mass})
     if model.water is None and seen.over_ground:
-        added_both = ("current.north", "current.east")
-        wider = replace(model, water=(0.0, 0.0))
-        yield Candidate("current", added_both, Tied(wider, (*base.free, *added_both), base.ties))
-    for name in OF_YAW:
-        if name in {term.name for term in model.yaw}:
-            continue
+        yield candidate("current", "current.north", "current.east", water=(0.0, 0.0))
+    for name in [name for name in OF_YAW if name not in {term.name for term in model.yaw}]:
         effect = effects.get(name)
         values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
         term = Term(name, values)
         names = [n for n, held in zip(parameters_of(YAW, term), effect.held(values)) if not held]
-        wider = replace(model, yaw=(*model.yaw, term))
-        yield Candidate(name, tuple(names), Tied(wider, (*base.free, *names), base.ties))
+        yield candidate(name, *names, yaw=(*model.yaw, term))
 
 
 FEWEST_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long

@@ -126,12 +126,13 @@ def places(model: YawModel) -> NDArray[np.int64]:
     return 1 + sum(len(term.values) for term in model.terms[:at]) + FIRST + np.arange(KNOTS)
 
 
-def precision(model: YawModel, spread: float) -> Floats:
-    """Prior precision of the values of the model's learned curve, (KNOTS, KNOTS), at a spread."""
+def precision(model: YawModel, spread: float | None = None) -> Floats:
+    """Prior precision of the values of the model's learned curve, (KNOTS, KNOTS), at a spread, its own if None."""
     at = learned_term(model)
     assert at is not None
     own, effect = elsewhere(model, model.terms[at]), effects.get(model.terms[at].name)
     assert isinstance(effect, Learned)
+    spread = model.terms[at].values[FIRST - 1] if spread is None else spread
     return (roughness(bool(effect.variable.turn)) + FIRM**2 * own.T @ own) / spread**2
 
 
@@ -151,26 +152,19 @@ def elsewhere(model: YawModel, term: Term) -> Floats:
     return np.array([row / np.linalg.norm(row) for row in rows]).reshape(-1, KNOTS)
 
 
-def known_of(model: YawModel) -> Floats:
-    """Prior precision of the model's learned curve at its own spread, (KNOTS, KNOTS)."""
-    inside = learned_term(model)
-    assert inside is not None
-    return precision(model, model.terms[inside].values[FIRST - 1])
-
-
-def known_of_fit(model: YawModel, count: int) -> Floats | None:
+def smoothness(model: YawModel, count: int) -> Floats | None:
     """The same as precision (count, count) of all parameters of a fit; None where the model has no curve."""
     if learned_term(model) is None:
         return None
     found, at = np.zeros((count, count)), places(model)
-    found[np.ix_(at, at)] = known_of(model)
+    found[np.ix_(at, at)] = precision(model)
     return found
 
 
 def smoothed(fit: Fit, model: YawModel) -> tuple[float, float]:
     """The spread of largest marginal likelihood by the curvature of a fit of `model`, and the curve's effective number
     of parameters at the spread that was fitted."""
-    at, fitted = places(model), known_of(model)
+    at, fitted = places(model), precision(model)
     spread = fit.covariance[np.ix_(at, at)]
     stiff = np.linalg.inv(spread)
     pull = stiff @ fit.theta[at]
@@ -308,7 +302,7 @@ class Study:
     def driven_problem(self, model: YawModel) -> DrivenProblem:
         """Likelihood of driven runs under `model`."""
         found = driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
-        return replace(found, smooth=known_of_fit(model, len(found.names)))
+        return replace(found, smooth=smoothness(model, len(found.names)))
 
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z of
@@ -333,7 +327,7 @@ class Study:
             effects=problem.effects.with_scale(disturbance=0.0),
             bounds=np.array([*bounds, (-MOST_OFFSET, MOST_OFFSET)]),
             positive=np.array([*positive, False]),
-            smooth=known_of_fit(model, len(positive) + 1),
+            smooth=smoothness(model, len(positive) + 1),
         )
 
     def fit(

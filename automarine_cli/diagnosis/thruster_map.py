@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.diagnosis.residual_regions import Column, Gap, Looked, look
-from automarine_cli.diagnosis.verdict import (
+from automarine_cli.diagnosis.diagnose import (
     ASTRAY,
     EVEN,
     LEFT_OVER,
@@ -19,6 +18,7 @@ from automarine_cli.diagnosis.verdict import (
     listed_rivals,
     stretch,
 )
+from automarine_cli.diagnosis.residual_regions import Column, Gap, Looked, look
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import Shown

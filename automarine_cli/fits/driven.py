@@ -574,17 +574,12 @@ def prefer_driven(
 
     fewest = min(parameters[number] for number in score if number == best or level(number))
     chosen = min((n for n in score if parameters[n] == fewest), key=lambda number: score[number])
-    told = [f"{_errors(sizes[chosen], dof)} {dof.units.shown}"]
-    told += [f"model {number} {_errors(size, dof)}" for number, size in sorted(sizes.items()) if number != chosen]
+    errors = {n: " and ".join(f"{dof.shown(one):.3g}" for one in size) for n, size in sorted(sizes.items())}
+    others = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
+    told = ", ".join([f"{errors[chosen]} {dof.units.shown}", *others])
     how = "best" if chosen == best else "as well as any with more parameters"
     over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
-    return Preference(
-        chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {', '.join(told)}."
-    )
-
-
-def _errors(sizes: Floats, dof: Dof) -> str:
-    return " and ".join(f"{dof.shown(size):.3g}" for size in sizes)
+    return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {told}.")
 
 
 def large_disturbance(course: Course, fit: OutputErrorFit) -> str:

@@ -81,15 +81,12 @@ class Known:
             found[whole] = prior
         return replace(self, parameters=found)
 
-    def unused(self, names: Iterable[str]) -> list[str]:
-        return sorted(set(self.parameters) - set(names))
-
     def sentences(self, units: Mapping[str, str], names: Iterable[str]) -> tuple[str, ...]:
         """What was known, in the `units` of the fit by qualified name, and what a model of these `names` lacks."""
         if not self.parameters:
             return ()
         values = (f"{name.partition('.')[2]} = {one} {units.get(name, '')}" for name, one in self.parameters.items())
-        lacking = [name.partition(".")[2] for name in self.unused(names)]
+        lacking = [name.partition(".")[2] for name in sorted(set(self.parameters) - set(names))]
         more = (f"The preferred model has no {' and no '.join(lacking)}; it was not used there.",) if lacking else ()
         return (f"Known beforehand: {', '.join(one.strip() for one in values)}.", *more)
 

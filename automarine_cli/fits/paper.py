@@ -80,17 +80,6 @@ class DragFit:
         name = self.dof.parameters[role]
         return self.estimates[name].value if name in self.estimates else 0.0
 
-    def moved_by(self, influence: Floats) -> "DragFit":
-        """The same with intervals that know of this influence of the runs (R, p) on the estimates beside its own."""
-        total = self.influence + influence
-        stderr = np.sqrt(np.sum(total**2, axis=0))
-        spare = len(total) - len(self.estimates)
-        own = {
-            name: Estimate.from_stderr(e.value, error, spare, e.unit)
-            for (name, e), error in zip(self.estimates.items(), stderr)
-        }
-        return replace(self, estimates=own, influence=total)
-
 
 def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
     """Parameters of a reading of Table 1 of a motion, by what they are, in the order of the regressors."""
@@ -312,13 +301,6 @@ class InertiaTable:
     per_moment: Mapping[float, float]
     overall: Estimate
     influence: Floats
-
-    def moved_by(self, influence: Floats) -> "InertiaTable":
-        """The same with an interval that knows of this influence of the runs (R,) on the inertia beside its own."""
-        total = self.influence + influence
-        stderr = float(np.sqrt(total @ total))
-        overall = Estimate.from_stderr(self.overall.value, stderr, len(total) - 1, self.overall.unit)
-        return replace(self, overall=overall, influence=total)
 
 
 def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, dof: Dof) -> InertiaTable | None:
@@ -569,7 +551,11 @@ class Feedback:
         """A drag fit with intervals that know of the correction."""
         values = np.array([e.value for e in fit.estimates.values()])
         slopes = [(self._values(moment, fit, tails) - values) / TAIL_FEEDBACK_STEP for tails in self.moved]
-        return fit.moved_by(self.influence @ np.array(slopes))
+        total = fit.influence + self.influence @ np.array(slopes)
+        stderr, spare = np.sqrt(np.sum(total**2, axis=0)), len(total) - len(values)
+        pairs = zip(fit.estimates.items(), stderr)
+        own = {name: Estimate.from_stderr(e.value, error, spare, e.unit) for (name, e), error in pairs}
+        return replace(fit, estimates=own, influence=total)
 
     def on_inertia(self, moment: Floats, fit: DragFit, table: InertiaTable) -> InertiaTable:
         """Table 2 for the drag of `fit` with an interval that knows of the correction."""
@@ -578,7 +564,10 @@ class Feedback:
             acting = fit.acting(moment, self._values(moment, fit, tails).tolist())
             mean = inertia_from_velocity_error(tails.error, *acting).mean()
             slopes.append((mean - table.overall.value) / TAIL_FEEDBACK_STEP)
-        return table.moved_by(self.influence @ np.array(slopes))
+        total = table.influence + self.influence @ np.array(slopes)
+        stderr = float(np.sqrt(total @ total))
+        overall = Estimate.from_stderr(table.overall.value, stderr, len(total) - 1, table.overall.unit)
+        return replace(table, overall=overall, influence=total)
 
     @staticmethod
     def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.dofs import SURGE, SWAY, YAW
+from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -230,7 +230,7 @@ def search(runs: Sequence[Run], seen: Observed, estimator: "PlanarLikelihood") -
     From the simplest one on, those neighbours are fitted that promise most by the slope and curvature of the
     likelihood, and the best of them is taken as long as it is better.
     """
-    simplest, rough = Structure.simplest(seen), estimator.rough
+    simplest, rough = Structure.simplest(seen), rough_sizes(runs)
     best = Tried(simplest, estimator.estimate(simplest.model(rough)))
     tried = {str(simplest): best}
     while True:
@@ -412,10 +412,10 @@ class PlanarLikelihood:
     runs: tuple[Run, ...]
     seen: Observed
     known: Mapping[str, Prior] = field(default_factory=dict)
-    rough: Mapping[str, float] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rough", rough_sizes(self.runs))
+    @cached_property
+    def rough(self) -> dict[str, float]:
+        return rough_sizes(self.runs)
 
     @cached_property
     def course(self) -> Course:
@@ -538,7 +538,7 @@ class PlanarLikelihood:
     def _random(self, model: Tied) -> tuple[Randomness, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.model.inertia.matrix)
-        forces = [_usual(self.rough, dof.name) for dof in PLANAR.dofs]
+        forces = [_usual(self.rough, dof) for dof in PLANAR.dofs]
         largest = np.abs(self.course.held).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
         found = randomness(self.course, pushes.tolist(), (), quiet=False)
@@ -561,19 +561,18 @@ def _because(
     return f"{own}. Of runs left out, 2 to 15 s ahead, other fits miss: {'; '.join(more)}."
 
 
-def _usual(rough: Mapping[str, float], dof: str) -> float:
+def _usual(rough: Mapping[str, float], dof: Dof) -> float:
     """Usual force along a degree of freedom, by its rough drags."""
     linear, quadratic = _drags(rough, dof)
     return linear**2 / quadratic
 
 
-def _drags(rough: Mapping[str, float], dof: str) -> tuple[float, float]:
-    own = next(one for one in PLANAR.dofs if one.name == dof)
-    return rough[own.parameter("linear")], rough[own.parameter("quadratic")]
+def _drags(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
+    return rough[dof.parameter("linear")], rough[dof.parameter("quadratic")]
 
 
 def _speed(rough: Mapping[str, float], letter: str) -> float:
-    linear, quadratic = _drags(rough, PLANAR.dofs[VELOCITIES.index(letter)].name)
+    linear, quadratic = _drags(rough, PLANAR.dofs[VELOCITIES.index(letter)])
     return linear / quadratic
 
 
@@ -590,14 +589,13 @@ def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tu
         return (0.0, np.inf), False, 0.1 * rough[name]
     if "." in own:  # of an effect of the library
         effect_name, _, parameter = own.partition(".")
-        effect = effects.get(effect_name)
-        dof = next(one for one in PLANAR.dofs if one.name == where)
+        effect, dof = effects.get(effect_name), DOFS[where]
         found = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == parameter)
         largest = float(np.abs(course.held[PLANAR.index(dof)]).max()) or 1.0
         return (found.lower, found.upper), found.log, max(found.scaled(found.start, largest), 1e-6)
     if own[0] in FORCES and own[1:2] == "_":  # coupling
-        size = _usual(rough, PLANAR.dofs[FORCES.index(own[0])].name)
+        size = _usual(rough, PLANAR.dofs[FORCES.index(own[0])])
         for letter in own[2:]:
             size /= _speed(rough, letter)
         return (-np.inf, np.inf), False, 0.1 * size
-    return (-np.inf, np.inf), False, 0.01 * _usual(rough, where)
+    return (-np.inf, np.inf), False, 0.01 * _usual(rough, DOFS[where])

@@ -9,25 +9,26 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import thruster_map
-from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis
-from automarine_cli.diagnosis.learned_curve import LearnedCurve
-from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch, judged
-from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
-from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import JUDGED, Study
-from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.verdict import (
+from automarine_cli.diagnosis.diagnose import (
     EVEN,
     NAMED,
     NOTHING,
     SUSPECTED,
     UNEXPLAINED,
     WELL_ABOVE,
+    Diagnosis,
     Gap,
+    MotionDiagnosis,
     NamedEffect,
     Outlook,
     base_estimates,
 )
+from automarine_cli.diagnosis.learned_curve import LearnedCurve
+from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch, judged
+from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
+from automarine_cli.diagnosis.search import LEVEL
+from automarine_cli.diagnosis.study import JUDGED, Study
+from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits.innovations import fit_sentences

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
+from automarine_cli.diagnosis.diagnose import Ahead, Outlook, apart
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.search import Trial, may_stand, obstacle
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.verdict import Ahead, Outlook, apart
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of, without_noise
