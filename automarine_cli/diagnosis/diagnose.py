@@ -35,7 +35,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import LEAST_STEP
 from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits.cautions import covariance_json, valid_range
-from automarine_cli.fits.driven import stepped
+from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
@@ -109,37 +109,19 @@ not know."""
 
 
 @dataclass(frozen=True)
-class Ahead:
-    """Root mean square errors of positions predicted `horizon` seconds ahead from the filtered state [rad or m]."""
-
-    horizon: float
-    before: float
-    after: float
-    constant_rate: float
-    constant: float
-
-    def to_json(self, dof: Dof) -> dict[str, float]:
-        errors = {
-            "before": self.before, "after": self.after, "constant_rate": self.constant_rate,
-            f"constant_{dof.words.position}": self.constant,
-        }  # fmt: skip
-        shown = {f"{name}_{dof.units.key}": float(dof.shown(error)) for name, error in errors.items()}
-        return {"horizon_s": self.horizon, **shown}
-
-
-@dataclass(frozen=True)
 class Outlook:
-    """What both models predict of a set of runs, by horizon, and what the log density of these runs gained."""
+    """What both models predict of a set of runs, the scores before and after by horizon, and what the log density of
+    these runs gained."""
 
-    ahead: tuple[Ahead, ...]
+    ahead: tuple[tuple[ForecastScore, ForecastScore], ...]
     density_gain: float
 
     @property
-    def judged(self) -> Ahead | None:
-        return next((one for one in self.ahead if one.horizon == JUDGED), None)
+    def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
+        return next((pair for pair in self.ahead if pair[0].horizon == JUDGED), None)
 
     @property
-    def longest(self) -> Ahead:
+    def longest(self) -> tuple[ForecastScore, ForecastScore]:
         """Over that, or the longest that runs are long enough for."""
         return self.judged or self.ahead[-1]
 
@@ -147,18 +129,24 @@ class Outlook:
         """Why runs that were not fitted do not bear the effects out; empty where they do."""
         if self.density_gain <= 0:
             return f"their log density falls by {-self.density_gain:.1f}"
-        deciding = [one for one in self.ahead if one.horizon <= DECIDING]
-        if not deciding or deciding[-1].after < deciding[-1].before:
+        deciding = [pair for pair in self.ahead if pair[0].horizon <= DECIDING]
+        if not deciding or deciding[-1][1].error < deciding[-1][0].error:
             return ""
-        one, unit = deciding[-1], dof.units.shown
+        before, after = deciding[-1]
         return (
-            f"predictions {one.horizon:g} s ahead miss by {dof.shown(one.after):.2f} {unit} with them and by "
-            f"{dof.shown(one.before):.2f} without"
+            f"predictions {before.horizon:g} s ahead miss by {dof.shown(after.error):.2f} {dof.units.shown} with them "
+            f"and by {dof.shown(before.error):.2f} without"
         )
 
     def to_json(self, dof: Dof) -> dict[str, object]:
-        every = [one.to_json(dof) for one in self.ahead]
-        return {**self.longest.to_json(dof), "log_density_gain": self.density_gain, "horizons": every}
+        def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:
+            constants = {"constant_rate": before.constant_rate, f"constant_{dof.words.position}": before.constant}
+            sizes = {"before": before.error, "after": after.error, **constants}
+            shown = {f"{name}_{dof.units.key}": float(dof.shown(size)) for name, size in sizes.items()}
+            return {"horizon_s": before.horizon, **shown}
+
+        every = [entry(*pair) for pair in self.ahead]
+        return {**entry(*self.longest), "log_density_gain": self.density_gain, "horizons": every}
 
 
 def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
@@ -174,11 +162,8 @@ def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
 
 def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> Outlook | None:
     """The outlook of predictions over each horizon of so many runs; None where there are none."""
-    pairs = [(b, a) for b, a in zip(before, after) if len(b.error)]
-    if not pairs:
-        return None
-    ahead = tuple(Ahead(b.horizon, b.rmse(), a.rmse(), b.rmse(b.constant_rate), b.rmse(b.constant)) for b, a in pairs)
-    return Outlook(ahead, density_gain)
+    ahead = tuple(zip(worth_of(before), worth_of(after)))
+    return Outlook(ahead, density_gain) if ahead else None
 
 
 def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:

@@ -462,8 +462,9 @@ class PlanarDiagnosis(Shown):
     def _gap_json(self, outlook: Outlook | None) -> dict[str, float] | None:
         if outlook is None:
             return None
-        sizes = GapSizes(outlook.longest.before, outlook.longest.after, self.search.after.noises[YAW.position])
-        return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": outlook.longest.horizon}
+        before, after = outlook.longest
+        sizes = GapSizes(before.error, after.error, self.search.after.noises[YAW.position])
+        return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": before.horizon}
 
 
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
