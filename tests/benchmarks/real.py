@@ -224,8 +224,8 @@ def main() -> None:
     items = [(one, motion, half, options.quick) for one, motion in present(options.only) for half in "AB"]
     with ProcessPoolExecutor(options.jobs) if options.jobs > 1 else nullcontext() as pool:
         every = pool.map if pool else map
-        singles = every(judged, items[::-1])  # the dearest stand last, and should not be waited for
-        planes = every(real_planar.judged, real_planar.planar_items(options.only))
+        planes = every(real_planar.judged, real_planar.planar_items(options.only))  # the dearest first: nobody waits
+        singles = every(judged, items[::-1])  # of one motion these stand last
         for row in singles:
             rows.insert(0, row)
             text = kept(options.out, rows, before, contacts)
