@@ -59,7 +59,6 @@ class GapSizes:
     floor: float
 
     def above(self, size: float) -> float:
-        """By how much a gap's mean square is above the noise."""
         return size**2 - self.floor**2
 
     @property
@@ -257,7 +256,6 @@ class NamedEffect:
 
     @property
     def other_rivals(self) -> str:
-        """How many more there are, in words; empty where there are none."""
         more = len(self.rivals) - MOST_RIVALS
         return f"Not excluded are {more} more, which diagnosis.json lists." if more > 0 else ""
 

@@ -178,7 +178,6 @@ def add_effect(
 
 
 def go_on(study: Study, trial: Trial, iterations: int) -> Trial | None:
-    """A trial's fit taken further from where it stands."""
     return refitted(study, trial.model, trial.added, trial.fit.of_model, trial.fit, iterations)
 
 

@@ -213,7 +213,6 @@ class Study:
 
     @cached_property
     def at_rest(self) -> NDArray[np.bool_]:
-        """Which runs begin with the vehicle standing still, (R,)."""
         return np.array([starts_at_rest(run) for run in self.runs])
 
     @cached_property
@@ -300,7 +299,6 @@ class Study:
         return limit_cycle(self.runs) if self.driven else None
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
-        """Likelihood of driven runs under `model`."""
         found = driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
         return replace(found, smooth=smoothness(model, len(found.names)))
 

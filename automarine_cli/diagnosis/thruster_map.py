@@ -126,7 +126,6 @@ class ThrusterDiagnosis(Shown):
         return {**result, **scores, "notes": notes}
 
     def to_json(self) -> dict[str, object]:
-        """Content of diagnosis.json (schema automarine/diagnosis/1)."""
         gaps = {"fitted_runs": self.gap, "held_out_runs": self.held_out_gap, "cross_validation": self.cross}
         first = self.search.steps[0]
         return {

@@ -448,7 +448,6 @@ def _fit_driven_model(
 
 
 def both_ways(runs: Sequence[Run]) -> bool:
-    """Whether a tenth of all that the runs went, or more, went each way."""
     steps = np.concatenate([np.diff(run.position[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
     gone = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
     return min(gone) > LEAST_WAY * sum(gone)

@@ -64,7 +64,6 @@ class YawFit(Shown):
 
     @property
     def inertial_turn_angle(self) -> Estimate | None:
-        """Inertia over quadratic drag of the preferred model; None where that has linear drag alone."""
         return self.preferred.inertial_turn_angle
 
     @property
@@ -123,7 +122,6 @@ class YawFit(Shown):
 
     @property
     def buoyancy(self) -> "Buoyancy | None":
-        """The constant force of the preferred model; None for motions without one."""
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     def _driven_json(self) -> dict[str, object]:

@@ -56,7 +56,6 @@ def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
 
 
 def with_values(terms: tuple[Term, ...], rest: Iterator[float]) -> tuple[Term, ...]:
-    """The same terms with the next values."""
     return tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in terms)
 
 
