@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
@@ -30,8 +30,8 @@ from automarine_cli.pipeline.result_files import (
     ModelFile,
     PlanarFile,
     ResultKind,
-    ResultRecord,
     RunFile,
+    SetAside,
     StepDone,
     ThrusterFile,
     TuningFile,
@@ -101,46 +101,44 @@ STEPS = (
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
 
-Kept = TypeVar("Kept", bound=ResultRecord, covariant=True)
-
-
 @dataclass(frozen=True)
-class StepResult(Generic[Kept]):
+class StepResult:
     """What one step left: its folder, what its result file holds, and its manifest (None if there is none)."""
 
     name: str
     folder: Path
-    file: Kept
+    file: Any
     manifest: Manifest | None
 
     @property
     def dof(self) -> Dof:
-        """The motion that it is of."""
         return self.file.dof
+
+    @property
+    def logs(self) -> dict[str | None, str]:
+        """The logs that it read, by the hash of their content."""
+        inputs = () if self.manifest is None else self.manifest.inputs
+        return {entry.sha256: entry.file for entry in inputs if entry.role == "log"}
 
     def text(self, name: str) -> str:
         """Read a text file of the folder; empty if it is not there."""
         path = self.folder / name
         return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
 
+    def picture(self, stem: str, alt: str = "") -> str:
+        """Write the line that shows a figure; nothing if it was not drawn."""
+        kinds = [kind for kind in ("png", "svg") if (self.folder / f"{stem}.{kind}").is_file()]
+        alt = alt or alternatives(self.dof).get(stem, stem)
+        return f"![{escape(alt)}]({self.name}/{stem}.{kinds[0]})" if kinds else ""
 
-@dataclass(frozen=True)
-class Steps:
-    """The steps that are there, by folder name in their order."""
 
-    found: Mapping[str, StepResult[ResultRecord]]
+Steps = Mapping[str, StepResult]
+"""The steps that are there, by the names of their folders, in their order."""
 
-    def get(self, name: str, record: type[Kept]) -> StepResult[Kept] | None:
-        """Give a step's result of a kind, if it is there."""
-        step = self.found.get(name)
-        if step is None or not isinstance(step.file, record):
-            return None
-        return StepResult(step.name, step.folder, step.file, step.manifest)
 
-    @property
-    def missing(self) -> list[str]:
-        """Folders of every campaign that are not there."""
-        return [step.folder for step in STEPS if step.always and step.folder not in self.found]
+def missing(steps: Steps) -> list[str]:
+    """List the folders of every campaign that are not there."""
+    return [step.folder for step in STEPS if step.always and step.folder not in steps]
 
 
 def read_steps(folder: Path) -> Steps:
@@ -151,15 +149,14 @@ def read_steps(folder: Path) -> Steps:
         path = folder / step.folder / step.kind.file
         if path.is_file():
             file, manifest = step.kind.read(path, f"{step.folder}/{path.name}", OutputError), path.with_name(MANIFEST)
-            made = read_manifest(manifest) if manifest.is_file() else None
-            results[step.folder] = StepResult(step.folder, path.parent, file, made)
+            record = read_manifest(manifest) if manifest.is_file() else None
+            results[step.folder] = StepResult(step.folder, path.parent, file, record)
     if not results:
-        usual = ", ".join(step.folder for step in STEPS if step.always)
         raise OutputError(
-            f"{folder}: none of the folders {usual} with results is here; give a folder that "
+            f"{folder}: none of the folders {', '.join(missing({}))} with results is here; give a folder that "
             "automarine run made, or write the results of single commands into folders of these names"
         )
-    return Steps(results)
+    return results
 
 
 @dataclass(frozen=True)
@@ -172,8 +169,8 @@ class Report:
 
     def to_json(self) -> dict[str, object]:
         """Give what is in it: schema automarine/report/1."""
-        found, missing = list(self.steps.found), self.steps.missing
-        return {"schema": "automarine/report/1", "files": list(self.files), "steps": found, "missing": missing}
+        steps = {"steps": list(self.steps), "missing": missing(self.steps)}
+        return {"schema": "automarine/report/1", "files": list(self.files), **steps}
 
 
 @sections.register
@@ -188,10 +185,7 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     Raises OutputError if there is none at all.
     """
     steps = read_steps(folder)
-    folders = {
-        dof: {dof.name, *(folder_of(dof, step) for step in ("validation", "diagnosis"))} for dof in DOFS.values()
-    }
-    motions = [dof.name for dof, names in folders.items() if names & steps.found.keys()]
+    motions = [name for name in DOFS if any(step.section == name and step.folder in steps for step in STEPS)]
     title = title or f"{' and '.join(motions or [YAW.name])} identification".capitalize()
     text = document(steps, title, ran.cautions if ran else (), ran.steps if ran else ())
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
@@ -230,28 +224,27 @@ def document(steps: Steps, title: str, cautions: Sequence[str] = (), done: Seque
     """
     parts = {
         "Thruster map": _embedded(steps, "thrusters"),
-        **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof)},
+        **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof).items()},
         "Planar model": _embedded(steps, PLANAR.name, "planar_runs"),
         "Planar validation": _validation(steps, "planar_validation"),
         "Planar diagnosis": _embedded(steps, "planar_diagnosis"),
         "Tune": _embedded(steps, "tune"),
         "Logs": _logs(steps),
         "Runs set aside": _set_aside(steps),
-        "How this was made": _made(steps),
+        "How this was made": _manifests(steps),
     }
-    lines = headlines(steps)
     return markdown(
         f"# {escape(title)}",
         *(f"**{step.step} was refused:** {escape(step.refused)}" for step in done if step.refused),
-        *(f"**{escape(refusal)}**" for step in steps.found.values() if (refusal := _refusal(step.file))),
-        Table.of("", [{"step": name, "result": line} for name, line in lines.items()]) if lines else None,
+        *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
+        Table.of("", [{"step": name, "result": line} for name, line in headlines(steps).items()]),
         bullets(escape(f"Caution: {line}") for line in cautions),
         missing_sentence(steps, done),
         *(block for heading, blocks in parts.items() if blocks for block in (f"## {heading}", *blocks)),
     )
 
 
-def _refusal(file: ResultRecord) -> str:
+def _refusal(file: Any) -> str:
     """Why a model must not be used; empty where it may, and for results of other kinds."""
     if isinstance(file, ValidationFile):
         return file.use.refusal
@@ -263,96 +256,94 @@ def headlines(steps: Steps) -> dict[str, str]:
     models with what a diagnosis named."""
     lines = {}
     for step in STEPS:
-        if (result := steps.found.get(step.folder)) is not None:
+        if (result := steps.get(step.folder)) is not None:
             line = _HEADLINES[type(result.file)](result, steps)
             lines[step.name] = "not usable: " * bool(_refusal(result.file)) + line
     return lines
 
 
-def _of_check(step: StepResult[CheckFile], _: Steps) -> str:
-    file, used, aside = step.file, step.file.runs.used, len(step.file.runs.set_aside)
+def _of_check(step: StepResult, _: Steps) -> str:
+    file: CheckFile = step.file
+    used, aside = file.runs.used, len(file.runs.set_aside)
     idle = sum(run.step is None for run in file.yaw_runs)
     parts = [f"{file.logs} log{'s' * (file.logs != 1)}", f"{used} run{'s' * (used != 1)}"]
     return ", ".join([*parts, *[f"{idle} without a half-turn"] * bool(idle), *[f"{aside} set aside"] * bool(aside)])
 
 
-def _of_thrusters(step: StepResult[ThrusterFile], _: Steps) -> str:
-    file = step.file
+def _of_thrusters(step: StepResult, _: Steps) -> str:
+    file: ThrusterFile = step.file
     laws = {"forward": file.forward.a, "backward": file.backward.a} if file.form == "square" else {}
-    values = [f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None]
+    values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
     if (chosen := file.chosen) is None:
-        return f"{file.form} law{''.join(values)}"
+        return f"{file.form} law{values}"
     error = number(chosen.rmse_percent_of_full_scale, 2)
-    return f"{chosen.form} law{''.join(values)}, R² {number(chosen.r2)}, error {error} % of full scale"
+    return f"{chosen.form} law{values}, R² {number(chosen.r2)}, error {error} % of full scale"
 
 
-def _of_model(step: StepResult[ModelFile], steps: Steps) -> str:
+def _of_model(step: StepResult, steps: Steps) -> str:
     """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
-    file, keys = step.file, {step.dof.symbols.quadratic_print: step.dof.symbols.quadratic}
-    before = dict(file.main_parameters())
-    lacks = steps.get(folder_of(step.dof, "diagnosis"), DiagnosisFile)
-    base = lacks.file.base if lacks is not None and added_by(lacks) else {}
+    file: ModelFile = step.file
+    keys, before = {step.dof.symbols.quadratic_print: step.dof.symbols.quadratic}, dict(file.main_parameters())
+    added, diagnosis = added_by(steps, step.dof), steps.get(folder_of(step.dof, "diagnosis"))
+    base = diagnosis.file.base if diagnosis is not None and added else {}
     after = {name: base[keys.get(name, name)].after for name in before if keys.get(name, name) in base}
     if len(after) < len(before):
         return f"model {file.preferred}: {_values(before)}"
-    alone = ", ".join(number(given.value) for given in before.values())
-    return f"model {file.preferred} with {added_by(lacks)}: {_values(after)} (without: {alone})"
+    alone = ", ".join(number(value.value) for value in before.values())
+    return f"model {file.preferred} with {added}: {_values(after)} (without: {alone})"
 
 
-def _of_planar(step: StepResult[PlanarFile], _: Steps) -> str:
-    masses = {name: given for name, given in step.file.parameters.items() if name in MASSES}
-    return f"{step.file.structure}: {_values(masses)}" if masses else step.file.structure
+def _of_planar(step: StepResult, _: Steps) -> str:
+    masses = {name: value for name, value in step.file.parameters.items() if name in MASSES}
+    return f"{step.file.structure}: {_values(masses)}" if masses else f"{step.file.structure}"
 
 
-def _of_validation(step: StepResult[ValidationFile], steps: Steps) -> str:
+def _of_validation(step: StepResult, steps: Steps) -> str:
     """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
-    file, unit = step.file, step.dof.units.key
-    planar = file.motion == PLANAR.name
+    file: ValidationFile = step.file
+    unit, planar = step.dof.units.key, file.motion == PLANAR.name
     model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
     score, used = file.models[model], file.runs.used
-    fit = steps.found.get(PLANAR.name if planar else step.dof.name)
-    seen = {entry.sha256 for entry in _logs_of(fit)} & {entry.sha256 for entry in _logs_of(step)}
-    fitted = f" ({len(seen)} logs were fitted)" if seen else " not fitted" if _logs_of(fit) else ""
+    fit = steps.get(PLANAR.name if planar else step.dof.name)
+    logs = {} if fit is None else fit.logs
+    again = logs.keys() & step.logs.keys()
+    fitted = f" ({len(again)} logs were fitted)" if again else " not fitted" if logs else ""
     low, high = score.ci95 or (None, None)
     error = f"{number(score.rmse, 3)}{f' [{number(low, 3)}, {number(high, 3)}]' if score.ci95 else ''} {unit} free run"
     over = f"{used} run{'s' * (used != 1)}{fitted}"
     if planar:
         return f"heading {error} over {over}"
-    lacks = added_by(steps.get(folder_of(step.dof, "diagnosis"), DiagnosisFile))
+    added = added_by(steps, step.dof)
     best = f" (best: model {file.best}, {number(file.models[file.best].rmse, 3)})" if model != file.best else ""
-    again, noise = number(score.restarted, 3), number(file.noise_floor, 2)
-    said = f"model {model}: {error}{best}, {again} {unit} restarted, noise {noise} {unit}, over {over}"
-    return f"without {lacks}, {said}" if lacks else said
+    restarted, noise = number(score.restarted, 3), number(file.noise_floor, 2)
+    said = f"model {model}: {error}{best}, {restarted} {unit} restarted, noise {noise} {unit}, over {over}"
+    return f"without {added}, {said}" if added else said
 
 
-def _of_diagnosis(step: StepResult[DiagnosisFile], _: Steps) -> str:
-    gap, unit = step.file.gap.fitted_runs, step.file.unit
-    names = ", ".join(effect.name for effect in step.file.effects)
-    verdict = step.file.verdict.replace("-", " ") + (f": {names}" if names else "")
-    return f"{verdict}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"
+def _of_diagnosis(step: StepResult, _: Steps) -> str:
+    file: DiagnosisFile = step.file
+    names = ", ".join(effect.name for effect in file.effects)
+    verdict, gap = file.verdict.replace("-", " ") + (f": {names}" if names else ""), file.gap.fitted_runs
+    return f"{verdict}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
 
 
-def _of_tuning(step: StepResult[TuningFile], _: Steps) -> str:
+def _of_tuning(step: StepResult, _: Steps) -> str:
     return f"{step.file.verdict.replace('-', ' ')} for {step.file.target}"
 
 
-_HEADLINES: dict[type[ResultRecord], Any] = {
+_HEADLINES = {
     CheckFile: _of_check, ThrusterFile: _of_thrusters, ModelFile: _of_model, PlanarFile: _of_planar,
     ValidationFile: _of_validation, DiagnosisFile: _of_diagnosis, TuningFile: _of_tuning,
 }  # fmt: skip
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 
 
-def added_by(step: StepResult[DiagnosisFile] | None) -> str:
-    """What a diagnosis of a motion named and added to its model."""
+def added_by(steps: Steps, dof: Dof) -> str:
+    """Name what the diagnosis of a motion added to its model; empty where it named nothing."""
+    step = steps.get(folder_of(dof, "diagnosis"))
     if step is None or step.file.verdict != "named" or step.file.of_thrusters:
         return ""
     return " and ".join(effect.name for effect in step.file.effects)
-
-
-def _logs_of(step: StepResult[Any] | None) -> list[Any]:
-    inputs = step.manifest.inputs if step is not None and step.manifest is not None else ()
-    return [entry for entry in inputs if entry.role == "log"]
 
 
 def _values(given: Mapping[str, Given]) -> str:
@@ -366,50 +357,40 @@ def _interval(given: Given) -> str:
     return f"{interval(given.estimate)} {given.unit}".rstrip()
 
 
-def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
+def _of_motion(steps: Steps, dof: Dof) -> dict[str, list[str]]:
     """The sections of one motion; those of yaw, which every campaign has, need no name."""
     within = "" if dof is YAW else f" in {dof.name}"
-    yield f"{dof.name.capitalize()} model", _model(steps, dof)
-    yield f"Validation{within}", _validation(steps, folder_of(dof, "validation"))
-    yield f"Diagnosis{within}", _embedded(steps, folder_of(dof, "diagnosis"))
-
-
-def picture(step: StepResult[ResultRecord], stem: str, alt: str = "") -> str:
-    """The line that shows a figure of a step; nothing if it was not drawn."""
-    kinds = [kind for kind in ("png", "svg") if (step.folder / f"{stem}.{kind}").is_file()]
-    alt = alt or alternatives(step.dof).get(stem, stem)
-    return f"![{escape(alt)}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
+    return {
+        f"{dof.name.capitalize()} model": _model(steps, dof),
+        f"Validation{within}": _validation(steps, folder_of(dof, "validation")),
+        f"Diagnosis{within}": _embedded(steps, folder_of(dof, "diagnosis")),
+    }
 
 
 def fold(summary: str, *blocks: str) -> list[str]:
-    """Blocks that are folded away behind their summary."""
     return [f"<details><summary>{summary}</summary>", *blocks, "</details>"]
 
 
 def _embedded(steps: Steps, folder: str, *figures: str) -> list[str]:
     """The page of a step without its title, headings one level lower, pictures by their place from here."""
-    if (step := steps.found.get(folder)) is None:
+    if (step := steps.get(folder)) is None:
         return []
     pages = sorted(path.name for path in step.folder.glob("*.md"))
     text = re.sub(r"\A# .*\n", "", step.text(pages[0]) if pages else "")
     text = re.sub(r"^## ", "### ", text, flags=re.MULTILINE)
-    shown = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
-    alts = alternatives(step.dof)
-    return [
-        shown.sub(lambda found: picture(step, found[2], alts.get(found[2], found[1])), text),
-        *(picture(step, stem) for stem in figures),
-    ]
+    shown, alts = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE), alternatives(step.dof)
+    text = shown.sub(lambda match: step.picture(match[2], alts.get(match[2], match[1])), text)
+    return [text, *map(step.picture, figures)]
 
 
 def _model(steps: Steps, dof: Dof) -> list[str]:
-    if (step := steps.get(dof.name, ModelFile)) is None:
+    if (step := steps.get(dof.name)) is None:
         return []
     file, symbols, blocks = step.file, dof.symbols, list[str]()
-    if names := added_by(steps.get(folder_of(dof, "diagnosis"), DiagnosisFile)):
-        added = (
-            f"This is the model without {escape(names)}, which the diagnosis added: the final numbers are at the top."
+    if names := escape(added_by(steps, dof)):
+        blocks.append(
+            f"This is the model without {names}, which the diagnosis added: the final numbers are at the top."
         )
-        blocks.append(added)
     blocks.append(escape(file.preferred_because))
     if file.ratio is not None:
         length = escape(interval(file.ratio.known(f"{step.name}: {dof.ratio_key}")))
@@ -420,20 +401,18 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
     blocks += [escape(line) for line in sentences_of(file.channels, dof)]
     blocks.append(escape(str(file.buoyancy.get("says", ""))))
     tables = [re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")]
-    noted = "\n".join(tables)
-    warnings = [line for line in map(escape, file.warnings) if line not in noted]
-    figures = ("drag", "inertia", dof.steps_key, "collapse", "whole_runs")
-    shown = [picture(step, stem) for stem in figures]
-    return [*blocks, *tables, bullets(f"Warning: {line}" for line in warnings), "### Figures of the fit", *shown]
+    warnings = [f"Warning: {line}" for line in map(escape, file.warnings) if line not in "\n".join(tables)]
+    figures = map(step.picture, ("drag", "inertia", dof.steps_key, "collapse", "whole_runs"))
+    return [*blocks, *tables, bullets(warnings), "### Figures of the fit", *figures]
 
 
 def _validation(steps: Steps, folder: str) -> list[str]:
-    if (step := steps.get(folder, ValidationFile)) is None:
+    if (step := steps.get(folder)) is None:
         return []
     words, names = step.dof.words, list(step.file.logs)
     alt = f"measured and simulated {words.position}, their difference, the {words.force}"
     stems = islice(zip(names, file_stems(names)), MOST_SHOWN)
-    shown = [picture(step, f"validation_{stem}", f"Run {name}: {alt}") for name, stem in stems]
+    shown = [step.picture(f"validation_{stem}", f"Run {name}: {alt}") for name, stem in stems]
     blocks = [step.text("validation.md"), "### Run by run", *shown[:SHOWN_OPEN]]
     if shown[SHOWN_OPEN:]:
         blocks += fold(f"{len(shown) - SHOWN_OPEN} more runs", *shown[SHOWN_OPEN:])
@@ -443,51 +422,46 @@ def _validation(steps: Steps, folder: str) -> list[str]:
 
 
 def _logs(steps: Steps) -> list[str]:
-    if (step := steps.get("check", CheckFile)) is None or not (body := step.text("check.md")):
-        return []
-    return _folded("Every run", body, "check/check.md")
+    step = steps.get("check")
+    return _folded("Every run", body, "check/check.md") if step and (body := step.text("check.md")) else []
 
 
 def _set_aside(steps: Steps) -> list[str]:
-    rows: dict[tuple[str, str, str], list[str]] = {}
-    for step in steps.found.values():
+    names: dict[SetAside, list[str]] = {}
+    for step in steps.values():
         for run in step.file.runs.set_aside:
-            rows.setdefault((run.file, run.run, run.why), []).append(step.name)
-    if not rows:
+            names.setdefault(run, []).append(step.name)
+    rows = [
+        {"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(folders)}
+        for run, folders in names.items()
+    ]
+    return [Table.of("", rows).to_markdown()] if rows else []
+
+
+def _manifests(steps: Steps) -> list[str]:
+    """Command, settings, versions and inputs of each step."""
+    manifests = {step.name: step.manifest for step in steps.values() if step.manifest is not None}
+    if not manifests:
         return []
-    table = Table(
-        "", ("log", "run", "why", "left out of"), tuple((*key, ", ".join(names)) for key, names in rows.items())
+    rows = [
+        {"folder": name, "command": f"automarine {manifest.command}",
+         "non-default settings": _settings(manifest.options), "seed": "" if manifest.seed is None else manifest.seed,
+         "inputs": len(manifest.inputs), "automarine": manifest.automarine}
+        for name, manifest in manifests.items()
+    ]  # fmt: skip
+    versions = {", ".join(map(" ".join, manifest.libraries.items())) for manifest in manifests.values()}
+    inputs = tuple(
+        (name, entry.role, entry.file, entry.sha256 or "not readable")
+        for name, manifest in manifests.items()
+        for entry in manifest.inputs
     )
-    return [table.to_markdown()]
-
-
-def _made(steps: Steps) -> list[str]:
-    """Command, settings, versions and inputs of each step, from the manifests."""
-    known = [(step, step.manifest) for step in steps.found.values() if step.manifest is not None]
-    if not known:
-        return []
-    rows = []
-    for step, made in known:
-        seed, settings = "" if made.seed is None else str(made.seed), _settings(made.options)
-        rows.append((step.name, f"automarine {made.command}", settings, seed, str(len(made.inputs)), made.automarine))
-    header = ("folder", "command", "non-default settings", "seed", "inputs", "automarine")
-    versions = {", ".join(f"{name} {one}" for name, one in made.libraries.items()) for _, made in known}
+    hashes = Table("", ("folder", "as", "file", "SHA-256"), inputs).to_markdown()
     return [
-        Table("", header, tuple(rows)).to_markdown(),
+        Table.of("", rows).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
         "`automarine verify` on each folder says whether anything in it has changed.",
-        *_folded("Every input and its SHA-256", _files(known), "manifest.json"),
+        *_folded("Every input and its SHA-256", hashes, "manifest.json"),
     ]
-
-
-def _files(known: Sequence[tuple[StepResult[ResultRecord], Manifest]]) -> str:
-    """Every input of every step with its hash."""
-    rows = [
-        (step.name, entry.role, entry.file, entry.sha256 or "not readable")
-        for step, made in known
-        for entry in made.inputs
-    ]
-    return Table("", ("folder", "as", "file", "SHA-256"), tuple(rows)).to_markdown()
 
 
 def _folded(summary: str, table: str, place: str) -> list[str]:
@@ -497,26 +471,28 @@ def _folded(summary: str, table: str, place: str) -> list[str]:
 
 def _settings(options: Mapping[str, object]) -> str:
     """Settings that say something: not those left alone, nor how figures are stored."""
-    told = {key: value for key, value in options.items() if value not in (None, False, [], "", "auto")}
-    plain = {key: value for key, value in told.items() if not isinstance(value, (dict, list)) and value is not True}
-    flags = [key for key, value in told.items() if value is True and key != "figures"]
-    return ", ".join([*(f"{key} {value}" for key, value in plain.items()), *flags]) or "none"
+    changed = {key: value for key, value in options.items() if value not in (None, False, [], "", "auto")}
+    plain = [
+        f"{key} {value}" for key, value in changed.items() if value is not True and not isinstance(value, dict | list)
+    ]
+    flags = [key for key, value in changed.items() if value is True and key != "figures"]
+    return ", ".join([*plain, *flags]) or "none"
 
 
 def missing_sentence(steps: Steps, done: Sequence[StepDone]) -> str:
     """Which steps left nothing to report, and why where that is not told as a refusal."""
-    only_force = any(not step.always and step.folder in steps.found for step in STEPS) and "yaw" not in steps.found
-    fates = {one.step: one for one in done}
-    missing: dict[str, list[str]] = {}
+    only_force = any(not step.always and step.folder in steps for step in STEPS) and YAW.name not in steps
+    fates = {step.step: step for step in done}
+    lacking: dict[str, list[str]] = {}
     for step in STEPS:
         fate = fates.get(step.name)
         passed = only_force and step.section == YAW.name
-        if step.folder in steps.missing and not passed and not (fate and fate.refused):
+        if step.folder in missing(steps) and not passed and not (fate and fate.refused):
             words = f"no {step.kind.words.removeprefix('a ').removeprefix('an ')}"
-            missing.setdefault((fate.skipped if fate else None) or "", []).append(words)
-    said = []
-    for why, lack in missing.items():
-        lacking = listed(lack)
-        why = escape(why) or ("that step was not run" if len(lack) == 1 else "those steps were not run")
-        said.append(f"{lacking[0].upper()}{lacking[1:]}: {why}.")
-    return " ".join(said)
+            lacking.setdefault((fate.skipped if fate else None) or "", []).append(words)
+    sentences = []
+    for why, results in lacking.items():
+        names, several = listed(results), len(results) > 1
+        why = escape(why) or ("those steps were not run" if several else "that step was not run")
+        sentences.append(f"{names[0].upper()}{names[1:]}: {why}.")
+    return " ".join(sentences)

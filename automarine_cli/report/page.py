@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from html import escape, unescape
 from importlib.resources import files
+from itertools import count, groupby
 from pathlib import Path
 
 Picture = Callable[[str, str], str]
@@ -43,23 +44,14 @@ def plain(text: str) -> str:
     return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda found: found[1] or "", text))
 
 
-def slug(words: str, taken: Sequence[str]) -> str:
-    """An id for a heading: its words in small letters, with a number where they come again."""
-    stem = re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-") or "part"
-    return next(name for n in range(1, 10_000) if (name := stem if n == 1 else f"{stem}-{n}") not in taken)
-
-
 def _blocks(lines: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> Iterator[str]:
-    i = 0
-    while i < len(lines):
-        line = lines[i].strip()
-        block = [line]
-        if line.startswith(("|", "- ")):
-            mark = line[:1]
-            while i + len(block) < len(lines) and lines[i + len(block)].strip().startswith(mark):
-                block.append(lines[i + len(block)].strip())
-        i += len(block)
-        if line:
+    """HTML of each table, list and line; lines of a table or list stand together."""
+
+    def mark(line: str) -> object:
+        return next((mark for mark in ("|", "- ") if line.startswith(mark)), object())
+
+    for _, group in groupby(map(str.strip, lines), mark):
+        if (block := list(group))[0]:
             yield _block(block, picture, headings)
 
 
@@ -71,7 +63,8 @@ def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str
         return "<ul>" + "".join(f"<li>{words(item[2:])}</li>" for item in block) + "</ul>"
     if found := HEADING.fullmatch(line):
         level, said = len(found[1]), plain(found[2])
-        name = slug(said, [one for _, one, _ in headings])
+        stem, ids = re.sub(r"[^a-z0-9]+", "-", said.lower()).strip("-") or "part", [name for _, name, _ in headings]
+        name = next(name for n in count(1) if (name := stem if n == 1 else f"{stem}-{n}") not in ids)
         headings.append((level, name, said))
         anchor = f'<a class="anchor" href="#{name}" aria-label="Link to: {escape(said)}">#</a>'
         return f'<h{level} id="{name}">{words(found[2])} {anchor}</h{level}>'
@@ -99,11 +92,9 @@ def _spans(text: str) -> str:
         if found[3]:
             run += found[3][1]
             continue
-        parts.append(_symbols(run))
+        code = found[1] is not None
+        parts += [_symbols(run), f"<code>{escape(found[1])}</code>" if code else f"<strong>{_spans(found[2])}</strong>"]
         run = ""
-        parts.append(
-            f"<code>{escape(found[1])}</code>" if found[1] is not None else f"<strong>{_spans(found[2])}</strong>"
-        )
     return "".join([*parts, _symbols(run + unescape(text[at:]))])
 
 
@@ -137,8 +128,7 @@ def _table(block: Sequence[str]) -> str:
 
 
 def _cells(line: str) -> list[str]:
-    """Cells of a row, split at bars without a backslash."""
-    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)][1:-1]
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)][1:-1]  # at bars without a backslash
 
 
 SAFE_PLACE = re.compile(r"[^/\\]+/[^/\\]+")
@@ -149,6 +139,7 @@ PIXELS_PER_POINT = 1.73  # a page-wide figure fills the page, and letters are of
 def page(text: str, folder: Path, title: str) -> str:
     """The report `text` (Markdown) as a page, with the pictures that it names in `folder` drawn into it."""
     body = to_html(text, lambda place, alt: figure(folder, place, alt))
+    links = (f'<a href="#{name}">{escape(said)}</a>' for level, name, said in body.headings if level == 2)
     style = files("automarine_cli.report").joinpath("page.css").read_text(encoding="utf-8").strip()
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -162,7 +153,7 @@ def page(text: str, folder: Path, title: str) -> str:
 <style>{style}</style>
 </head>
 <body>
-{_contents(body.headings)}
+<nav aria-label="Sections">{"".join(links)}</nav>
 <main>
 {body.html}
 </main>
@@ -186,9 +177,3 @@ def figure(folder: Path, place: str, alt: str) -> str:
             image = f'<img src="data:image/{kind};base64,{data}" alt="{escape(alt)}"{size}>'
             return f"<figure>{image}<figcaption>{escape(alt)}</figcaption></figure>"
     return f"<p>The figure “{escape(alt)}” is not in its folder.</p>"
-
-
-def _contents(headings: Sequence[tuple[int, str, str]]) -> str:
-    """Links to the sections."""
-    links = "".join(f'<a href="#{name}">{escape(said)}</a>' for level, name, said in headings if level == 2)
-    return f'<nav aria-label="Sections">{links}</nav>'

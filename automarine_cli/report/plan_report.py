@@ -14,7 +14,7 @@ from automarine_cli.planning.plan import Plan, command_path
 from automarine_cli.planning.rivals import Split
 from automarine_cli.planning.vehicle import command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
-from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 PRECISION = "Value, predicted 95 % interval, and half its width in percent."
@@ -48,7 +48,6 @@ def _(plan: Plan) -> Sections:
 
 
 def _totals(campaign: Campaign) -> str:
-    """How much there is, and what of the limits it takes, in a sentence."""
     last, limits = campaign.slots[-1], campaign.limits
     kinds = [run.kind for run in campaign.candidates]
     counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
@@ -67,7 +66,8 @@ def _tables(campaign: Campaign) -> list[Table]:
 
 def _sheet_rows(campaign: Campaign) -> Table:
     """The run sheet for programs and spreadsheets."""
-    unit, rest, full = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s, _full(campaign)
+    unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
+    full = campaign.limits.battery.charge_Ah
     return Table.of("", [
         {
             "number": slot.number, "name": slot.name, "kind": slot.candidate.kind,
@@ -83,10 +83,6 @@ def _sheet_rows(campaign: Campaign) -> Table:
     ])  # fmt: skip
 
 
-def _full(campaign: Campaign) -> float:
-    return campaign.limits.battery.charge_Ah
-
-
 def _sheet_table(campaign: Campaign) -> Table:
     """The run sheet for people."""
     rows = [
@@ -94,7 +90,8 @@ def _sheet_table(campaign: Campaign) -> Table:
             "run": slot.number, "begin at min:s": _clock(slot.begins),
             "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{slot.turn_there:+.0f}",
             "after the rest": in_words(slot.candidate, campaign.fitting.model.moment_unit),
-            "then wait s": f"{slot.wait:g}", "battery left %": f"{100.0 * slot.left / _full(campaign):.0f}",
+            "then wait s": f"{slot.wait:g}",
+            "battery left %": f"{100.0 * slot.left / campaign.limits.battery.charge_Ah:.0f}",
             "what for": slot.why,
         }
         for slot in campaign.slots
@@ -122,12 +119,9 @@ def _interval_table(campaign: Campaign) -> Table:
 
 
 def _symbol(name: str, campaign: Campaign) -> str:
-    """A parameter as tables have it."""
-    dof = campaign.fitting.model.dof
-    symbols = dof.symbols
-    printed = {symbols.quadratic: symbols.quadratic_print,
-               dof.words.inertial_length: f"{symbols.inertia}/{symbols.quadratic_print}"}  # fmt: skip
-    return printed.get(name, name)
+    dof, symbols = campaign.fitting.model.dof, campaign.fitting.model.dof.symbols
+    length = f"{symbols.inertia}/{symbols.quadratic_print}"
+    return {symbols.quadratic: symbols.quadratic_print, dof.words.inertial_length: length}.get(name, name)
 
 
 def _precision(estimate: Estimate | None) -> str:
@@ -163,16 +157,14 @@ def _compared_table(campaign: Campaign) -> Table:
     """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
     curves = {"this plan": campaign.plan, "the paper's grid": campaign.grid}
     curves |= {f"this plan and one {curve.campaign}": curve for curve in campaign.more}
+    columns = {f"{_symbol(name, campaign)} %": name for name in campaign.plan.stderr_percent}
     rows = [
         {
             "campaign": label,
             "min in the pool": number(curve.minutes[-1], 3),
             "s of motion": number(curve.motion_s[-1], 3),
         }
-        | {
-            f"{_symbol(name, campaign)} %": number(curve.stderr_percent[name][-1], 2)
-            for name in campaign.plan.stderr_percent
-        }
+        | {column: number(curve.stderr_percent[name][-1], 2) for column, name in columns.items()}
         for label, curve in curves.items()
     ]
     earlier = " The earlier runs are counted in." if campaign.together else ""
@@ -180,14 +172,11 @@ def _compared_table(campaign: Campaign) -> Table:
 
 
 def _page(plan: Plan, rehearsal: str) -> str:
-    """plan.md; `rehearsal` is a sentence on plan.toml."""
-    campaign = plan.campaign
-    sheet, *others = (table.to_markdown().rstrip() for table in (
-        replace(_sheet_table(campaign), title=""), *_tables(campaign)[1:]
-    ))  # fmt: skip
-    pool = campaign.limits.pool
+    """Write plan.md; `rehearsal` is a sentence on plan.toml."""
+    campaign, pool = plan.campaign, plan.campaign.limits.pool
+    sheet, *others = _tables(campaign)
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
-    parts = [
+    return document(
         f"# The next campaign, planned from {plan.model}",
         _totals(campaign),
         "## Run sheet",
@@ -195,7 +184,7 @@ def _page(plan: Plan, rehearsal: str) -> str:
         f"{pool.wait_after_long_turn_s:g} s. Start headings in turn: {headings} degrees; a few degrees do not matter. "
         "Turn there by as much as the sheet says, clockwise where it is positive: so the tether never holds more than "
         "half a turn at the start of a run.",
-        sheet,
+        replace(sheet, title=""),
         "Play `commands/NAME.csv` for each run, or command it by hand, and log time, heading and command of the whole "
         "run, rest included. Repeat a failed run at once; keep the order, which is random on purpose.",
         "## Expected precision",
@@ -203,9 +192,8 @@ def _page(plan: Plan, rehearsal: str) -> str:
         *others,
         "![Precision against minutes in the pool](plan.png)",
         "## Assumptions",
-        "\n".join(f"- {line}" for line in _assumptions(plan, rehearsal)),
-    ]
-    return "\n\n".join(parts) + "\n"
+        bullets(_assumptions(plan, rehearsal)),
+    )
 
 
 def _assumptions(plan: Plan, rehearsal: str) -> list[str]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from automarine_cli.comparison.side_by_side import Side
-from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure, shortened
 
 MARKS = "os^Dv<>p"
 SHADES = ("black", "blue", "vermilion", "green", "purple", "orange", "sky")
@@ -16,7 +16,7 @@ WIDEST_LABEL = 40  # letters that have room below a panel
 
 @house_style
 def compare_figure(sides: Sequence[Side]) -> Figure:
-    """A panel for each parameter; the interval of the first result goes on as a band."""
+    """Draw a panel for each parameter; the interval of the first result goes on as a band."""
     names = list(dict.fromkeys(name for side in sides for name in side.parameters))
     columns = 2 if len(names) == 4 else max(1, min(PER_ROW, len(names)))
     rows = max(1, -(-len(names) // columns))
@@ -40,10 +40,6 @@ def compare_figure(sides: Sequence[Side]) -> Figure:
     for ax in axes.flat[len(names) :]:
         ax.set_axis_off()
     for ax in axes[:, 0]:
-        ax.set_yticks(list(places), [_short(side.name) for side in sides], parse_math=False)
+        ax.set_yticks(list(places), [shortened(side.name, LONGEST_NAME) for side in sides], parse_math=False)
         ax.set_ylim(0.4, len(sides) + 0.6)
     return figure
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"

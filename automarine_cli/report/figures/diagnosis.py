@@ -16,9 +16,9 @@ from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Row, Variable, Where
 from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED
+from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, Gap
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.planar_structure import PLACES
@@ -42,11 +42,12 @@ NOT_NEEDED, TRIED, PROMISED = "0.72", "0.55", "0.85"
 MOST_PANELS, COLUMNS = 12, 4
 MOST_RUNS_SHOWN = 4
 WIDEST = 104  # letters that have room side by side in the title
+NARROWEST = 0.04  # share of its panel that a marked region takes at least: a narrower one could not be seen
+OF_THE_RUN = 0.1  # share of its range that a variable may vary by within runs and still be shown as one value a run
 LABEL = {"n": "control signal n", "voltage": "supply voltage", "run-order": "run order"}
 
 
 def in_words(variable: Variable, dof: Dof) -> str:
-    """Return the variable's name and unit for an axis."""
     others = {
         "time-since-command-change": "time since command changed", "time-in-run": "time in the run",
         f"{dof.words.force}-size": f"size of the {dof.words.force}",
@@ -59,22 +60,26 @@ def in_words(variable: Variable, dof: Dof) -> str:
 def where_figure(where: Where, words: str, units: str = "runs", less: str = "simulated") -> Figure:
     """Draw small multiples, one a variable, most significant first, above a heat map of runs by time; `words` are the
     verdict, `units` are what chance turns the sign of, `less` is what the measured is compared with."""
-    shown = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))[:MOST_PANELS]
+    shown = sorted(where.variables, key=_by_significance)[:MOST_PANELS]
     rows = -(-len(shown) // COLUMNS)
     heights = (*[1.55] * rows, 2.6)
     figure, grid = new_figure(rows + 1, COLUMNS, PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
     panels = grid[:rows].ravel()
     for axes, variable in zip(panels, shown):
-        bins_panel(axes, variable, in_words(variable, where.dof), _look(variable.telling, where.dof))
+        _bins(axes, variable, in_words(variable, where.dof), _gap_of(variable.telling, where.dof))
     for axes in panels[len(shown) :]:
         axes.set_axis_off()
     (heat,) = span(figure, grid[rows], slice(None))
     _heat_map(figure, heat, where, less)
-    out = sum(bool(variable.stands_out.any()) for variable in where.variables) or "none"
+    out = sum(bool(variable.stands_out.any()) for variable in where.variables)
     _explain_bins(figure, units)
-    marked = "" if out == "none" else " (yellow)"
-    figure.suptitle(f"The error depends on {out} of {len(where.variables)} variables{marked}. Verdict: {words}")
+    depends = f"{out or 'none'} of {len(where.variables)} variables{' (yellow)' * bool(out)}"
+    figure.suptitle(f"The error depends on {depends}. Verdict: {words}")
     return figure
+
+
+def _by_significance(variable: Variable) -> tuple[float, float]:
+    return variable.p_value, -float(np.abs(variable.telling.t).max())
 
 
 @house_style
@@ -85,7 +90,7 @@ def thruster_where_figure(result: ThrusterDiagnosis) -> Figure:
     for axes, variable in zip(grid[0], variables):
         unit, row = f" [{variable.unit}]" if variable.unit else "", variable.telling
         gap = "log gap" if row.unit == "log" else "along the thrust [N]" if row.directed else "measured − map [N]"
-        bins_panel(axes, variable, LABEL[variable.name] + unit, gap)
+        _bins(axes, variable, LABEL[variable.name] + unit, gap)
     _explain_bins(figure, "points")
     share = f"{result.percent(result.gap.before):.2g} % of full scale"
     figure.suptitle(f"Where the {result.given.form} map is wrong: {share}")
@@ -100,30 +105,23 @@ def _explain_bins(figure: Figure, units: str) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
 
 
-NARROWEST = 0.04
-"""Share of its panel that a marked region takes at least: a narrower one could not be seen."""
-
-
-def bins_panel(axes: Axes, variable: Variable, label: str, gap_label: str) -> None:
+def _bins(axes: Axes, variable: Variable, label: str, gap_label: str) -> None:
     """Draw the most telling row of one variable as steps with a band; bins that stand out are shaded."""
-    row = variable.telling
-    out = bool(variable.stands_out.any())
-    wide = NARROWEST * float(variable.edges[-1] - variable.edges[0])
-    for begin, end, mark in zip(variable.edges[:-1], variable.edges[1:], variable.stands_out):
-        if mark:
-            aside = max(wide - (end - begin), 0.0) / 2.0
-            axes.axvspan(begin - aside, end + aside, color=MARK, alpha=0.45, lw=0, zorder=0)
+    row, edges, out = variable.telling, variable.edges, bool(variable.stands_out.any())
+    span = float(np.ptp(edges))
+    for begin, end in zip(edges[:-1][variable.stands_out], edges[1:][variable.stands_out]):
+        aside = max(NARROWEST * span - (end - begin), 0.0) / 2.0
+        axes.axvspan(begin - aside, end + aside, color=MARK, alpha=0.45, lw=0, zorder=0)
     have = np.isfinite(row.mean)
     colour = BEFORE if out else "0.45"
     axes.axhline(0.0, color="0.3", lw=0.6, zorder=1)
-    x = np.where(np.isfinite(variable.middle), variable.middle, 0.5 * (variable.edges[1:] + variable.edges[:-1]))
+    x = np.where(np.isfinite(variable.middle), variable.middle, 0.5 * (edges[1:] + edges[:-1]))
     low, high = (row.mean - 2 * row.error)[have], (row.mean + 2 * row.error)[have]
     axes.fill_between(x[have], low, high, color=colour, alpha=0.3, lw=0)
     axes.plot(x[have], row.mean[have], "o-", color=colour, ms=2.5, lw=1.0)
     most = float(np.max(np.abs(row.mean[have]) + 2 * np.nan_to_num(row.error[have]), initial=1e-9))
     axes.set_ylim(-1.15 * most, 1.15 * most)
-    span = float(np.ptp(variable.edges))
-    axes.set_xlim(float(variable.edges[0]) - 0.02 * span, float(variable.edges[-1]) + 0.02 * span)
+    axes.set_xlim(float(edges[0]) - 0.02 * span, float(edges[-1]) + 0.02 * span)
     axes.set_xlabel(label, labelpad=1, fontsize=7, parse_math=False)
     axes.set_ylabel(gap_label, labelpad=1, fontsize=6.5)
     axes.set_title(
@@ -133,8 +131,7 @@ def bins_panel(axes: Axes, variable: Variable, label: str, gap_label: str) -> No
     axes.tick_params(labelsize=6)
 
 
-def _look(row: Row, dof: Dof) -> str:
-    """What the vertical axis shows."""
+def _gap_of(row: Row, dof: Dof) -> str:
     force = dof.words.force
     if row.kind == SIZE:
         return "log gap of the run"
@@ -170,39 +167,36 @@ def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
     axes.grid(False)
 
 
-@dataclass(frozen=True)
-class Look:
-    """A look at the candidates: what each gains over the model, and its colour."""
-
-    gains: Mapping[str, float]
-    colours: Mapping[str, str]
+Look = Mapping[str, tuple[float, str]]
+"""What each candidate gains over the model in one look at them, and its colour."""
 
 
 def why_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the evidence of every candidate in the first round against the threshold."""
     found, first = diagnosis.found, diagnosis.found.rounds[0]
-    gains = {trial.added[-1]: first.gain(trial) for trial in first.trials}
     colours = dict.fromkeys((rival.name for rival in found.rivals), RIVAL) | dict.fromkeys(found.final.added, AFTER)
+    look = {trial.added[-1]: (first.gain(trial), colours.get(trial.added[-1], NOT_NEEDED)) for trial in first.trials}
     what = "the innovations of driven runs" if diagnosis.study.driven else "the gap"
     best = "suspected" if diagnosis.verdict == SUSPECTED else "named"
     return evidence_figure(
-        [Look(gains, colours)], first.threshold, {best: AFTER, "rival not excluded": RIVAL, "not needed": NOT_NEEDED},
+        [look], first.threshold, {best: AFTER, "rival not excluded": RIVAL, "not needed": NOT_NEEDED},
         f"threshold ({1000 * LEVEL:.0f} in 1000 by chance)",
         f"Which missing effect would explain {what}.\nVerdict: {diagnosis.words}",
     )  # fmt: skip
 
 
 def thruster_why_figure(result: ThrusterDiagnosis) -> Figure:
-    """Draw the evidence of every candidate of the first step against the threshold."""
-    first = result.search.steps[0]
-    best: dict[str, float] = {}
-    for candidate in first.candidates:
-        best[candidate.effect] = max(best.get(candidate.effect, -np.inf), candidate.gain)
+    """Draw the evidence of every candidate of the first step, in the better direction, against the threshold."""
+    first, names = result.search.steps[0], [effect.name for effect in result.effects]
     rivals = (rival.name for effect in result.effects for rival in effect.rivals)
-    colours = dict.fromkeys(rivals, RIVAL) | dict.fromkeys((effect.name for effect in result.effects), AFTER)
-    words = " and ".join(effect.name for effect in result.effects) or result.verdict.replace("-", " ")
+    colours = dict.fromkeys(rivals, RIVAL) | dict.fromkeys(names, AFTER)
+    look = {
+        candidate.effect: (candidate.gain, colours.get(candidate.effect, NOT_NEEDED))
+        for candidate in sorted(first.candidates, key=lambda candidate: candidate.gain)
+    }
+    words = " and ".join(names) or result.verdict.replace("-", " ")
     return evidence_figure(
-        [Look(best, colours)], first.threshold, {"named or suspected": AFTER, "not needed": NOT_NEEDED},
+        [look], first.threshold, {"named or suspected": AFTER, "not needed": NOT_NEEDED},
         f"threshold ({1000 * ALPHA:.0f} in 1000 by chance)",
         f"Which missing effect would explain the gap. Verdict: {words}",
     )  # fmt: skip
@@ -215,19 +209,14 @@ def planar_why_figure(search: PlanarSearch) -> Figure:
         fitted = {contender.candidate.added: contender for contender in look.tried}
         rivals = {rival.candidate.added for rival in look.rivals}
         best = look.best.candidate.added if look.best else None
-        gains, colours = {}, {}
+        gains: dict[str, tuple[float, str]] = {}
         for candidate, promised in look.promised:
-            name, added = candidate.label, candidate.added
-            gains[name] = fitted[added].surplus if added in fitted else promised
-            colours[name] = TRIED if added in fitted else PROMISED
-            colours[name] = AFTER if added == best else RIVAL if added in rivals else colours[name]
-        looks.append(Look(gains, colours))
-    legend = {
-        "named": AFTER,
-        "rival not excluded": RIVAL,
-        "fitted, not needed": TRIED,
-        "not fitted: promised": PROMISED,
-    }
+            added = candidate.added
+            gain, colour = (fitted[added].surplus, TRIED) if added in fitted else (promised, PROMISED)
+            gains[candidate.label] = gain, AFTER if added == best else RIVAL if added in rivals else colour
+        looks.append(gains)
+    legend = {"named": AFTER, "rival not excluded": RIVAL, "fitted, not needed": TRIED,
+              "not fitted: promised": PROMISED}  # fmt: skip
     title = f"Which missing effect would explain the innovations. Verdict: {search.words}"
     return evidence_figure(looks, HEAD_START, legend, "threshold", title, "deviance gained beyond the penalty")
 
@@ -238,14 +227,14 @@ def evidence_figure(
     label: str = "evidence gained over the base model [deviance]",
 ) -> Figure:  # fmt: skip
     """Draw horizontal bars, best on top, on a scale that is linear up to ten and logarithmic beyond."""
-    counts = [max(len(look.gains), 1) for look in looks]
+    counts = [max(len(look), 1) for look in looks]
     height = max(3.0, 0.17 * sum(counts) + 1.3 + 0.4 * (len(looks) - 1))
     figure, grid = new_figure(len(looks), 1, PAGE_IN, height, height_ratios=counts, sharex=True)
-    every = np.array([0.0, *(gain for look in looks for gain in look.gains.values())])
+    every = np.array([0.0, *(gain for look in looks for gain, _ in look.values())])
     low, high = 1.2 * float(every.min()) - 1.0, max(2.5 * float(every.max()), 20.0)
     for number, (axes, look) in enumerate(zip(grid[:, 0], looks), 1):
-        names = sorted(look.gains, key=lambda name: look.gains[name])
-        gains, colours = [look.gains[name] for name in names], [look.colours.get(name, NOT_NEEDED) for name in names]
+        names = sorted(look, key=lambda name: look[name][0])
+        gains, colours = [look[name][0] for name in names], [look[name][1] for name in names]
         axes.barh(np.arange(len(names)), gains, color=colours, height=0.72)
         axes.axvline(threshold, color=BEFORE, lw=1.2, ls="--")
         axes.axvline(0.0, color="0.3", lw=0.6)
@@ -292,7 +281,7 @@ Sizes = tuple[str, Floats, Floats]
 
 
 def _titled(name: str, word: str) -> str:
-    return f"{name if len(name) <= 26 else f'…{name[-25:]}'}\n{word}"
+    return f"{name if len(name) <= 26 else f'…{name[-25:]}'}\n{word}"  # names of runs differ at their end
 
 
 def _two_of(size: Floats, among: NDArray[np.int64]) -> list[int]:
@@ -350,17 +339,18 @@ def _sizes(axes: Axes, groups: Sequence[Sizes], dof: Dof, floor: float = 0.0) ->
     axes.legend(loc="upper left", fontsize=6.5)
 
 
+def sets_of(diagnosis: Diagnosis) -> list[tuple[Study, Gap, str]]:
+    """List the runs fitted and, where there are some, those held out, with the gap of each."""
+    sets = (diagnosis.study, diagnosis.gap, "fitted"), (diagnosis.held_out, diagnosis.held_out_gap, "held out")
+    return [(study, gap, word) for study, gap, word in sets if study is not None and gap is not None]
+
+
 @house_style
 def before_after_figure(diagnosis: Diagnosis) -> Figure:
     """Draw telling runs with both models, their errors, and the error by the most telling variable."""
     driven, dof = diagnosis.study.driven, diagnosis.study.base.dof
     runs, groups = list[Telling](), list[Sizes]()
-    for study, gap, word in (
-        (diagnosis.study, diagnosis.gap, "fitted"),
-        (diagnosis.held_out, diagnosis.held_out_gap, "held out"),
-    ):
-        if study is None or gap is None or not study.runs:
-            continue
+    for study, gap, word in sets_of(diagnosis):
         both = gap.residuals_before, gap.residuals_after
         size = [np.sqrt((rest**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for rest in both]
         groups.append((word, np.asarray(dof.shown(size[0])), np.asarray(dof.shown(size[1]))))
@@ -388,12 +378,10 @@ def before_after_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def _sizes_in_words(diagnosis: Diagnosis) -> str:
-    """The gap before and after on both sets of runs."""
     dof = diagnosis.study.base.dof
     parts = ", ".join(
         f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
-        for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out"))
-        if gap is not None
+        for _, gap, word in sets_of(diagnosis)
     )
     names = " and ".join(diagnosis.found.final.added)
     word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
@@ -496,18 +484,13 @@ def _points(axes: Axes, data: BollardData, values: Floats, held_out: bool, colou
 
 def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
     """The gap in the bins of the most telling variable, before and after, on one scale."""
-    where = diagnosis.where
-    at = min(
-        range(len(where.variables)),
-        key=lambda i: (where.variables[i].p_value, -float(np.abs(where.variables[i].telling.t).max())),
-    )
-    variable, column = where.variables[at], where.columns[at]
+    where, dof = diagnosis.where, diagnosis.where.dof
+    variable, column = min(zip(where.variables, where.columns), key=lambda pair: _by_significance(pair[0]))
     row = variable.telling
     if column.of_the_run:
         pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
         axes.set_ylabel("own thrust [%]")
     else:
-        dof = where.dof
         gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
         pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
         along = f"\nalong the {dof.words.force}" if row.directed else ""
@@ -515,17 +498,12 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
     have = np.isfinite(column.values)
     which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
     axes.axhline(0.0, color="0.3", linewidth=0.6)
-    for values, colour, style, label in ((pairs[0], BEFORE, "o--", "before"), (pairs[1], AFTER, "o-", "after")):
-        means = np.array(
-            [np.mean(values[which == b]) if (which == b).any() else np.nan for b in range(len(variable.middle))]
-        )
+    for values, colour, style, label in zip(pairs, (BEFORE, AFTER), ("o--", "o-"), ("before", "after")):
+        bins = (values[which == b] for b in range(len(variable.middle)))
+        means = [np.mean(inside) if len(inside) else np.nan for inside in bins]
         axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
-    axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
+    axes.set_xlabel(in_words(variable, dof), labelpad=1, parse_math=False)
     axes.legend(loc="best", fontsize=6.5)
-
-
-OF_THE_RUN = 0.1
-"""A column that varies within runs by less than this share of its range has one value a run, near enough to show."""
 
 
 @house_style
@@ -535,7 +513,7 @@ def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
     axes, gain = grid[0, 0], curve.kind == "gain"
     scale = 100.0 if gain else 1.0
     if gain:
-        _runs(axes, diagnosis, curve)
+        _thrust_of_runs(axes, diagnosis, curve)
     low, high = scale * curve.low, scale * curve.high
     axes.fill_between(curve.x, low, high, color=COLOURS["sky"], alpha=0.4, lw=0, label="95 % band")
     axes.plot(curve.x, scale * curve.y, color=COLOURS["blue"], label="learned curve")
@@ -548,7 +526,7 @@ def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
     return figure
 
 
-def _runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
+def _thrust_of_runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
     """Each run's own thrust under the base model, where the variable has about one value a run."""
     study = diagnosis.study
     values = signals_of(study.runs, curve.variable) if curve.needs else []

@@ -10,14 +10,13 @@ from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, n
 MOST_PANELS, PER_ROW = 4, 3
 NARROW = 5.0  # highest over lowest value up to which even ticks suit a logarithmic axis
 TICKS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
-FEWEST_RUNS = 3
-"""Runs below which a curve is not drawn: nothing is known yet."""
+FEWEST_RUNS = 3  # below which a curve is not drawn: nothing is known yet
 MARKS = dict(zip(KINDS, "os^DvxP"))
 
 
 @house_style
 def plan_figure(campaign: Campaign) -> Figure:
-    """A panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
+    """Draw a panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
     names, dof = list(campaign.plan.stderr_percent)[:MOST_PANELS], campaign.fitting.model.dof
     own, length = dof.symbols, dof.words.inertial_length
     math = {own.quadratic: own.quadratic_math, own.linear: own.linear, own.inertia: own.inertia}
@@ -27,17 +26,12 @@ def plan_figure(campaign: Campaign) -> Figure:
     figure, axes = new_figure(rows, columns, PAGE_IN, 0.6 + 2.2 * rows, sharex=True)
     for ax, name in zip(axes.flat, names):
         for curve, colour, line in ((campaign.plan, "blue", "-"), (campaign.grid, "orange", (0, (5, 1.5)))):
-            kept = slice(FEWEST_RUNS - 1, None)
-            ax.plot(
-                curve.minutes[kept], curve.stderr_percent[name][kept], color=COLOURS[colour], ls=line, marker=".", ms=3,
-                label=curve.campaign,
-            )  # fmt: skip
+            minutes, percent = curve.minutes[FEWEST_RUNS - 1 :], curve.stderr_percent[name][FEWEST_RUNS - 1 :]
+            ax.plot(minutes, percent, color=COLOURS[colour], ls=line, marker=".", ms=3, label=curve.campaign)
         for curve in campaign.more:
-            mark = MARKS[curve.campaign]
-            ax.plot(
-                curve.minutes, curve.stderr_percent[name], ls="", marker=mark, ms=4, color=COLOURS["vermilion"],
-                mfc="none" if mark != "x" else None, label=f"plan and one {curve.campaign}",
-            )  # fmt: skip
+            mark, label = MARKS[curve.campaign], f"plan and one {curve.campaign}"
+            look = {"color": COLOURS["vermilion"], "mfc": "none" if mark != "x" else None, "label": label}
+            ax.plot(curve.minutes, curve.stderr_percent[name], ls="", marker=mark, ms=4, **look)
         ax.set_yscale("log")
         low, high = ax.get_ylim()
         ax.yaxis.set_major_locator(MaxNLocator(5) if high < NARROW * low else LogLocator(subs=TICKS))

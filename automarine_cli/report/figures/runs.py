@@ -55,24 +55,23 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     positions, errors, command = axes[:, 0]
     time, measured = run.time - run.time[0], dof.shown(run.position)
     positions.plot(time, measured, "o", color=MEASURED, ms=3.0 if len(run) <= CROWD else 1.5, label="measured")
-    shown = {model: simulated for model, simulated in free.items() if not simulated.diverged}
-    for model, simulated in shown.items():
-        error, style = dof.shown(simulated.error), _style(model)
+    simulated = {m: (dof.shown(r.position), dof.shown(r.error)) for m, r in free.items() if not r.diverged}
+    for model, (position, error) in simulated.items():
         label = f"model {model}: rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}"
-        positions.plot(*_broken(time, dof.shown(simulated.position), run.sample_period), label=label, **style)
-        errors.plot(*_broken(time, error, run.sample_period), lw=1.0, **style)
-    for model in (model for model in free if model not in shown):
+        positions.plot(*_with_gaps(time, position, run.sample_period), label=label, **_style(model))
+        errors.plot(*_with_gaps(time, error, run.sample_period), lw=1.0, **_style(model))
+    for model in (model for model in free if model not in simulated):
         positions.plot([], [], label=f"model {model} diverges", **_style(model))
     low, high = float(measured.min()), float(measured.max())
     reach, most = 2 * max(high - low, 1.0), max(3 * floor, 0.5)
-    limit(positions, low, high, reach, [dof.shown(simulated.position) for simulated in shown.values()])
-    limit(errors, -most, most, reach, [dof.shown(simulated.error) for simulated in shown.values()])
+    limit(positions, low, high, reach, [position for position, _ in simulated.values()])
+    limit(errors, -most, most, reach, [error for _, error in simulated.values()])
     errors.axhline(0.0, color="0.4", lw=0.7, zorder=1)
     if floor > 0:
         band = f"± 2 × noise level of {number(floor, 2)} {unit}"
         errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
     command.axhline(0.0, color="0.4", lw=0.7, zorder=1)
-    command.plot(*_broken(time, run.command, run.sample_period), color=COLOURS["green"], drawstyle="steps-mid")
+    command.plot(*_with_gaps(time, run.command, run.sample_period), color=COLOURS["green"], drawstyle="steps-mid")
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
     positions.set_title(shortened(run.name, LONGEST_TITLE), parse_math=False)
     errors.set_ylabel(f"Measured − simulated [{unit}]")
@@ -88,8 +87,7 @@ def _style(model: str) -> dict[str, Any]:
     return {"color": MODEL_COLOURS[model], "ls": MODEL_LINES[model], "zorder": 4 if model == "2" else 3}
 
 
-def _broken(time: Floats, values: Floats, period: float) -> tuple[Floats, Floats]:
-    """The line with a break in every gap of the log."""
+def _with_gaps(time: Floats, values: Floats, period: float) -> tuple[Floats, Floats]:
     at = np.flatnonzero(np.diff(time) > GAP_IN_PERIODS * period) + 1
     return np.insert(time, at, np.nan), np.insert(values, at, np.nan)
 
@@ -232,7 +230,7 @@ def planar_runs_figure(runs: Sequence[Run], use: PlanarUse) -> Figure:
 def _predicted(
     axes: Axes, run: Run, dof: Dof, use: Use | PlanarUse, channel: Channel, free: Floats, i: int, left_out: bool
 ) -> None:
-    """Measured, predicted from filtered states, and the free run, which may leave the picture."""
+    """Draw what was measured, predicted from filtered states, and the free run, which may leave the picture."""
     measured, time = dof.shown(run.position), use.course.time[i]
     axes.plot(run.time - run.time[0], measured, color=MEASURED, lw=2.2, label="measured")
     if (ahead := next((ahead for ahead in use.predictions if ahead.horizon == JUDGED), None)) is not None:

@@ -23,16 +23,9 @@ from automarine_cli.pipeline.results_folder import Attempt, ResultFolder, attemp
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
-    "black": "#000000",
-    "orange": "#E69F00",
-    "blue": "#0072B2",
-    "sky": "#56B4E9",
-    "vermilion": "#D55E00",
-    "green": "#009E73",
-    "purple": "#CC79A7",
-    "yellow": "#F0E442",
-    "grey": "#808080",
-}
+    "black": "#000000", "orange": "#E69F00", "blue": "#0072B2", "sky": "#56B4E9", "vermilion": "#D55E00",
+    "green": "#009E73", "purple": "#CC79A7", "yellow": "#F0E442", "grey": "#808080",
+}  # fmt: skip
 MODEL_COLOURS = {"1": COLOURS["orange"], "2": COLOURS["black"], "3": COLOURS["blue"]}
 MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
 MEASURED = COLOURS["grey"]
@@ -42,42 +35,22 @@ COLUMN_IN = 3.5  # width of one column of a journal [inch]
 PAGE_IN = 7.2  # width of a page [inch]
 
 _OURS = {
-    "font.size": 8.0,
-    "axes.titlesize": 8.5,
-    "axes.labelsize": 8.0,
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-    "legend.fontsize": 7.0,
-    "figure.titlesize": 9.0,
-    "legend.frameon": True,
-    "legend.framealpha": 0.9,
-    "legend.edgecolor": "0.85",
-    "legend.handlelength": 2.6,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "0.88",
-    "grid.linewidth": 0.4,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 3.5,
-    "axes.prop_cycle": cycler(color=list(COLOURS.values())[:-2]),
-    "figure.dpi": 100.0,
+    "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "xtick.labelsize": 7.0, "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0, "figure.titlesize": 9.0, "legend.frameon": True, "legend.framealpha": 0.9,
+    "legend.edgecolor": "0.85", "legend.handlelength": 2.6, "axes.grid": True, "axes.axisbelow": True,
+    "axes.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False, "grid.color": "0.88",
+    "grid.linewidth": 0.4, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2,
+    "lines.markersize": 3.5, "axes.prop_cycle": cycler(color=list(COLOURS.values())[:-2]), "figure.dpi": 100.0,
     "savefig.dpi": float(DPI),
-}
+}  # fmt: skip
 # Settings of programs that show windows; everything else goes back to matplotlib's own defaults first.
 _LEFT_ALONE = ("backend", "backend_fallback", "interactive", "toolbar", "timezone", "webagg", "tk", "docstring")
 
 
-def _settings() -> Any:
-    defaults = {key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)}
-    return defaults | _OURS
-
-
-house_style = matplotlib.rc_context(_settings())
+_DEFAULTS: dict[Any, Any] = {
+    key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)
+}
+house_style = matplotlib.rc_context(_DEFAULTS | _OURS)
 """Decorator (or `with` block once) under which figures are drawn."""
 
 
@@ -164,7 +137,6 @@ def limit(axes: Axes, low: float, high: float, reach: float, lines: Sequence[NDA
 
 Draw = Callable[[], Figure]
 Files = tuple[tuple[str, bytes], ...]  # names and contents
-STAGE = "drawing figures"
 
 
 def refuse_unknown(formats: Sequence[str]) -> None:
@@ -178,14 +150,13 @@ def write_figures(
     folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str], each: Each | None = None
 ) -> None:
     """Each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
-    drawings = partial(_drawn, formats)
-    for figure in map(drawings, figures.items()) if each is None else each(drawings, list(figures.items()), STAGE):
+    draw = partial(_drawn, formats)
+    for figure in map(draw, figures.items()) if each is None else each(draw, list(figures.items()), "drawing figures"):
         for name, content in folder.taken(figure) or ():
             folder.write(name, content)
 
 
 def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[Files]:
-    """The figure as `name.format` in each format."""
     name, draw = drawing
 
     def work() -> Files:
