@@ -48,7 +48,6 @@ class NewCampaign(Shown):
 
     @property
     def questions(self) -> tuple[str, ...]:
-        """Paths of the keys whose value is still a question mark."""
         return tuple(open_questions(tomllib.loads(self.text)))
 
     def to_json(self) -> dict[str, object]:
@@ -105,7 +104,6 @@ def open_questions(data: object) -> list[str]:
 
 @sections.register
 def _(result: NewCampaign) -> Sections:
-    """Show how many logs of each kind there are, what the columns are taken for, and what is asked."""
     look, count = result.survey, len(result.questions)
     kinds = [(kind, str(len(files))) for kind, files in look.placed.items()]
     for motion, placed in look.forces.items():
@@ -121,7 +119,6 @@ def _(result: NewCampaign) -> Sections:
 
 
 def _taken(column: Recognised) -> str:
-    """`n less 1500`: what a column is taken for."""
     less, way = column.more.get("subtract"), column.more.get("sign_from")
     subtracted = f" less {less:g}" if isinstance(less, int | float) else ""
     if isinstance(way, Mapping):
@@ -230,7 +227,6 @@ def _counted(look: Survey, files: Sequence[LogFile]) -> str:
 
 
 def _force(look: Survey, motion: str, entries: Entries) -> Iterator[str]:
-    """The section of a translation, or of surge, sway and yaw together."""
     yield ""
     planar = motion == PLANAR.name
     dof = YAW if planar else DOFS[motion]
@@ -308,11 +304,9 @@ def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
         sure = splitting(layout.words, layout.bollard).values()
         makes = "a map of each thruster, and one of all" if layout.bollard else "each a run of its own"
         for name, words in layout.words.items():
-            line, names = (
-                toml_line(BY if layout.bollard else RUN, name),
-                f"{len(words)} names ({listed(words)}): {makes}",
-            )
-            yield _beside(line, names) if name in sure else _beside(f"# {line}", f"{names}? Then write this line")
+            text = f"{len(words)} names ({listed(words)}): {makes}"
+            line = toml_line(BY if layout.bollard else RUN, name)
+            yield _beside(line, text) if name in sure else _beside(f"# {line}", f"{text}? Then write this line")
 
 
 def _column(column: Recognised, look: Survey) -> str:

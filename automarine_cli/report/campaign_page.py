@@ -5,7 +5,7 @@ what only all steps together tell.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -15,33 +15,12 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import OutputError
 from automarine_cli.fits.innovations import sentences_of
+from automarine_cli.pipeline import result_files as files
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
-from automarine_cli.pipeline.result_files import (
-    CHECK,
-    DIAGNOSIS,
-    MODELS,
-    PLANAR_MODEL,
-    THRUSTER_MAP,
-    TUNING,
-    VALIDATION,
-    CheckFile,
-    DiagnosisFile,
-    Given,
-    ModelFile,
-    PlanarFile,
-    ResultKind,
-    RunFile,
-    SetAside,
-    StepDone,
-    ThrusterFile,
-    TuningFile,
-    ValidationFile,
-)
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.pipeline.words import listed
 from automarine_cli.report.page import page
-from automarine_cli.report.sections import Sections, bullets, sections
-from automarine_cli.report.sections import document as markdown
+from automarine_cli.report.sections import Sections, bullets, document, sections
 from automarine_cli.report.tables import Table, escape, interval, number
 
 FILES = ("report.html", "report.md")
@@ -60,14 +39,13 @@ class Step:
 
     name: str
     folder: str
-    kind: ResultKind[Any]
+    kind: files.ResultKind[Any]
     section: str = ""
     logs: tuple[tuple[str, ...], ...] = ()
     models: tuple[str, ...] = ()
 
     @property
     def command(self) -> str:
-        """The command that it runs."""
         return self.kind.writer
 
     @property
@@ -81,22 +59,22 @@ def folder_of(dof: Dof, step: str) -> str:
     return step if dof is YAW else f"{dof.name}_{step}"
 
 
-def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
+def _of(motion: str, fit: files.ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
     """The steps of one motion, or of surge, sway and yaw together."""
     after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
     models = (f"{motion}/{fit.file}",)
     yield Step(f"fit-{motion}", motion, fit, motion, fitted)
-    yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
+    yield Step(f"validate{after}", f"{before}validation", files.VALIDATION, motion, (("validation",),), models)
     everything = tuple(kind for kinds in fitted for kind in kinds)
-    yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
+    yield Step(f"diagnose{after}", f"{before}diagnosis", files.DIAGNOSIS, motion, (everything,), models)
 
 
 STEPS = (
-    Step("check", "check", CHECK),
-    Step("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
-    *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
-    *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
-    Step("tune", "tune", TUNING, "tune", models=(f"diagnosis/{DIAGNOSIS.file}", f"yaw/{MODELS[YAW.name].file}")),
+    Step("check", "check", files.CHECK),
+    Step("fit-thrusters", "thrusters", files.THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    *(step for motion in DOFS for step in _of(motion, files.MODELS[motion], (("steps",), ("manoeuvres",)))),
+    *_of(PLANAR.name, files.PLANAR_MODEL, (("runs",),)),
+    Step("tune", "tune", files.TUNING, "tune", (), (f"diagnosis/{files.DIAGNOSIS.file}", "yaw/yaw_model.json")),
 )
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
@@ -178,23 +156,47 @@ def _(result: Report) -> Sections:
     return Sections([], listed=tuple(result.files))
 
 
-def make_report(folder: Path, title: str | None = None, ran: RunFile | None = None) -> Report:
+def make_report(folder: Path, title: str | None = None, ran: files.RunFile | None = None) -> Report:
     """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
 
     Without a `title` it is that of what was identified. Steps without results are left out, and the report says so.
     Raises OutputError if there is none at all.
     """
-    steps = read_steps(folder)
+    steps, done, cautions = read_steps(folder), ran.steps if ran else (), ran.cautions if ran else ()
     motions = [name for name in DOFS if any(step.section == name and step.folder in steps for step in STEPS)]
     title = title or f"{' and '.join(motions or [YAW.name])} identification".capitalize()
-    text = document(steps, title, ran.cautions if ran else (), ran.steps if ran else ())
+    parts = {"Thruster map": _embedded(steps, "thrusters")}
+    for dof in DOFS.values():
+        within = "" if dof is YAW else f" in {dof.name}"  # yaw, which every campaign has, needs no name
+        parts |= {
+            f"{dof.name.capitalize()} model": _model(steps, dof),
+            f"Validation{within}": _validation(steps, folder_of(dof, "validation")),
+            f"Diagnosis{within}": _embedded(steps, folder_of(dof, "diagnosis")),
+        }
+    parts |= {
+        "Planar model": _embedded(steps, PLANAR.name, "planar_runs"),
+        "Planar validation": _validation(steps, "planar_validation"),
+        "Planar diagnosis": _embedded(steps, "planar_diagnosis"),
+        "Tune": _embedded(steps, "tune"),
+        "Logs": _folded("Every run", steps["check"].text("check.md"), "check/check.md") if "check" in steps else [],
+        "Runs set aside": _set_aside(steps),
+        "How this was made": _manifests(steps),
+    }
+    text = document(
+        f"# {escape(title)}",
+        *(f"**{step.step} was refused:** {escape(step.refused)}" for step in done if step.refused),
+        *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
+        Table.of("", [{"step": name, "result": line} for name, line in headlines(steps).items()]),
+        bullets(escape(f"Caution: {line}") for line in cautions),
+        missing_sentence(steps, done),
+        *(block for heading, blocks in parts.items() if blocks for block in (f"## {heading}", *blocks)),
+    )
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
 
 
 def alternatives(dof: Dof) -> dict[str, str]:
-    """What each figure shows, in words, by its name."""
-    words = dof.words
-    position = words.position.capitalize()
+    """Say what each figure shows, by its name."""
+    words, position = dof.words, dof.words.position.capitalize()
     return {
         "thrusters": "Thrust of one thruster against its control signal: measured points, fitted curves, residuals "
         "below",
@@ -204,51 +206,23 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "residuals below",
         "inertia": f"{words.full_inertia.capitalize()} of each run against its {words.force}, with the overall value "
         "of both methods",
-        "collapse": f"{position} against time times the root of the {words.force}: all runs on one curve if model 3 "
-        "holds",
+        "collapse": f"{position} against time times the root of the {words.force}: all runs on one curve if "
+        "model 3 holds",
         "whole_runs": f"What the model leaves of the {words.position} of whole runs, beside the noise",
-        "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
-        "out",
+        "where": f"Where the gap between simulated and measured {words.position} is: against each variable that "
+        "stands out",
         "why": "Evidence for each effect of the library",
         "learned": "Learned curve, which no effect of the library explains, with its 95 % confidence band",
-        "before_after": "The gap before and after the missing effect was added, against the noise of the "
+        "before_after": f"The gap before and after the missing effect was added, against the noise of the "
         f"{words.position}",
     }
 
 
-def document(steps: Steps, title: str, cautions: Sequence[str] = (), done: Sequence[StepDone] = ()) -> str:
-    """Write the whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
-
-    `cautions` are sentences about what does not fit together between the thruster tests and the vehicle; `done` is
-    what `run` says of its steps.
-    """
-    parts = {
-        "Thruster map": _embedded(steps, "thrusters"),
-        **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof).items()},
-        "Planar model": _embedded(steps, PLANAR.name, "planar_runs"),
-        "Planar validation": _validation(steps, "planar_validation"),
-        "Planar diagnosis": _embedded(steps, "planar_diagnosis"),
-        "Tune": _embedded(steps, "tune"),
-        "Logs": _logs(steps),
-        "Runs set aside": _set_aside(steps),
-        "How this was made": _manifests(steps),
-    }
-    return markdown(
-        f"# {escape(title)}",
-        *(f"**{step.step} was refused:** {escape(step.refused)}" for step in done if step.refused),
-        *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
-        Table.of("", [{"step": name, "result": line} for name, line in headlines(steps).items()]),
-        bullets(escape(f"Caution: {line}") for line in cautions),
-        missing_sentence(steps, done),
-        *(block for heading, blocks in parts.items() if blocks for block in (f"## {heading}", *blocks)),
-    )
-
-
 def _refusal(file: Any) -> str:
     """Why a model must not be used; empty where it may, and for results of other kinds."""
-    if isinstance(file, ValidationFile):
+    if isinstance(file, files.ValidationFile):
         return file.use.refusal
-    return file.prediction.refusal if isinstance(file, ModelFile | PlanarFile) else ""
+    return file.prediction.refusal if isinstance(file, files.ModelFile | files.PlanarFile) else ""
 
 
 def headlines(steps: Steps) -> dict[str, str]:
@@ -257,21 +231,19 @@ def headlines(steps: Steps) -> dict[str, str]:
     lines = {}
     for step in STEPS:
         if (result := steps.get(step.folder)) is not None:
-            line = _HEADLINES[type(result.file)](result, steps)
+            line = _HEADLINES[type(result.file)](result.file, result, steps)
             lines[step.name] = "not usable: " * bool(_refusal(result.file)) + line
     return lines
 
 
-def _of_check(step: StepResult, _: Steps) -> str:
-    file: CheckFile = step.file
+def _of_check(file: files.CheckFile, *_: object) -> str:
     used, aside = file.runs.used, len(file.runs.set_aside)
     idle = sum(run.step is None for run in file.yaw_runs)
     parts = [f"{file.logs} log{'s' * (file.logs != 1)}", f"{used} run{'s' * (used != 1)}"]
     return ", ".join([*parts, *[f"{idle} without a half-turn"] * bool(idle), *[f"{aside} set aside"] * bool(aside)])
 
 
-def _of_thrusters(step: StepResult, _: Steps) -> str:
-    file: ThrusterFile = step.file
+def _of_thrusters(file: files.ThrusterFile, *_: object) -> str:
     laws = {"forward": file.forward.a, "backward": file.backward.a} if file.form == "square" else {}
     values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
     if (chosen := file.chosen) is None:
@@ -280,9 +252,8 @@ def _of_thrusters(step: StepResult, _: Steps) -> str:
     return f"{chosen.form} law{values}, R² {number(chosen.r2)}, error {error} % of full scale"
 
 
-def _of_model(step: StepResult, steps: Steps) -> str:
+def _of_model(file: files.ModelFile, step: StepResult, steps: Steps) -> str:
     """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
-    file: ModelFile = step.file
     keys, before = {step.dof.symbols.quadratic_print: step.dof.symbols.quadratic}, dict(file.main_parameters())
     added, diagnosis = added_by(steps, step.dof), steps.get(folder_of(step.dof, "diagnosis"))
     base = diagnosis.file.base if diagnosis is not None and added else {}
@@ -293,14 +264,13 @@ def _of_model(step: StepResult, steps: Steps) -> str:
     return f"model {file.preferred} with {added}: {_values(after)} (without: {alone})"
 
 
-def _of_planar(step: StepResult, _: Steps) -> str:
-    masses = {name: value for name, value in step.file.parameters.items() if name in MASSES}
-    return f"{step.file.structure}: {_values(masses)}" if masses else f"{step.file.structure}"
+def _of_planar(file: files.PlanarFile, *_: object) -> str:
+    masses = {name: value for name, value in file.parameters.items() if name in MASSES}
+    return f"{file.structure}: {_values(masses)}" if masses else file.structure
 
 
-def _of_validation(step: StepResult, steps: Steps) -> str:
+def _of_validation(file: files.ValidationFile, step: StepResult, steps: Steps) -> str:
     """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
-    file: ValidationFile = step.file
     unit, planar = step.dof.units.key, file.motion == PLANAR.name
     model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
     score, used = file.models[model], file.runs.used
@@ -320,20 +290,20 @@ def _of_validation(step: StepResult, steps: Steps) -> str:
     return f"without {added}, {said}" if added else said
 
 
-def _of_diagnosis(step: StepResult, _: Steps) -> str:
-    file: DiagnosisFile = step.file
+def _of_diagnosis(file: files.DiagnosisFile, *_: object) -> str:
     names = ", ".join(effect.name for effect in file.effects)
     verdict, gap = file.verdict.replace("-", " ") + (f": {names}" if names else ""), file.gap.fitted_runs
     return f"{verdict}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
 
 
-def _of_tuning(step: StepResult, _: Steps) -> str:
-    return f"{step.file.verdict.replace('-', ' ')} for {step.file.target}"
+def _of_tuning(file: files.TuningFile, *_: object) -> str:
+    return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
-_HEADLINES = {
-    CheckFile: _of_check, ThrusterFile: _of_thrusters, ModelFile: _of_model, PlanarFile: _of_planar,
-    ValidationFile: _of_validation, DiagnosisFile: _of_diagnosis, TuningFile: _of_tuning,
+_HEADLINES: dict[type[object], Callable[..., str]] = {
+    files.CheckFile: _of_check, files.ThrusterFile: _of_thrusters, files.ModelFile: _of_model,
+    files.PlanarFile: _of_planar, files.ValidationFile: _of_validation, files.DiagnosisFile: _of_diagnosis,
+    files.TuningFile: _of_tuning,
 }  # fmt: skip
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 
@@ -346,28 +316,15 @@ def added_by(steps: Steps, dof: Dof) -> str:
     return " and ".join(effect.name for effect in step.file.effects)
 
 
-def _values(given: Mapping[str, Given]) -> str:
+def _values(given: Mapping[str, files.Given]) -> str:
     return ", ".join(f"{name} {_interval(value)}" for name, value in given.items())
 
 
-def _interval(given: Given) -> str:
-    """A number with its interval and unit; alone where the file has none."""
-    if given.estimate is None:
-        return number(given.value)
-    return f"{interval(given.estimate)} {given.unit}".rstrip()
+def _interval(given: files.Given) -> str:
+    return f"{interval(given.estimate)} {given.unit}".rstrip() if given.estimate else number(given.value)
 
 
-def _of_motion(steps: Steps, dof: Dof) -> dict[str, list[str]]:
-    """The sections of one motion; those of yaw, which every campaign has, need no name."""
-    within = "" if dof is YAW else f" in {dof.name}"
-    return {
-        f"{dof.name.capitalize()} model": _model(steps, dof),
-        f"Validation{within}": _validation(steps, folder_of(dof, "validation")),
-        f"Diagnosis{within}": _embedded(steps, folder_of(dof, "diagnosis")),
-    }
-
-
-def fold(summary: str, *blocks: str) -> list[str]:
+def _fold(summary: str, *blocks: str) -> list[str]:
     return [f"<details><summary>{summary}</summary>", *blocks, "</details>"]
 
 
@@ -415,19 +372,14 @@ def _validation(steps: Steps, folder: str) -> list[str]:
     shown = [step.picture(f"validation_{stem}", f"Run {name}: {alt}") for name, stem in stems]
     blocks = [step.text("validation.md"), "### Run by run", *shown[:SHOWN_OPEN]]
     if shown[SHOWN_OPEN:]:
-        blocks += fold(f"{len(shown) - SHOWN_OPEN} more runs", *shown[SHOWN_OPEN:])
+        blocks += _fold(f"{len(shown) - SHOWN_OPEN} more runs", *shown[SHOWN_OPEN:])
     if len(names) > MOST_SHOWN:
         blocks.append(f"The figures of {len(names) - MOST_SHOWN} more runs are in the folder {step.name}.")
     return blocks
 
 
-def _logs(steps: Steps) -> list[str]:
-    step = steps.get("check")
-    return _folded("Every run", body, "check/check.md") if step and (body := step.text("check.md")) else []
-
-
 def _set_aside(steps: Steps) -> list[str]:
-    names: dict[SetAside, list[str]] = {}
+    names: dict[files.SetAside, list[str]] = {}
     for step in steps.values():
         for run in step.file.runs.set_aside:
             names.setdefault(run, []).append(step.name)
@@ -439,7 +391,6 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _manifests(steps: Steps) -> list[str]:
-    """Command, settings, versions and inputs of each step."""
     manifests = {step.name: step.manifest for step in steps.values() if step.manifest is not None}
     if not manifests:
         return []
@@ -466,7 +417,9 @@ def _manifests(steps: Steps) -> list[str]:
 
 def _folded(summary: str, table: str, place: str) -> list[str]:
     """A long table folded away; of a very long one only where it stands."""
-    return fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
+    if not table:
+        return []
+    return _fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
 
 
 def _settings(options: Mapping[str, object]) -> str:
@@ -479,7 +432,7 @@ def _settings(options: Mapping[str, object]) -> str:
     return ", ".join([*plain, *flags]) or "none"
 
 
-def missing_sentence(steps: Steps, done: Sequence[StepDone]) -> str:
+def missing_sentence(steps: Steps, done: Sequence[files.StepDone]) -> str:
     """Which steps left nothing to report, and why where that is not told as a refusal."""
     only_force = any(not step.always and step.folder in steps for step in STEPS) and YAW.name not in steps
     fates = {step.step: step for step in done}

@@ -36,7 +36,6 @@ class CampaignRun(Shown):
 
     @property
     def says(self) -> dict[str, str]:
-        """What the result of each step says, by its name."""
         return {step.step: step.says for step in self.steps if step.says}
 
     @property

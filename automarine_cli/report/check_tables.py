@@ -52,7 +52,6 @@ def _(result: Check) -> Sections:
 
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
-    """Sampling, what was dropped, commands, and what a fit would keep of the step; reasons in the notes."""
     rows = []
     for run in runs:
         turn, gone = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
@@ -93,7 +92,6 @@ def _notes(runs: Sequence[RunSeen], dof: Dof) -> list[str]:
 
 
 def _test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
-    """Points, levels and ranges; in the notes what a person should know of the reading."""
     rows = [
         {
             "thruster test": test.run, "points": test.points, "missing": test.missing, "levels": test.levels,

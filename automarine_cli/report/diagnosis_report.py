@@ -50,7 +50,6 @@ def _page(
     title: str, first: Iterable[Table | str], where: Sequence[Region], regions: Table, why: Iterable[Table | str],
     gap: Iterable[Table | str], rest: Iterable[Table | str] = (), drawn: Iterable[str] = ("where", "before_after"),
 ) -> str:  # fmt: skip
-    """Write the page for a person: what comes first, where, why, before and after, and the rest."""
     more = len(where) - MOST_REGIONS
     return document(
         f"# {title}", *first,
@@ -245,7 +244,6 @@ def page(diagnosis: Diagnosis) -> str:
 
 
 def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Table | str]:
-    """Equation, parameters, how sure, rivals, source."""
     dof = diagnosis.study.base.dof
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
     chance = "at most" if effect.p_value <= 1.01 * smallest else "about"
@@ -452,7 +450,6 @@ def planar_verdict(search: PlanarSearch) -> str:
 
 
 def _planar_evidence(search: PlanarSearch) -> Table:
-    """Lay out the candidates that were fitted, look by look, the best first."""
     rows = []
     for i, look in enumerate(search.rounds, 1):
         best, rivals = look.best and look.best.candidate.added, [rival.candidate.added for rival in look.rivals]
@@ -550,7 +547,6 @@ def _faults(result: ThrusterDiagnosis) -> list[str]:
 
 
 def _thruster_gaps(result: ThrusterDiagnosis) -> Table:
-    """Before and after on levels fitted, held out, and by cross-validation."""
     gaps = {"fitted levels": result.gap, "held-out levels": result.held_out_gap, "cross-validation": result.cross}
     rows = []
     for name, gap in gaps.items():
@@ -571,7 +567,6 @@ def _thruster_gaps(result: ThrusterDiagnosis) -> Table:
 
 
 def _thruster_candidates(result: ThrusterDiagnosis) -> Table:
-    """Lay out every effect that was tried in the first step, and what it alone would win."""
     first = result.search.steps[0]
     errors = [(candidate.fit.rmse(held_out=True), candidate) for candidate in first.candidates]
     rows = [

@@ -14,7 +14,6 @@ Picture = Callable[[str, str], str]
 
 FOLDS = re.compile(r"<details><summary>(.*)</summary>|</details>")
 PICTURE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
-LINK = re.compile(r"(?<!\\)\[((?:\\.|[^\]\\])*)\]\((#[\w-]+)\)")
 HEADING = re.compile(r"(#{1,6}) +(.+)")
 TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*|(\\[!-/:-@\[-`{-~])")
 SYMBOL = re.compile(r"(?<![\w-])(k_r\|r\||k_rr|k_r|I_r|a_f|a_b|n_0|n_sat|T_w)(?![\w|])")
@@ -40,7 +39,6 @@ def to_html(text: str, picture: Picture) -> Page:
 
 
 def plain(text: str) -> str:
-    """Markdown of a line as the words alone."""
     return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda found: found[1] or "", text))
 
 
@@ -76,15 +74,7 @@ def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str
 
 
 def words(text: str) -> str:
-    """Text of one line with code, bold, links inside the page and symbols with their index below."""
-    parts, at = [], 0
-    for found in LINK.finditer(text):
-        parts += [_spans(text[at : found.start()]), f'<a href="{found[2]}">{_spans(found[1])}</a>']
-        at = found.end()
-    return "".join([*parts, _spans(text[at:])])
-
-
-def _spans(text: str) -> str:
+    """Render text of one line with code, bold, and symbols with their index below."""
     parts, at, run = [], 0, ""
     for found in TOKEN.finditer(text):
         run += unescape(text[at : found.start()])
@@ -93,7 +83,7 @@ def _spans(text: str) -> str:
             run += found[3][1]
             continue
         code = found[1] is not None
-        parts += [_symbols(run), f"<code>{escape(found[1])}</code>" if code else f"<strong>{_spans(found[2])}</strong>"]
+        parts += [_symbols(run), f"<code>{escape(found[1])}</code>" if code else f"<strong>{words(found[2])}</strong>"]
         run = ""
     return "".join([*parts, _symbols(run + unescape(text[at:]))])
 
@@ -109,12 +99,12 @@ def _table(block: Sequence[str]) -> str:
     right = [side.endswith(":") for side in sides] + [False] * len(head)
 
     def row(cells: Sequence[str], head: bool, rule: bool = False) -> str:
-        made = []
+        texts = ""
         for i, cell in enumerate(cells):
             tag, scope = ("th", ' scope="col"') if head else ("th", ' scope="row"') if i == 0 else ("td", "")
             kind = ' class="n"' if right[i] else ' class="long"' if len(cell) > LONG else ""
-            made.append(f"<{tag}{scope}{kind}>{words(cell)}</{tag}>")
-        return f"<tr{' class=rule' if rule else ''}>{''.join(made)}</tr>"
+            texts += f"<{tag}{scope}{kind}>{words(cell)}</{tag}>"
+        return f"<tr{' class=rule' if rule else ''}>{texts}</tr>"
 
     body, group = [], ""
     for cells in rows:

@@ -1,6 +1,7 @@
 """What `plan` shows and writes: the run sheet, intervals before and after, explanations to separate, and plan.md, the
 campaign for the people who will run it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -38,13 +39,14 @@ def _(plan: Plan) -> Sections:
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
     files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
-    files |= {"plan.md": _page(plan, rehearsal), "plan.csv": _sheet_rows(campaign).to_csv()}
+    split = [_split_table(campaign)] if campaign.splits else []
+    tables = [_sheet_table(campaign), _interval_table(campaign), *split, _compared_table(campaign)]
+    files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(campaign).to_csv()}
     files[PLAN.file] = plan.to_json()
     for slot in campaign.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest, unit, plan.drive, plan.columns)
     sentences = (_totals(campaign), f"Planned for: {plan.fit_command}", *campaign.notes)
-    printed: list[Table | str] = [*sentences, *_tables(campaign)]
-    return Sections(printed, files, {"plan": partial(plan_figure, campaign)}, FILES, plan.runs())
+    return Sections([*sentences, *tables], files, {"plan": partial(plan_figure, campaign)}, FILES, plan.runs())
 
 
 def _totals(campaign: Campaign) -> str:
@@ -59,13 +61,7 @@ def _totals(campaign: Campaign) -> str:
     )
 
 
-def _tables(campaign: Campaign) -> list[Table]:
-    split = [_split_table(campaign)] if campaign.splits else []
-    return [_sheet_table(campaign), _interval_table(campaign), *split, _compared_table(campaign)]
-
-
 def _sheet_rows(campaign: Campaign) -> Table:
-    """The run sheet for programs and spreadsheets."""
     unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
     full = campaign.limits.battery.charge_Ah
     return Table.of("", [
@@ -84,7 +80,6 @@ def _sheet_rows(campaign: Campaign) -> Table:
 
 
 def _sheet_table(campaign: Campaign) -> Table:
-    """The run sheet for people."""
     rows = [
         {
             "run": slot.number, "begin at min:s": _clock(slot.begins),
@@ -106,7 +101,6 @@ def _clock(seconds: float) -> str:
 
 
 def _interval_table(campaign: Campaign) -> Table:
-    """Parameters down; now, after the new runs alone, and together with the earlier ones across."""
     columns = {"now": campaign.now, "new runs alone": campaign.alone}
     if campaign.together:
         columns["with the earlier runs"] = campaign.together
@@ -133,16 +127,11 @@ def _precision(estimate: Estimate | None) -> str:
 
 
 def _split_table(campaign: Campaign) -> Table:
-    """Pairs of explanations down; expected evidence of the plan and of the paper's grid across."""
     rows = [
-        {
-            "if it is": split.true,
-            "and not": split.other,
-            "this plan": _evidence(split),
-            "the paper's grid": _evidence(grid),
-        }
+        {"if it is": split.true, "and not": split.other, "this plan": _evidence(split),
+         "the paper's grid": _evidence(grid)}
         for split, grid in zip(campaign.splits, campaign.grid_splits)
-    ]
+    ]  # fmt: skip
     return Table.of("Explanations to separate", rows, [
         "Expected difference in evidence (deviance, penalties included) where the first is true; from "
         f"{campaign.limits.goal.evidence:g} on the two count as separated, below 10 as tied.",
@@ -154,27 +143,23 @@ def _evidence(split: Split) -> str:
 
 
 def _compared_table(campaign: Campaign) -> Table:
-    """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
     curves = {"this plan": campaign.plan, "the paper's grid": campaign.grid}
     curves |= {f"this plan and one {curve.campaign}": curve for curve in campaign.more}
     columns = {f"{_symbol(name, campaign)} %": name for name in campaign.plan.stderr_percent}
     rows = [
-        {
-            "campaign": label,
-            "min in the pool": number(curve.minutes[-1], 3),
-            "s of motion": number(curve.motion_s[-1], 3),
-        }
+        {"campaign": label, "min in the pool": number(curve.minutes[-1], 3),
+         "s of motion": number(curve.motion_s[-1], 3)}
         | {column: number(curve.stderr_percent[name][-1], 2) for column, name in columns.items()}
         for label, curve in curves.items()
-    ]
+    ]  # fmt: skip
     earlier = " The earlier runs are counted in." if campaign.together else ""
     return Table.of("Standard errors to expect", rows, [f"In percent of the value.{earlier}"], (2,))
 
 
-def _page(plan: Plan, rehearsal: str) -> str:
+def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
     """Write plan.md; `rehearsal` is a sentence on plan.toml."""
     campaign, pool = plan.campaign, plan.campaign.limits.pool
-    sheet, *others = _tables(campaign)
+    sheet, *others = tables
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
     return document(
         f"# The next campaign, planned from {plan.model}",

@@ -31,7 +31,6 @@ class Cut:
     to_s: float
 
     def comment(self, by: str) -> str:
-        """Say in the log of the run where it comes from."""
         rows, seconds = f"rows {self.rows[0]} to {self.rows[1]}", f"{_seconds(self.from_s)} to {_seconds(self.to_s)} s"
         return f"{self.source}, {rows}, {seconds}, cut by {by}: {self.state}"
 
@@ -112,5 +111,4 @@ def _table(result: Slices) -> Table:
 
 
 def _seconds(value: float) -> str:
-    """A stamp to the millisecond, without needless zeros."""
     return f"{value:.3f}".rstrip("0").rstrip(".")

@@ -55,7 +55,6 @@ def _words(cell: str) -> list[str]:
 
 
 def _groups(widths: Sequence[int], width: int) -> list[list[int]]:
-    """Columns that fit beside the first one, group by group."""
     groups = [[0]]
     for i in range(1, len(widths)):
         if len(groups[-1]) > 1 and _total([widths[k] for k in (*groups[-1], i)]) > width:
@@ -137,13 +136,11 @@ class Table:
         return cls(title, tuple(rows[0] if rows else header), cells, rules, tuple(notes))
 
     def without_empty_rows(self) -> "Table":
-        """Leave out rows that hold nothing but their label."""
         full = [i for i, row in enumerate(self.rows) if any(str(cell) != MISSING for cell in row[1:])]
         rules = dict.fromkeys(sum(i < rule for i in full) for rule in self.rules)
         return replace(self, rows=tuple(self.rows[i] for i in full), rules=tuple(rules))
 
     def without_empty_columns(self) -> "Table":
-        """Leave out columns that hold nothing."""
         columns = zip(self.header, *self.rows)
         full = [column for column in columns if not self.rows or any(str(cell) != MISSING for cell in column[1:])]
         header, *rows = zip(*full)
@@ -193,7 +190,6 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def _right(self) -> list[bool]:
-        """Which columns hold numbers and stand to the right; the first never does."""
         return [
             i > 0 and all(_NUMBER.match(str(row[i])) or str(row[i]) in ("", MISSING) for row in self.rows)
             for i in range(len(self.header))

@@ -143,7 +143,6 @@ def _held(parameter: Parameter) -> str:
 
 
 def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
-    """How well one form fits, in a sentence."""
     cross = "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
     said = (
         f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "

@@ -56,7 +56,6 @@ def _(tuning: Tuning) -> Sections:
 
 
 def _sentences(designed: Designed) -> list[str]:
-    """The verdict, the run that would change it, and gains that the documented range holds back."""
     sentences = [f"{VERDICTS[designed.verdict]} {designed.why}"]
     if designed.run:
         sentences.append(f"What would settle it: {designed.run}.")
@@ -73,7 +72,6 @@ def _sentences(designed: Designed) -> list[str]:
 
 
 def _gains_table(designed: Designed) -> Table:
-    """Lay out old and new values in the target's own names."""
     rows = []
     after = {} if designed.new is None else designed.new.gains
     before = {} if designed.old is None else designed.old.gains
@@ -88,7 +86,6 @@ def _gains_table(designed: Designed) -> Table:
 
 
 def _promised_table(tuning: Tuning) -> Table:
-    """What to expect of the present and of the new gains: medians and bands of 95 %."""
     designed = tuning.designed
     dof, task = designed.nominal.dof, designed.task
     names, cells = [], dict[str, list[str]]()

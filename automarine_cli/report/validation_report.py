@@ -167,7 +167,6 @@ def score_table(comparison: Comparison) -> Table:
 
 
 def _cell(name: str, score: Overall) -> str:
-    """A score and its interval with the decimals that suit its kind."""
     if score.value is None:
         return MISSING
     form = ".1f" if name == "fit_percent" else ".2f"
@@ -182,14 +181,13 @@ def _notes(comparison: Comparison) -> list[str]:
     *rules, last = dict.fromkeys(restarts.rule for restarts in comparison.restarts)
     logged = sum(dof.velocity in run.extras for run in comparison.runs)
     rate = f"the log in {logged} runs, else " if logged else ""
+    measured = f"Measured {dof.words.rate} from {rate}the smoothed {dof.position}."
     notes = [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "
         + _starts(rest, len(starts), dof),
         f"Restarted {'; '.join([*rules, f'or {last}']) if rules else last}; {dof.position} and {dof.words.speed} "
         "smoothed there, whose own error even a perfect model shows.",
-        f"Measured {dof.words.rate} from {rate}the smoothed {dof.position}."
-        if logged < len(starts)
-        else f"Measured {dof.words.rate} from the logs.",
+        measured if logged < len(starts) else f"Measured {dof.words.rate} from the logs.",
         f"Noise level of the {dof.position}, estimated without a model: {number(comparison.floor, 3)} "
         f"{dof.units.shown}.",
     ]

@@ -54,9 +54,8 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
             rows.append(_row(f"drag {way}{LIKELIEST}", {m: of.drag[way] for m, of in ways.items()}, interval))
         rows.append(_row("one drag both ways, p", ways, lambda ways: number(ways.p_value, 2)))
     if dof.has_constant:
-        constant = symbols.constant
-        rows.append(_row("constant force, 95 %", fits, partial(_between, constant)))
-        rows.append(_row(f"constant force{LIKELIEST}", ml, partial(_between, constant)))
+        rows.append(_row("constant force, 95 %", fits, partial(_between, symbols.constant)))
+        rows.append(_row(f"constant force{LIKELIEST}", ml, partial(_between, symbols.constant)))
     each = {model: effect_estimates(likeliest) for model, likeliest in ml.items()}
     names = {(effect, name): one.unit for groups in each.values() for effect, group in groups.items()
              for name, one in group.items() if one.stderr > 0}  # fmt: skip
@@ -90,7 +89,6 @@ def _between(name: str, fit: DragFit | OutputErrorFit) -> str:
 
 
 def _signs(dof: Dof) -> tuple[str, ...]:
-    """What the signs of a translation's symbols are."""
     if dof.wraps:
         return ()
     (first, second), own, force = dof.words.ways, dof.symbols, dof.words.force
@@ -185,7 +183,6 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
 
 
 def _ends(one: Estimate, form: str, times: float = 1.0) -> str:
-    """The interval behind a number, or that it has none."""
     low, high = one.ci95
     return "(at its bound)" if one.at_bound else f"[{times * low:{form}}, {times * high:{form}}]"
 
@@ -200,7 +197,6 @@ def _disturbance(fit: OutputErrorFit, innovations: InnovationsFit) -> str:
 
 
 def _noise(fit: YawFit) -> str:
-    """The noise of the sensor that the fit rests on first."""
     words, units, noise = fit.dof.words, fit.dof.units, fit.preferred.noise
     if noise is not None:
         bound = " (at its bound)" * channel_noises(fit.preferred.mixed, fit.dof)[fit.dof.position].at_bound

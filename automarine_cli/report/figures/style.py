@@ -64,31 +64,27 @@ def new_figure(
     return figure, axes
 
 
-SETTINGS: dict[str, Any] = {
-    "png": {},
-    "svg": {"svg.hashsalt": "automarine", "svg.fonttype": "none"},  # text as text
-    "pdf": {"pdf.fonttype": 42},  # letters that other programs can edit
-}
-NAMELESS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
-
-
 @house_style
-def file_of(kind: str, figure: Figure) -> bytes:
+def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: Figure) -> bytes:
     """Return the figure as a file of a kind, the same bytes each time.
 
     The layout is found once, for the first file: a second search would start where the first one ended and end a hair
     beside it, and so would every pixel of a colour bar.
     """
     buffer = io.BytesIO()
-    with warnings.catch_warnings(), matplotlib.rc_context(SETTINGS[kind]):
+    with warnings.catch_warnings(), matplotlib.rc_context(settings):
         # the name of a run in letters that the font lacks is drawn as boxes
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
-        figure.savefig(buffer, format=kind, metadata=dict.fromkeys(NAMELESS[kind]))
+        figure.savefig(buffer, format=kind, metadata=dict.fromkeys(nameless))
     figure.set_layout_engine("none")
     return buffer.getvalue()
 
 
-FORMATS: Mapping[str, Callable[[Figure], bytes]] = {kind: partial(file_of, kind) for kind in SETTINGS}
+FORMATS: Mapping[str, Callable[[Figure], bytes]] = {
+    "png": partial(_file, "png", {}, ("Software",)),
+    "svg": partial(_file, "svg", {"svg.hashsalt": "automarine", "svg.fonttype": "none"}, ("Date", "Creator")),
+    "pdf": partial(_file, "pdf", {"pdf.fonttype": 42}, ("CreationDate", "Creator", "Producer")),
+}  # text stays text, letters that other programs can edit
 
 
 @house_style
@@ -124,7 +120,6 @@ def span(figure: Figure, axes: NDArray[Any], *columns: slice) -> list[Axes]:
 
 
 def shortened(name: str, most: int) -> str:
-    """Return a name of `most` letters at most."""
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
@@ -149,7 +144,7 @@ def refuse_unknown(formats: Sequence[str]) -> None:
 def write_figures(
     folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str], each: Each | None = None
 ) -> None:
-    """Each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
+    """Write each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
     draw = partial(_drawn, formats)
     for figure in map(draw, figures.items()) if each is None else each(draw, list(figures.items()), "drawing figures"):
         for name, content in folder.taken(figure) or ():

@@ -94,7 +94,6 @@ def _measured(axes: Axes, result: ThrusterFit, groups: Sequence[Group]) -> None:
 
 
 def _line(axes: Axes, analysis: Analysis, square: bool, **style: Any) -> None:
-    """One map over the range that it was measured in, both directions that it has."""
     n = analysis.points.n
     along = np.linspace(float(np.min(n, initial=0.0)), float(np.max(n, initial=0.0)), 801, dtype=float)
     axes.plot(along, analysis.fitted(along, square=square), zorder=3, **style)

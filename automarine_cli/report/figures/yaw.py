@@ -17,26 +17,17 @@ from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Floats
-from automarine_cli.report.figures.style import (
-    COLOURS,
-    MEASURED,
-    MODEL_COLOURS,
-    MODEL_LINES,
-    PAGE_IN,
-    house_style,
-    legend,
-    new_figure,
-)
+from automarine_cli.report.figures import style
 from automarine_cli.runs.half_turn import HalfTurn
 
 MOST_RUNS = 2000  # whose samples are drawn one by one
 
 
-@house_style
+@style.house_style
 def half_turns_figure(fit: YawFit) -> Figure:
     """Draw the position of every step over time: the part that was fitted coloured by its force, the rest in grey."""
     dof, words = fit.dof, fit.dof.words
-    figure, axes = new_figure(1, 2, PAGE_IN, 3.2, sharey=True)
+    figure, axes = style.new_figure(1, 2, style.PAGE_IN, 3.2, sharey=True)
     scale, colours = _moment_scale(np.array([turn.moment for turn in fit.turns]))
     for ax, sign, way, side in zip(axes[0], (-1, 1), words.to_ways[::-1], ("negative", "positive")):
         turns = [turn for turn in fit.turns if np.sign(turn.moment) == sign]
@@ -45,21 +36,20 @@ def half_turns_figure(fit: YawFit) -> Figure:
         sizes = np.array([abs(turn.moment) for turn in turns])
         _lines(ax, [_position(turn, turn.kept) for turn in turns], colors=colours(sizes), linewidths=0.9, zorder=2)
         if dof.wraps:
-            ax.axhline(sign * 180.0, color=COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
+            ax.axhline(sign * 180.0, color=style.COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
         ax.set_title(f"{way} ({side} {words.force}s)")
         ax.set_xlabel("Time since the step [s]")
     x = dof.symbols.position_print
     axes[0, 0].set_ylabel(f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]")
     axes[0, 1].plot([], [], color="0.82", label="rest, and what was cut")
     if dof.wraps:
-        axes[0, 1].plot([], [], color=COLOURS["vermilion"], ls="--", label=words.reach)
-    legend(axes[0, 1], loc="lower right")
+        axes[0, 1].plot([], [], color=style.COLOURS["vermilion"], ls="--", label=words.reach)
+    style.legend(axes[0, 1], loc="lower right")
     figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
     return figure
 
 
 def _left_out(turn: HalfTurn) -> tuple[slice, slice]:
-    """The rest before a half-turn, and what follows it in the step."""
     first, stop = turn.looked_at
     return slice(first, turn.kept.start + 1), slice(turn.kept.stop - 1, stop)
 
@@ -71,55 +61,56 @@ def _position(turn: HalfTurn, part: slice) -> Floats:
     return np.stack([run.time[part] - turn.step.switch_mid, moved], axis=1)
 
 
-def _lines(ax: Axes, lines: Sequence[Floats], **style: Any) -> None:
-    collection = LineCollection([line for line in lines if len(line) > 1], capstyle="projecting", **style)
+def _lines(ax: Axes, lines: Sequence[Floats], **look: Any) -> None:
+    collection = LineCollection([line for line in lines if len(line) > 1], capstyle="projecting", **look)
     collection.set_in_layout(False)  # it stays within the axes: to measure every line for the layout takes its time
     ax.add_collection(collection)
     ax.autoscale_view()
 
 
-@house_style
+@style.house_style
 def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Draw steady velocity against force with the three curves of Table 1, residuals below (the paper's Fig. 7)."""
     dof = fit.dof
-    figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
+    figure, axes = style.new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     moment, rate = np.array([turn.moment for turn in fit.turns]), seed.tails.rate
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
-    top.plot(moment, dof.shown(rate), "o", mfc="none", mec=MEASURED, mew=0.8, label="measured, one run each", zorder=2)
+    points: dict[str, Any] = {"mfc": "none", "mec": style.MEASURED, "mew": 0.8}
+    top.plot(moment, dof.shown(rate), "o", label="measured, one run each", zorder=2, **points)
     for i, number in enumerate("123"):
         if (drag := seed.drag.get(number)) is None:
             continue
-        look: dict[str, object] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
+        look: dict[str, object] = {"color": style.MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
         curve = dof.shown(steady_rate(*drag.acting(grid)))
-        top.plot(grid, curve, ls=MODEL_LINES[number], label=f"model {number}", **look)
+        top.plot(grid, curve, ls=style.MODEL_LINES[number], label=f"model {number}", **look)
         shift = (i - 1) * 0.006 * np.ptp(grid)
         bottom.plot(moment + shift, drag.residuals, "^os"[i], ms=2.6, mec="none", **look)
     top.set_ylabel(f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]")
     bottom.set_ylabel(f"Residual [{fit.moment_unit}]")
     bottom.set_xlabel(_full_force(fit))
     bottom.axhline(0.0, color="0.4", lw=0.6, zorder=1)
-    legend(top, loc="upper left")
+    style.legend(top, loc="upper left")
     return figure
 
 
-@house_style
+@style.house_style
 def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Draw the inertia of each run, its mean at each force, and over all by both methods (the paper's Fig. 9)."""
     dof = fit.dof
     models = [number for number in ("1", "3") if number in seed.inertia]
-    figure, axes = new_figure(1, len(models), PAGE_IN, 3.0)
+    figure, axes = style.new_figure(1, len(models), style.PAGE_IN, 3.0)
     moment = np.array([turn.moment for turn in fit.turns])
     for ax, number in zip(axes[0], models):
         table, ml = seed.inertia[number], fit.output_error[number].estimates[dof.symbols.inertia]
-        ax.plot(moment, table.per_run, "o", mfc="none", mec=MEASURED, mew=0.8, label="one run")
+        ax.plot(moment, table.per_run, "o", mfc="none", mec=style.MEASURED, mew=0.8, label="one run")
         means, label = np.transpose(sorted(table.per_moment.items())), f"mean at one {dof.words.force}"
-        ax.plot(*means, "D", ms=4, color=COLOURS["vermilion"], mec="none", label=label)
+        ax.plot(*means, "D", ms=4, color=style.COLOURS["vermilion"], mec="none", label=label)
         ends = moment.min() * 1.05, moment.max() * 1.05
         methods = (table.overall, "black", "--", "velocity error"), (ml, "blue", "-", "maximum likelihood")
         for estimate, colour, line, name in methods:
-            ax.hlines(estimate.value, *ends, color=COLOURS[colour], ls=line, lw=1.1, label=f"overall, {name}")
-            ax.fill_between(ends, *estimate.ci95, color=COLOURS[colour], alpha=0.15, lw=0)
+            ax.hlines(estimate.value, *ends, color=style.COLOURS[colour], ls=line, lw=1.1, label=f"overall, {name}")
+            ax.fill_between(ends, *estimate.ci95, color=style.COLOURS[colour], alpha=0.15, lw=0)
         spread = np.array([*table.per_run, *ml.ci95])
         low, high = np.percentile(spread, [2, 98])
         ax.set_ylim(min(0.0, low), max(1.1 * high, high + 0.35 * np.ptp([low, high])))
@@ -131,11 +122,11 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     return figure
 
 
-@house_style
+@style.house_style
 def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     """Draw position against time times the root of the force: one curve for all runs if model 3 holds."""
     dof, own = fit.dof, fit.dof.symbols
-    figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
+    figure, axes = style.new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     model = fit.output_error["3"]
     k_rr, inertia = model.estimates[own.quadratic].value, model.estimates[own.inertia].value
@@ -157,13 +148,13 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     heavy, drag = own.inertia, own.quadratic_math
     name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
-    top.plot(grid, alike, color=COLOURS["vermilion"], lw=1.4, label=name)
-    bottom.axhline(0.0, color=COLOURS["vermilion"], lw=1.0)
+    top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=name)
+    bottom.axhline(0.0, color=style.COLOURS["vermilion"], lw=1.0)
     x, force, unit = own.position_print, own.force_print, dof.units.shown
     top.set_ylabel(f"{dof.words.position.capitalize()} {dof.words.moved} sgn({force})({x} − {x}₀) [{unit}]")
     bottom.set_ylabel(f"Off the curve [{unit}]")
     bottom.set_xlabel(f"Scaled time s = t √|{force}| [s ({fit.moment_unit})$^{{1/2}}$]")
-    legend(top, loc="upper left", title=f"{MOST_RUNS} of {runs} runs are shown" if runs > MOST_RUNS else None)
+    style.legend(top, loc="upper left", title=f"{MOST_RUNS} of {runs} runs are shown" if runs > MOST_RUNS else None)
     figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
     return figure
 
@@ -188,7 +179,6 @@ def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
 
 
 def _moment_scale(moment: Any) -> tuple[Any, Any]:
-    """A colour for each size of moment: the mappable for the colour bar, and the function."""
     sizes = np.abs(moment)
     low, high = float(sizes.min()), float(sizes.max())
     scale = matplotlib.cm.ScalarMappable(Normalize(low if high > low else 0.9 * low, high), "cividis")
