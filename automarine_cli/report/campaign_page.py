@@ -60,7 +60,6 @@ def folder_of(dof: Dof, step: str) -> str:
 
 
 def _of(motion: str, fit: files.ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
-    """The steps of one motion, or of surge, sway and yaw together."""
     after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
     models = (f"{motion}/{fit.file}",)
     yield Step(f"fit-{motion}", motion, fit, motion, fitted)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.pipeline.result_files import CHECK
-from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.sections import Sections, document, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import SetAside, runs_json
@@ -40,15 +40,10 @@ class Check(Shown):
 def _(result: Check) -> Sections:
     motions = [dof for dof in DOFS.values() if any(run.dof is dof for run in result.runs)]
     tables = [_run_table([run for run in result.runs if run.dof is dof], dof) for dof in motions]
-    if result.tests:
-        tables.append(_test_table(result.tests))
+    tables += [_test_table(result.tests)] if result.tests else []
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
-    files: dict[str, Content] = {
-        "check.json": result.to_json(),
-        "check.md": "\n".join(table.to_markdown() for table in tables),
-    }
-    return Sections(tables, files, rows=rows)
+    return Sections(tables, {"check.json": result.to_json(), "check.md": document(*tables)}, rows=rows)
 
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:

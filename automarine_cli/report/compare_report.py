@@ -7,7 +7,7 @@ from functools import partial
 from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, Side
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.figures.compare import compare_figure
-from automarine_cli.report.sections import Content, Sections, numbers, sections
+from automarine_cli.report.sections import Content, Sections, document, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
 
 NOTE = (
@@ -46,10 +46,10 @@ class ResultComparison(Shown):
 def _(result: ResultComparison) -> Sections:
     words = [summary(result.differences), *map(sentence, result.differences), *result.notes]
     tables = parameter_table(result.sides), difference_table(result.differences)
-    page = Table.of("", [{"in words": line} for line in words]), *tables
     files: dict[str, Content] = {
         "comparison.json": result.to_json(), "parameters.csv": tables[0].to_csv(),
-        "differences.csv": tables[1].to_csv(), "comparison.md": "\n".join(table.to_markdown() for table in page),
+        "differences.csv": tables[1].to_csv(),
+        "comparison.md": document(Table.of("", [{"in words": line} for line in words]), *tables),
     }  # fmt: skip
     rows = [
         {"parameter": apart.parameter, "of": apart.of, "less": apart.base, **numbers(apart.difference),

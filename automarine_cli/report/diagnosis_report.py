@@ -8,24 +8,13 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis import thruster_map
+from automarine_cli.diagnosis import thruster_map, verdict
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.verdict import (
-    EVEN,
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    WELL_ABOVE,
-    NamedEffect,
-    Outlook,
-    base_estimates,
-)
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits.innovations import fit_sentences
@@ -62,7 +51,7 @@ def _page(
     )  # fmt: skip
 
 
-def _rivals(effect: NamedEffect) -> list[str]:
+def _rivals(effect: verdict.NamedEffect) -> list[str]:
     lines = [
         f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}). Told apart by {rival.split_by}."
         for rival in effect.few_rivals
@@ -127,21 +116,26 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    if said.word == NAMED:
-        falls = _gains_instead(diagnosis) or f"the {named} falls from {before} to {after} {unit} ({beside})"
-        return f"Named: {names}; {falls}. {said.left}".strip()
-    if said.word == SUSPECTED:
-        return f"Suspected, not named: {names}. {said.why}"
-    if said.word == UNEXPLAINED:
-        return f"Unexplained: the {named} is {before} {unit} ({beside}). {said.why}"
-    ends = f" ({beside})." if driven else f", {beside}."
-    disturbed = " beside their disturbances" * driven
-    return f"Nothing missing that these runs could show{disturbed}: {named} {before} {unit}{ends}"
+    falls = _gains_instead(diagnosis) or f"the {named} falls from {before} to {after} {unit} ({beside})"
+    disturbed, ends = (" beside their disturbances", f" ({beside}).") if driven else ("", f", {beside}.")
+    nothing = f"Nothing missing that these runs could show{disturbed}: {named} {before} {unit}{ends}"
+    unexplained = f": the {named} is {before} {unit} ({beside})"
+    return _verdict(said.word, names, said.why, nothing, f"; {falls}. {said.left}".rstrip(), unexplained)
 
 
-def _or_rivals(effect: NamedEffect) -> str:
+def _verdict(word: str, names: str, why: str, nothing: str, named: str, unexplained: str = "") -> str:
+    """The verdict in one sentence, of motions, the plane and maps alike: `nothing` is that where nothing is missing,
+    `named` and `unexplained` are the numbers that follow these words."""
+    sentences = {
+        verdict.NAMED: f"Named: {names}{named}", verdict.SUSPECTED: f"Suspected, not named: {names}. {why}",
+        verdict.UNEXPLAINED: f"Unexplained{unexplained}. {why}", verdict.NOTHING: nothing,
+    }  # fmt: skip
+    return sentences[word]
+
+
+def _or_rivals(effect: verdict.NamedEffect) -> str:
     """An effect's name; of one that is less likely than its rivals together those too."""
-    rivals = effect.few_rivals if effect.confidence < EVEN else ()
+    rivals = effect.few_rivals if effect.confidence < verdict.EVEN else ()
     return " or ".join([effect.name, *(rival.name for rival in rivals)])
 
 
@@ -158,7 +152,7 @@ def _gains_instead(diagnosis: Diagnosis) -> str:
     )
 
 
-def _outlook_tables(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) -> list[Table]:
+def _outlook_tables(fitted: verdict.Outlook | None, held_out: verdict.Outlook | None, dof: Dof) -> list[Table]:
     """Errors of predictions by horizon, of runs fitted and held out; no table of runs that are not driven."""
     unit, words = dof.units.shown, dof.words
     names = ("before", "after", f"constant {words.speed}", f"constant {words.position}")
@@ -178,7 +172,7 @@ def _outlook_tables(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) 
     return [Table.of("Predictions from the filtered state", rows, [note])] if rows else []
 
 
-def estimates(effect: NamedEffect, dof: Dof) -> Iterator[dict[str, Any]]:
+def estimates(effect: verdict.NamedEffect, dof: Dof) -> Iterator[dict[str, Any]]:
     """Rows of an effect's parameters, without those of laws that do not hold; of a choice between laws the word."""
     if (curve := effect.learned) is not None:
         scale, unit = (100.0, "%") if curve.kind == "gain" else (1.0, curve.y_unit)
@@ -237,13 +231,13 @@ def page(diagnosis: Diagnosis) -> str:
     gap = [gap_table(diagnosis), *_outlook_tables(diagnosis.outlook, diagnosis.held_out_outlook, dof)]
     rest = ["## What it does to the model", *_moves(diagnosis), "## What remains", _remains(diagnosis)]
     rest += ["## What to run next", _next(diagnosis)]
-    if diagnosis.verdict != NAMED:
+    if diagnosis.verdict != verdict.NAMED:
         rest += ["## What these runs would have shown", detectable_table(diagnosis)]
     regions = regions_table(where.regions, dof.units.shown, dof.words.force)
     return _page(f"Diagnosis of the {dof.name} model", first, where.regions, regions, why, gap, rest)
 
 
-def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Table | str]:
+def _effect(diagnosis: Diagnosis, effect: verdict.NamedEffect) -> list[Table | str]:
     dof = diagnosis.study.base.dof
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
     chance = "at most" if effect.p_value <= 1.01 * smallest else "about"
@@ -267,14 +261,14 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Table | str]:
 def _moves(diagnosis: Diagnosis) -> list[Table | str]:
     study, symbols = diagnosis.study, diagnosis.study.base.dof.symbols
     names = {symbols.constant: "constant force", symbols.difference: "half the difference of drag"}
-    before = base_estimates(study, diagnosis.found.base)
-    if diagnosis.verdict != NAMED:
+    before = verdict.base_estimates(study, diagnosis.found.base)
+    if diagnosis.verdict != verdict.NAMED:
         rows = [
             {"parameter": names.get(name, name), "estimate and 95 % interval": estimate, "unit": estimate.unit}
             for name, estimate in before.items()
         ]
         return ["Nothing was added; the base model fitted to these runs is", Table.of("", rows)]
-    after = base_estimates(study, diagnosis.found.final)
+    after = verdict.base_estimates(study, diagnosis.found.final)
     rows, moved = [], list[str]()
     for name, old in before.items():
         new = after[name]
@@ -303,7 +297,7 @@ def _remains(diagnosis: Diagnosis) -> str:
     ratio = gap.after / max(gap.floor, 1e-12)
     return f"The remaining gap is {ratio:.2f} times the noise of the {dof.words.position}. " + (
         "That is the noise level: nothing more can be fitted to these runs."
-        if ratio < 1.0 + WELL_ABOVE
+        if ratio < 1.0 + verdict.WELL_ABOVE
         else "A residual remains that no candidate explains; see where.png."
     )
 
@@ -432,21 +426,14 @@ def _(result: PlanarDiagnosis) -> Sections:
 
 
 def planar_verdict(search: PlanarSearch) -> str:
-    """The verdict in one sentence with its numbers."""
-    if search.verdict == NOTHING:
-        return "Nothing is missing that the runs could show."
-    if search.verdict == UNEXPLAINED:
-        return f"Unexplained. {search.why}"
-    if search.verdict == SUSPECTED:
-        return f"Suspected: {search.words.removeprefix('suspected ')}. {search.why}"
-    held_out = search.outlook(True)
-    if not (forecast := held_out and (held_out.judged or held_out.ahead[-1])):
-        return f"Named: {search.words}."
-    before, after = (f"{YAW.shown(x):.3g}" for x in (forecast.before, forecast.after))
-    return (
-        f"Named: {search.words}; on runs held out the heading is predicted {forecast.horizon:g} s ahead to {after} "
-        f"deg, {before} before."
-    )
+    """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
+    named, held_out = ".", search.outlook(True)
+    if held_out is not None:
+        before, after = (f"{YAW.shown(x):.3g}" for x in (held_out.longest.before, held_out.longest.after))
+        ahead = f"{held_out.longest.horizon:g} s ahead to {after} deg, {before} before"
+        named = f"; on runs held out the heading is predicted {ahead}."
+    names, nothing = search.words.removeprefix("suspected "), "Nothing is missing that the runs could show."
+    return _verdict(search.verdict, names, search.why, nothing, named)
 
 
 def _planar_evidence(search: PlanarSearch) -> Table:
@@ -505,7 +492,15 @@ def _(result: ThrusterDiagnosis) -> Sections:
 
 def thruster_sentences(result: ThrusterDiagnosis) -> list[str]:
     """Say the verdict in one sentence with its numbers, what is missing, and what else it could be."""
-    lines = [_thruster_verdict(result)]
+    before, after = (number(result.percent(size), 3) for size in (result.cross.before, result.cross.after))
+    scale = f"of full scale ({number(result.data.full_scale)} N)"
+    residual, floor = number(result.gap.before, 3), number(result.gap.floor, 3)
+    lines = [_verdict(
+        result.verdict, " and ".join(effect.name for effect in result.effects), result.why,
+        f"Nothing is missing from the {result.given.form} map that these levels could show.",
+        f". The cross-validated error falls from {before} % to {after} % {scale}.",
+        f": the residual is {residual} N, the noise level {floor} N",
+    )]  # fmt: skip
     for effect in result.effects:
         sure = "above 99 %" if effect.confidence > 0.99 else f"{100 * effect.confidence:.0f} %"
         lines.append(f"{effect.name}: {effect.says} Confidence {sure} (p = {effect.p_value:.2g}).")
@@ -513,23 +508,9 @@ def thruster_sentences(result: ThrusterDiagnosis) -> list[str]:
     return lines
 
 
-def _thruster_verdict(result: ThrusterDiagnosis) -> str:
-    names = " and ".join(effect.name for effect in result.effects)
-    if result.verdict == NAMED:
-        before, after = (number(result.percent(size), 3) for size in (result.cross.before, result.cross.after))
-        scale = f"of full scale ({number(result.data.full_scale)} N)"
-        return f"Named: {names}. The cross-validated error falls from {before} % to {after} % {scale}."
-    if result.verdict == SUSPECTED:
-        return f"Suspected, not named: {names}. {result.why}"
-    if result.verdict == UNEXPLAINED:
-        before, floor = number(result.gap.before, 3), number(result.gap.floor, 3)
-        return f"Unexplained: the residual is {before} N, the noise level {floor} N. {result.why}"
-    return f"Nothing is missing from the {result.given.form} map that these levels could show."
-
-
 def _thruster_remains(result: ThrusterDiagnosis) -> str:
     gap = result.gap
-    above = gap.after > thruster_map.WELL_ABOVE * gap.floor and result.verdict in (NAMED, NOTHING)
+    above = gap.after > thruster_map.WELL_ABOVE * gap.floor and result.verdict in (verdict.NAMED, verdict.NOTHING)
     more = " No other effect of the library closes what is above it." if above else ""
     return (
         f"What remains is {number(gap.after, 3)} N ({number(result.percent(gap.after), 2)} % of full scale) against "

@@ -2,7 +2,7 @@
 
 import base64
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from html import escape, unescape
 from importlib.resources import files
@@ -33,24 +33,18 @@ class Page:
 
 def to_html(text: str, picture: Picture) -> Page:
     """The document as HTML, its headings with ids to link to."""
-    page = Page("")
-    page.html = "\n".join(_blocks(text.splitlines(), picture, page.headings))
+    page, groups = Page(""), groupby(map(str.strip, text.splitlines()), _mark)
+    page.html = "\n".join(_block(block, picture, page.headings) for _, group in groups if (block := list(group))[0])
     return page
+
+
+def _mark(line: str) -> object:
+    """What the lines of a table or of a list begin with; all others stand alone."""
+    return next((mark for mark in ("|", "- ") if line.startswith(mark)), object())
 
 
 def plain(text: str) -> str:
     return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda found: found[1] or "", text))
-
-
-def _blocks(lines: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> Iterator[str]:
-    """HTML of each table, list and line; lines of a table or list stand together."""
-
-    def mark(line: str) -> object:
-        return next((mark for mark in ("|", "- ") if line.startswith(mark)), object())
-
-    for _, group in groupby(map(str.strip, lines), mark):
-        if (block := list(group))[0]:
-            yield _block(block, picture, headings)
 
 
 def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> str:
@@ -106,14 +100,14 @@ def _table(block: Sequence[str]) -> str:
             texts += f"<{tag}{scope}{kind}>{words(cell)}</{tag}>"
         return f"<tr{' class=rule' if rule else ''}>{texts}</tr>"
 
-    body, group = [], ""
+    body, group = "", ""
     for cells in rows:
         now = found[0] if (found := GROUP.search(cells[0])) else group
-        body.append(row(cells, False, now != group))
+        body += row(cells, False, now != group)
         group = now
     return (
         '<div class="table"><div class="scroll" tabindex="0" role="region" aria-label="Table">'
-        f"<table><thead>{row(head, True)}</thead><tbody>{''.join(body)}</tbody></table></div></div>"
+        f"<table><thead>{row(head, True)}</thead><tbody>{body}</tbody></table></div></div>"
     )
 
 

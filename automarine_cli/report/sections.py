@@ -93,7 +93,7 @@ def forms_of(stem: str, *tables: Table) -> dict[str, Content]:
     """Render tables as the files STEM.csv (the first), STEM.md and STEM.tex."""
     return {
         f"{stem}.csv": tables[0].to_csv(),
-        f"{stem}.md": "\n".join(table.to_markdown() for table in tables),
+        f"{stem}.md": document(*tables),
         f"{stem}.tex": "\n".join(table.to_latex() for table in tables),
     }
 

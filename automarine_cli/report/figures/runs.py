@@ -161,18 +161,16 @@ def driven_runs_figure(fit: YawFit, use: Use) -> Figure:
     rows = -(-shown // columns)
     figure, axes = style.new_figure(2 * rows, columns, style.PAGE_IN, 0.9 + 2.6 * rows, height_ratios=[2.0, 1.0] * rows)
     tops, bottoms = axes[::2].ravel(), axes[1::2].ravel()
-    for i, (top, bottom) in enumerate(zip(tops, bottoms)):
-        if i >= shown:
-            top.set_axis_off()
-            bottom.set_axis_off()
-            continue
-        run, time, end = fit.runs[i], use.course.time[i], int((use.course.length[i] > 0).sum()) + 1
+    for ax in (*tops[shown:], *bottoms[shown:]):
+        ax.set_axis_off()
+    for i, (run, top, bottom) in enumerate(zip(fit.runs[:shown], tops, bottoms)):
+        time, end = use.course.time[i], int((use.course.length[i] > 0).sum()) + 1
         _predicted(top, run, dof, use, shown_channel(use.course), use.free[i], i, True)
         top.tick_params(labelbottom=False)
         label = f"{dof.words.force} commanded"
         bottom.step(run.time - run.time[0], run.command, where="post", color="0.6", lw=0.6, label=label)
-        pushed = use.disturbance[i, :end]
-        bottom.plot(time[:end], pushed, color=style.COLOURS["green"], lw=1.0, label="disturbance that was needed")
+        push = {"color": style.COLOURS["green"], "lw": 1.0, "label": "disturbance that was needed"}
+        bottom.plot(time[:end], use.disturbance[i, :end], **push)
         bottom.sharex(top)
     for top, bottom in axes[:, 0].reshape(-1, 2):
         top.set_ylabel(f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]")

@@ -131,7 +131,6 @@ def limit(axes: Axes, low: float, high: float, reach: float, lines: Sequence[NDA
 
 
 Draw = Callable[[], Figure]
-Files = tuple[tuple[str, bytes], ...]  # names and contents
 
 
 def refuse_unknown(formats: Sequence[str]) -> None:
@@ -151,10 +150,10 @@ def write_figures(
             folder.write(name, content)
 
 
-def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[Files]:
+def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[tuple[tuple[str, bytes], ...]]:
     name, draw = drawing
 
-    def work() -> Files:
+    def work() -> tuple[tuple[str, bytes], ...]:
         figure = draw()
         return tuple((f"{name}.{kind}", FORMATS[kind](figure)) for kind in formats)
 
