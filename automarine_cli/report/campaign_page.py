@@ -271,19 +271,19 @@ def headlines(steps: Steps) -> dict[str, str]:
 
 def _of_check(step: StepResult[CheckFile], _: Steps) -> str:
     file, used, aside = step.file, step.file.runs.used, len(step.file.runs.set_aside)
-    idle = sum(run.step is None for run in file.yaw_runs)
+    idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
     parts = [f"{file.logs} log{'s' * (file.logs != 1)}", f"{used} run{'s' * (used != 1)}"]
     return ", ".join([*parts, *[f"{idle} without a half-turn"] * bool(idle), *[f"{aside} set aside"] * bool(aside)])
 
 
 def _of_thrusters(step: StepResult[ThrusterFile], _: Steps) -> str:
     file = step.file
-    laws = {"forward": file.forward.a, "backward": file.backward.a} if file.form == "square" else {}
+    laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
     values = [f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None]
-    if (chosen := file.chosen) is None:
+    if not file.chosen:
         return f"{file.form} law{''.join(values)}"
-    error = number(chosen.rmse_percent_of_full_scale, 2)
-    return f"{chosen.form} law{''.join(values)}, R² {number(chosen.r2)}, error {error} % of full scale"
+    error = number(file.rmse_percent, 2)
+    return f"{file.chosen} law{''.join(values)}, R² {number(file.r2)}, error {error} % of full scale"
 
 
 def _of_model(step: StepResult[ModelFile], steps: Steps) -> str:
@@ -326,10 +326,10 @@ def _of_validation(step: StepResult[ValidationFile], steps: Steps) -> str:
 
 
 def _of_diagnosis(step: StepResult[DiagnosisFile], _: Steps) -> str:
-    gap, unit = step.file.gap.fitted_runs, step.file.unit
-    names = ", ".join(effect.name for effect in step.file.effects)
-    verdict = step.file.verdict.replace("-", " ") + (f": {names}" if names else "")
-    return f"{verdict}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"
+    file = step.file
+    names = ", ".join(effect.name for effect in file.effects)
+    verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
+    return f"{verdict}; gap {number(file.before, 3)} to {number(file.after, 3)} {file.unit}"
 
 
 def _of_tuning(step: StepResult[TuningFile], _: Steps) -> str:
