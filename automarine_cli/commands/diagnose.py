@@ -154,7 +154,6 @@ def _of_a_map(
 
 
 def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
-    """Refuse what a kind of model has no use for."""
     from automarine_cli.pipeline.records import schema_in
     from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
     from automarine_cli.runs.channels import AUTO

@@ -52,7 +52,6 @@ verify.finish = _finish
 
 
 def _inside(folder: Path, inputs: Sequence[Path]) -> list["FolderVerified"]:
-    """Verify every result in the folder and below it."""
     try:
         manifests = list(manifests_in(folder))
     except OSError as problem:
