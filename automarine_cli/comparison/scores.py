@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from automarine_cli.comparison.simulated_runs import FreeRun
 from automarine_cli.dofs import YAW, Dof
@@ -131,13 +130,14 @@ def rate_error(free: FreeRun) -> Floats:
     if read is not None:
         return np.asarray(dof.shown((read - free.rate)[~np.isnan(read)]))
     period, width = run.sample_period, rate_window(run)
+    arm = np.arange(width // 2, -width // 2, -1)  # the parabola's slope, as `np.convolve` takes weights
+    weights = arm / (arm @ arm) / period
     edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
     slopes = []
     for time, error in zip(np.split(run.time, edges), np.split(free.error, edges)):
         even = np.arange(time[0], time[-1] + 1e-6 * period, period)
         if len(even) >= width:
-            slope = savgol_filter(np.interp(even, time, error), width, 2, deriv=1, delta=period)
-            slopes.append(slope[width // 2 : -(width // 2)])
+            slopes.append(np.convolve(np.interp(even, time, error), weights, mode="valid"))
     return np.asarray(dof.shown(np.concatenate(slopes))) if slopes else np.zeros(0)
 
 

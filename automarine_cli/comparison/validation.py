@@ -330,7 +330,7 @@ def usable_runs(
         if run.moment_unit != stored.moment_unit:
             raise ModelError(
                 f"{stored.source} was fitted to {stored.dof.words.force}s in {stored.moment_unit}, {run.source} "
-                f"gives them in {run.moment_unit}; there is no factor between the two. Validate with logs in "
+                f"gives them in {run.moment_unit}; there is no factor between the two. Give logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
     return usable, [*aside, *undriven]

@@ -139,34 +139,23 @@ def result_folder(
 def _taken(new: Path, name: str) -> int:
     """Make the folder to be filled, in place of one that a killed process left; return the open file that locks it.
     Raises OutputError where its process still runs."""
+    with contextlib.suppress(OSError):  # there is none, or it is held
+        if fcntl is not None:
+            with (new / LOCK).open() as held:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                left = new.rename(new.with_name(f"{new.name}-{os.getpid()}"))
+                shutil.rmtree(left, ignore_errors=True)
     try:
         new.mkdir()
     except FileExistsError:
-        if not _abandoned(new):
-            raise OutputError(
-                f"another automarine is writing results to {name}; wait until it has ended, or, if it was killed, "
-                f"delete {new}"
-            ) from None
-        new.mkdir()
+        raise OutputError(
+            f"another automarine is writing results to {name}; wait until it has ended, or, if it was killed, "
+            f"delete {new}"
+        ) from None
     lock = os.open(new / LOCK, os.O_CREAT | os.O_RDWR)
     if fcntl is not None:
         fcntl.flock(lock, fcntl.LOCK_EX)
     return lock
-
-
-def _abandoned(new: Path) -> bool:
-    """Whether nobody holds the lock of a folder; then it is moved out of the way and deleted."""
-    if fcntl is None:
-        return False
-    try:
-        with (new / LOCK).open() as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            left = new.with_name(f"{new.name}-{os.getpid()}")
-            new.rename(left)
-            shutil.rmtree(left, ignore_errors=True)
-    except OSError:  # it is held, or gone by now
-        return False
-    return True
 
 
 def _put_back(old: Path, target: Path) -> None:
