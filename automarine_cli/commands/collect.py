@@ -93,7 +93,6 @@ def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, pro
 
 
 def _finish(ctx: click.Context, result: "Collected") -> None:
-    """Say where the logs are; status 1 where a step was refused or the campaign ended early."""
     if not ctx.params["as_json"] and verbosity_level() >= 0:
         analysis = ", the analysis is in its folder analysis" if ctx.params["then"] else ""
         click.echo(f"The logs are in {ctx.params['out']}{analysis}.")

@@ -95,7 +95,7 @@ def read_knowledge(
             )
     main = Explanation(known.model, _covariance(known, known.model), "the model as it was named")
     bare = known.stored.models[known.stored.preferred]
-    force = file.valid_range.force if file.valid_range else None
+    force = file.force_range
     largest = max(map(abs, force)) if force else None
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     named = {term.name for term in known.model.terms}
@@ -176,8 +176,7 @@ def _moved(main: Explanation, model: YawModel, names: Sequence[str]) -> Floats:
 def _covariance(known: PriorResults, model: YawModel) -> Floats:
     """Covariance of theta (p, p): the file's own, and standard errors where it says no more."""
     covariance = np.diag([_error(known, model, k) ** 2 for k in range(len(model.theta))])
-    likeliest = known.file.chosen.output_error if known.file else None
-    if likeliest is not None and (stored := likeliest.covariance) is not None:
+    if known.file is not None and (stored := known.file.chosen.covariance) is not None:
         there = [k for k, name in enumerate(model.short_names) if name in stored.parameters]
         rows = [stored.parameters.index(model.short_names[k]) for k in there]
         covariance[np.ix_(there, there)] = np.array(stored.matrix)[np.ix_(rows, rows)]

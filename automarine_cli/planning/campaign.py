@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.comparison.rollouts import roll
+from automarine_cli.comparison.simulated_runs import roll
 from automarine_cli.errors import SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.models.yaw_model import YawModel

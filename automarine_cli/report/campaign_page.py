@@ -237,18 +237,18 @@ def headlines(steps: Steps) -> dict[str, str]:
 
 def _of_check(file: files.CheckFile, *_: object) -> str:
     used, aside = file.runs.used, len(file.runs.set_aside)
-    idle = sum(run.step is None for run in file.yaw_runs)
+    idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
     parts = [f"{file.logs} log{'s' * (file.logs != 1)}", f"{used} run{'s' * (used != 1)}"]
     return ", ".join([*parts, *[f"{idle} without a half-turn"] * bool(idle), *[f"{aside} set aside"] * bool(aside)])
 
 
 def _of_thrusters(file: files.ThrusterFile, *_: object) -> str:
-    laws = {"forward": file.forward.a, "backward": file.backward.a} if file.form == "square" else {}
+    laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
     values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
-    if (chosen := file.chosen) is None:
+    if not file.chosen:
         return f"{file.form} law{values}"
-    error = number(chosen.rmse_percent_of_full_scale, 2)
-    return f"{chosen.form} law{values}, R² {number(chosen.r2)}, error {error} % of full scale"
+    error = number(file.rmse_percent, 2)
+    return f"{file.chosen} law{values}, R² {number(file.r2)}, error {error} % of full scale"
 
 
 def _of_model(file: files.ModelFile, step: StepResult, steps: Steps) -> str:
@@ -291,8 +291,8 @@ def _of_validation(file: files.ValidationFile, step: StepResult, steps: Steps) -
 
 def _of_diagnosis(file: files.DiagnosisFile, *_: object) -> str:
     names = ", ".join(effect.name for effect in file.effects)
-    verdict, gap = file.verdict.replace("-", " ") + (f": {names}" if names else ""), file.gap.fitted_runs
-    return f"{verdict}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
+    verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
+    return f"{verdict}; gap {number(file.before, 3)} to {number(file.after, 3)} {file.unit}"
 
 
 def _of_tuning(file: files.TuningFile, *_: object) -> str:

@@ -4,11 +4,8 @@ from collections.abc import Mapping
 from functools import partial
 from itertools import count
 
-from automarine_cli.comparison.planar import SCORES as PLANAR_SCORES
-from automarine_cli.comparison.planar import PlanarValidation
-from automarine_cli.comparison.planar import overall as planar_overall
-from automarine_cli.comparison.scores import SCORES, Overall, score_key
-from automarine_cli.comparison.validation import Ahead, Comparison, Validation
+from automarine_cli.comparison.scores import PLANAR_SCORES, SCORES, Overall, score_key
+from automarine_cli.comparison.validation import Ahead, Comparison, PlanarValidation, Validation
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.innovations import channel_sentences, measured_noises
@@ -58,14 +55,14 @@ def _(result: Validation) -> Sections:
 
 @sections.register
 def _(result: PlanarValidation) -> Sections:
-    table = planar_table(result)
-    names = (f"validation_{stem}" for stem in file_stems([free.run.name for free in result.free]))
+    table, scored = planar_table(result), result.scored
+    names = (f"validation_{stem}" for stem in file_stems([free.run.name for free in scored.free]))
     return Sections(
         [table],
         {"validation.json": result.to_json()} | forms_of("validation", table),
-        {name: partial(planar_figure, free) for name, free in zip(names, result.free)},
+        {name: partial(planar_figure, free) for name, free in zip(names, scored.free)},
         LISTED,
-        [{"run": free.run.name, "model": PLANAR.name, **free.scores} for free in result.free],
+        [{"run": free.run.name, "model": PLANAR.name, **values} for free, values in zip(scored.free, scored.values)],
     )
 
 
@@ -77,12 +74,12 @@ def planar_table(result: PlanarValidation) -> Table:
         return {"run": run, "s": number(length, 3)} | values
 
     rows = []
-    for free in result.free:
-        rows.append(row(free.run.name, float(free.run.time[-1] - free.run.time[0]), free.scores))
+    for free, values in zip(result.scored.free, result.scored.values):
+        rows.append(row(free.run.name, float(free.run.time[-1] - free.run.time[0]), values))
         if free.diverged:
             rows[-1] |= dict.fromkeys(PLANAR_HEADINGS.values(), MISSING) | {"heading deg": DIVERGED}
-    rows.append(row("all runs", None, planar_overall(result.free)))
-    runs = len(result.free)
+    rows.append(row("all runs", None, {name: whole.value for name, whole in result.scored.overall.items()}))
+    runs = len(result.scored.free)
     title = f"Validation over {runs} run{'s' * (runs != 1)}: surge, sway and yaw together"
     return Table.of(title, rows, (
         "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
@@ -95,7 +92,7 @@ def overall_table(comparison: Comparison) -> Table:
     """Lay out models down, scores across, each with its 95 % interval over runs."""
     rows, dof, runs = list[dict[str, str]](), comparison.runs[0].dof, len(comparison.runs)
     for model, scored in comparison.models.items():
-        cells = dict.fromkeys(SCORES, MISSING) | {SCORES[0]: DIVERGED}
+        cells = dict.fromkeys(SCORES, MISSING) | {"rmse": DIVERGED}
         if not scored.diverged:
             cells = {name: _cell(name, scored.overall[name]) for name in SCORES}
         rows.append({"model": model} | {dof.fill(HEADINGS[name]): cell for name, cell in cells.items()})
@@ -118,7 +115,7 @@ def run_table(comparison: Comparison) -> Table:
             **{f"model {model}": error for model, error in free.items()},
             **{f"{model} restarted": number(score.value("restarted_rmse"), 3) for model, score in scores.items()},
             "horizon s": number(comparison.restarts[i].horizon, 3),
-            "start": next(iter(scores.values())).start.how.split(":")[0],
+            "start": next(iter(comparison.models.values())).free[i].start.how.split(":")[0],
         })  # fmt: skip
     title = f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
     return Table.of(title, rows)
@@ -159,7 +156,7 @@ def score_table(comparison: Comparison) -> Table:
         for model, scored in comparison.models.items():
             score, horizon = scored.scores[i], number(restarts.horizon, 6)
             values = {name: score.value(name) for name in SCORES}
-            rows.append(row(run.name, model, values, floor, horizon, restarts.rule, score.start.how))
+            rows.append(row(run.name, model, values, floor, horizon, restarts.rule, scored.free[i].start.how))
     for model, scored in comparison.models.items():
         values = {name: scored.overall[name].value for name in SCORES}
         rows.append(row("all runs", model, values, comparison.floor))

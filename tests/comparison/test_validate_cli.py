@@ -102,7 +102,7 @@ def test_refusals(pool: Path, run: Run, tmp_path: Path) -> None:
     newton = model_file(tmp_path / "newton.json", moment_unit="N m")
     assert refused(logs, "--model", newton) == (
         "Error: newton.json was fitted to moments in N m, logs/a.csv gives them in nu; there is no factor between "
-        "the two. Validate with logs in N m, or fit a model to logs in nu"
+        "the two. Give logs in N m, or fit a model to logs in nu"
     )
     wrong = model_file(tmp_path / "wrong.json", preferred="9")
     assert refused(logs, "--model", wrong).startswith('Error: wrong.json: preferred: found "9", expected')

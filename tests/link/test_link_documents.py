@@ -104,7 +104,7 @@ def test_the_surface_refuses_what_the_vehicle_refuses(tmp_path: Path) -> None:
         collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", wait_s=5.0)
         with pytest.raises(SettingError, match="the vehicle refuses: the campaign's moments are in N m"):
             collector.collect(replace(made_campaign(), moment_unit="N m"), stop=False)
-    with pytest.raises(SettingError, match='key "limits" is missing; give a file as `automarine plan` writes it'):
+    with pytest.raises(SettingError, match=r'limits\.logger: key "rate_hz" is missing; give a file as `automarine'):
         plan = tmp_path / "plan.json"
         plan.write_text(json.dumps({"schema": "automarine/plan/1", "moment_unit": "nu"}))
         read_campaign(plan)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.comparison.rollouts import needed_signals
+from automarine_cli.comparison.simulated_runs import needed_signals
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
@@ -47,7 +47,7 @@ class Simulated:
         if stored.dof is not YAW:
             raise ModelError(f"{stored.source} is a model of {stored.dof.name}; give a yaw model to the vehicle")
         if full is None:
-            fitted = (file.valid_range and file.valid_range.force) or ()
+            fitted = file.force_range or ()
             full = max((abs(end) for end in (*fitted, *((1.0,) if stored.moment_unit == "nu" else ()))), default=None)
         if full is None:
             raise SettingError(

@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from automarine_cli.comparison.planar import DEGREES, PlanarFree
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.filters.course import Channel
@@ -23,6 +22,7 @@ from automarine_cli.report.tables import number
 from automarine_cli.runs.clean import GAP_IN_PERIODS
 from automarine_cli.runs.run import Run
 
+DEGREES = 180.0 / np.pi
 LONGEST_TITLE = 90
 CROWD = 400  # more samples than this are drawn smaller
 MOST_WHOLE, MOST_DRIVEN, MOST_PLANAR = 24, 12, 8  # runs that are drawn
@@ -81,14 +81,14 @@ def _with_gaps(time: Floats, values: Floats, period: float) -> tuple[Floats, Flo
 
 
 @style.house_style
-def planar_figure(free: PlanarFree) -> Figure:
+def planar_figure(free: FreeRun) -> Figure:
     """Draw one run in the plane: measured and simulated by the commands alone, from its start state."""
     run, time = free.run, free.run.time - free.run.time[0]
     figure, axes = style.new_figure(3, 2, style.PAGE_IN, 7.0)
     size = 2.5 if len(run) <= CROWD else 1.2
     for panel, (channel, label, factor) in zip((axes[0, 0], axes[1, 0], axes[1, 1], axes[2, 0]), QUANTITIES):
         read = run.channel(channel)
-        measured = None if free.error(channel) is None or read is None else factor * read
+        measured = None if free.error_of(channel) is None or read is None else factor * read
         if measured is not None:
             panel.plot(time, measured, "o", color=style.MEASURED, ms=size, label="measured", zorder=2)
         if not free.diverged and channel in free.simulated:
