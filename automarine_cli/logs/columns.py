@@ -30,9 +30,8 @@ class Join:
     max_age_s: float = OLDEST
 
     def __post_init__(self) -> None:
-        stars = self.logs.count("*")
         for other in self.others:
-            if other.count("*") not in (0, stars) or not other or not self.logs:
+            if other.count("*") not in (0, self.logs.count("*")) or not other or not self.logs:
                 raise SettingError(
                     f'join of "{self.logs}" with "{other}": expected as many stars in both, or none in the second; a '
                     "star stands for the same letters in both names"

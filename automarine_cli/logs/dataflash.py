@@ -12,20 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.mixing import Asked, parameters, with_pulses
-from automarine_cli.logs.streams import (
-    Recording,
-    Stream,
-    arming,
-    mode_names,
-    needed,
-    on_one_clock,
-    taken,
-    unsound_is_refused,
-)
+from automarine_cli.logs.formats import Format, RawLog, refuse_empty, skipped
+from automarine_cli.logs.mixing import parameters, recorded
+from automarine_cli.logs.streams import Recording, Stream, arming, mode_names, needed, on_one_clock, unsound_is_refused
 from automarine_cli.quantities import Floats
 
 HEAD = b"\xa3\x95"
@@ -48,13 +38,8 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     library = needed("pymavlink.DFReader", "ardupilot", name, "ArduPilot logs")
     with unsound_is_refused(name, "dataflash"):
         messages, lost = _messages(path.read_bytes(), library.FORMAT_TO_STRUCT)
-        if not messages:
-            raise LogError(
-                f"{name}: found no ArduPilot dataflash messages, expected some from its extension; copy "
-                "the file again, or rename it"
-            )
-        notes = (f"{lost} byte{'s' * (lost != 1)} skipped: not a message",) if lost else ()
-        return on_one_clock(_recording(messages, columns, notes), columns, name)
+        refuse_empty(messages, name, "ArduPilot dataflash messages")
+        return on_one_clock(_recording(messages, columns, skipped(lost, "byte", "not a message")), columns, name)
 
 
 FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(HEAD,))
@@ -144,22 +129,14 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     for name, (other, instead) in INSTEAD.items():
         if name not in messages:
             own[other] = instead
-    streams, asked = _states(messages), Asked()
-    for name, message in messages.items():
-        time = _clock(message)
-        fields = {key: values for key, values in message.items() if key not in SECONDS}
-        if name == "RCOU":  # channels that nothing is connected to are always at 0
-            fields = {key: values for key, values in fields.items() if values.any()}
-        if time is not None:
-            stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == "RCOU")
-            if name == "RCOU":
-                told = messages.get("PARM", {})
-                clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
-                known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
-                stream, asked = with_pulses(stream, name, fields, known, columns)
-            streams += [] if stream is None else [stream]
-    holds = tuple(f"{name} ({len(next(iter(fields.values())))})" for name, fields in messages.items())
-    return Recording(streams, "messages", holds, (*asked.notes, *notes), asked.origin)
+    told = messages.get("PARM", {})
+    clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
+    known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
+    clocked = {
+        name: (_clock(message), {key: values for key, values in message.items() if key not in SECONDS})
+        for name, message in messages.items()
+    }
+    return recorded(clocked, own, "RCOU", known, columns, _states(messages), notes)
 
 
 def _clock(fields: Message) -> Floats | None:

@@ -109,8 +109,7 @@ def _json_recording(
             streams.append(taken(topic, time, _json_columns([_flat(one) for _, one in told]), {}, columns))
     messages = {kind: _json_message(sorted(told, key=lambda row: row[0])) for kind, told in by_kind.items()}
     found = recording(of_the_vehicle(messages), columns, notes) if messages else Recording((), "", ())
-    used = (*found.streams, *(stream for stream in streams if stream is not None))
-    return Recording(used, "topics", holds, found.notes or notes, found.origin)
+    return Recording((*found.streams, *streams), "topics", holds, found.notes or notes, found.origin)
 
 
 def _json_message(rows: Rows) -> Message:
@@ -285,7 +284,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
     turning = [topic for topic in topics if "heading" in motions.get(topic.name, {})]
     turning.sort(key=lambda topic: list(POSES).index(topic.kind))  # among those of one type the bag's order
     shift, notes = _clocks(turning)
-    streams: list[Stream | None] = []
+    streams = []
     given: set[str] = set()
     for topic in [*turning, *(one for one in topics if one not in turning)]:
         time = np.where(np.isnan(topic.stamped), topic.recorded + shift, topic.stamped)
@@ -300,8 +299,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         if topic.kind == STATE:
             states = {"mode": fields["mode"], "armed": arming(fields["armed"] > 0)}
             streams.append(Stream(topic.name, time, states, lasting=True))
-    used = [stream for stream in streams if stream is not None]
-    names = {stream.name for stream in used}
+    names = {stream.name for stream in streams if stream.columns}
     unstamped = [one.name for one in topics if np.isnan(one.stamped).any() and one.name in names]
     if unstamped:
         notes.append(f"without stamps of their own, at the time of recording: {listed(unstamped)}")
@@ -309,7 +307,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         others = f", not of {listed(one.name for one in turning[1:])}" if len(turning) > 1 else ""
         turned = "turned from ROS's east, north, up and forward, left, up to clockwise from north"
         notes.insert(0, f"heading of {turning[0].name}{others}, {turned}")
-    return Recording(used, "topics", holds, tuple(notes))
+    return Recording(streams, "topics", holds, tuple(notes))
 
 
 def _motion(topic: Topic) -> Fields:

@@ -126,30 +126,21 @@ class Recording:
 
 
 def taken(
-    name: str,
-    time: Floats,
-    fields: Mapping[str, NDArray[Any]],
-    own: Mapping[str, str],
-    columns: ColumnMap,
+    name: str, time: Floats, fields: Mapping[str, NDArray[Any]], own: Mapping[str, str], columns: ColumnMap,
     keep: bool = False,
-) -> Stream | None:
+) -> Stream:  # fmt: skip
     """The stream of those fields of a message that serve: `own` under its canonical names (field -> name) unless the
-    column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all. None where
-    there is nothing.
-    """
+    column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all."""
     asked = columns.sources
     mapped = {CANONICAL[key].quantity for key in columns.columns if key in CANONICAL}
-    own = {
-        key: canonical
-        for key, canonical in own.items()
-        if CANONICAL[canonical].quantity not in mapped or f"{name}.{key}" in asked
-    }
-    used = {own[key]: values for key, values in fields.items() if key in own}
+    used, also = {}, {}
     for key, values in fields.items():
-        if key not in own and (f"{name}.{key}" in asked or keep):
-            used[f"{name}.{key}"] = values
-    also = {f"{name}.{key}": canonical for key, canonical in own.items() if key in fields}
-    return Stream(name, time, used, also) if used else None
+        full, canonical = f"{name}.{key}", own.get(key)
+        if canonical is not None and (full in asked or CANONICAL[canonical].quantity not in mapped):
+            used[canonical], also[full] = values, canonical
+        elif full in asked or keep:
+            used[full] = values
+    return Stream(name, time, used, also)
 
 
 def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
@@ -157,10 +148,8 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
 
     Rows count the messages of that stream. Raises LogError that lists what the file holds where there is neither.
     """
-    streams = [stream for stream in found.streams if len(stream.time)]
-    also = {
-        name: column for stream in reversed(streams) for name, column in stream.also.items() if column in stream.columns
-    }
+    streams = [stream for stream in found.streams if len(stream.time) and stream.columns]
+    also = {name: column for stream in reversed(streams) for name, column in stream.also.items()}
     bollard = _is_bollard(streams, also, columns)
     if bollard:  # nothing turns in it, though a compass may have been on
         headings = names_of("heading")

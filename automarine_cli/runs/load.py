@@ -5,7 +5,6 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 
@@ -17,9 +16,8 @@ from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.checks import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
-from automarine_cli.runs.clean import NotUsable, clean, too_short
+from automarine_cli.runs.clean import Indices, NotUsable, clean, too_short
 from automarine_cli.runs.run import Run, SetAside, named_apart, own_name
-from automarine_cli.runs.unwrap import Indices
 
 OfOneLog = tuple[list[Run], list[SetAside]]
 ANGLE_SLACK = 1.001
@@ -28,7 +26,7 @@ RADIANS_SEEN = "wraps at 2 pi where"
 Reading = Callable[..., OfOneLog]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
-PAYS_FROM = 3000  # logs from which processes are started to read them
+PAYS_FROM = 3000  # logs; to start processes takes longer than to read fewer
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def load_runs(
     work = partial(read or read_runs, columns=columns, dof=dof)
     runs: list[Run] = []
     aside: list[SetAside] = []
-    jobs = jobs if len(files) > PAYS_FROM else 1  # to start processes takes longer than to read few logs
+    jobs = jobs if len(files) > PAYS_FROM else 1
     for good, bad in ordered_stream(work, files, jobs, progress=progress, stage="reading logs"):
         runs += good
         aside += bad
@@ -80,21 +78,20 @@ def _refuse_other_units(
 ) -> None:
     """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and other logs
     that were read alike look so too: they are as wrong, and only smoother."""
-    proof = next((one for one in aside if one.why.startswith(IN_OTHER_UNITS)), None)
+    proof = next((run for run in aside if run.why.startswith(IN_OTHER_UNITS)), None)
     if proof is None:
         return
-    known = columns or ColumnMap()
-    maps = {file.name: known.of(file.path).columns for file in files}
-    bad = {one.file for one in aside}
+    maps = {file.name: (columns or ColumnMap()).of(file.path).columns for file in files}
+    bad = {run.file for run in aside}
     others = [file for file in files if file.name not in bad and maps[file.name] == maps[proof.file]]
     spans = []
     for file in others:
         with contextlib.suppress(LogError):
             position = read_log(file, columns, dof=dof).columns.get(dof.position)
             spans += [] if position is None else [float(np.nanmax(position) - np.nanmin(position))]
-    turn = RADIANS_AS_DEGREES if RADIANS_SEEN in proof.why else dof.turn
-    less = [0.5 * turn < span <= ANGLE_SLACK * turn for span in spans]
-    alike = sum(less) if RADIANS_SEEN in proof.why else sum(span > ANGLE_SLACK * turn for span in spans)
+    radians = RADIANS_SEEN in proof.why
+    turn = RADIANS_AS_DEGREES if radians else dof.turn
+    alike = sum(0.5 * turn < span <= ANGLE_SLACK * turn if radians else span > ANGLE_SLACK * turn for span in spans)
     if alike > 0.5 * len(spans):
         many = f"{alike} other log{'s' * (alike != 1)}"
         raise RunError(
@@ -119,12 +116,10 @@ def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
     for one in aside:
         why.setdefault(one.why, []).append(one.file)
     told = list(why.items())[:MOST_REASONS]
-    reasons = "; ".join(
-        f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {said}" for said, names in told
-    )
-    left = len(aside) - sum(len(names) for _, names in told)
-    more = f"; and {left} more" if left else ""
-    return RunError(f"no usable run in {files} log{'s' * (files != 1)}: {reasons}{more}")
+    reasons = [f"{names[0]}{f' and {len(names) - 1} more' * (len(names) > 1)}: {said}" for said, names in told]
+    if left := len(aside) - sum(len(names) for _, names in told):
+        reasons.append(f"and {left} more")
+    return RunError(f"no usable run in {files} log{'s' * (files != 1)}: {'; '.join(reasons)}")
 
 
 @contextlib.contextmanager
@@ -135,11 +130,9 @@ def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
     except (FitError, RunError) as refusal:
         if not aside:
             raise
-        count = f"{len(aside)} run was" if len(aside) == 1 else f"{len(aside)} runs were"
-        first = f"{aside[0].file}, run {aside[0].run!r}: {aside[0].why}"
-        raise type(refusal)(
-            f"{refusal} ({count} set aside before{', the first' * (len(aside) > 1)}: {first})"
-        ) from None
+        count = f"{len(aside)} runs were" if len(aside) > 1 else "1 run was"
+        first = f"{', the first' * (len(aside) > 1)}: {aside[0].file}, run {aside[0].run!r}: {aside[0].why}"
+        raise type(refusal)(f"{refusal} ({count} set aside before{first})") from None
 
 
 def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> OfOneLog:
@@ -149,14 +142,15 @@ def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | Non
     try:
         return runs_of_table(file, read_log(file, columns, dof=dof))
     except LogError as error:
-        if file.named:
-            raise
         return [], [unreadable(file, error)]
 
 
-def unreadable(file: LogFile, error: Exception) -> SetAside:
-    """A log that was found, not named, and cannot be read right."""
-    return SetAside(file.name, own_name(file.name), _without_source(str(error), file.name))
+def unreadable(file: LogFile, error: Exception, run: str | None = None) -> SetAside:
+    """A log, or a run of it, that was found and cannot be read right. Raises the error where the log was named."""
+    if file.named:
+        raise error
+    why = str(error).removeprefix(file.name).lstrip(":, ")  # the result has the file's name in a field of its own
+    return SetAside(file.name, own_name(file.name) if run is None else run, why)
 
 
 def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
@@ -172,9 +166,7 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
             aside.append(SetAside(file.name, name, str(error)))
             continue
         except RunError as error:
-            if file.named:
-                raise
-            aside.append(SetAside(file.name, name, _without_source(str(error), file.name)))
+            aside.append(unreadable(file, error, name))
             continue
         for part in parts:
             why = (clock_trouble(part.time) or too_short(part)) if len(parts) > 1 else None
@@ -185,22 +177,12 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
     return runs, aside
 
 
-def _rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices | slice]]:
-    names, code = table.run_names, table.run_code
+def _rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices]]:
+    code = table.run_code
     if code is None:
-        yield own_name(table.source), slice(0, len(table))
-        return
-    begins = np.flatnonzero(code[1:] != code[:-1]) + 1
-    if len(begins) + 1 == len(names):
-        yield from zip(names, (slice(a, b) for a, b in pairwise([0, *begins.tolist(), len(code)])))
-        return
-    order = np.argsort(code, kind="stable")  # the runs take turns
-    yield from zip(names, np.split(order, np.searchsorted(code[order], np.arange(1, len(names)))))
-
-
-def _without_source(sentence: str, source: str) -> str:
-    """The reason alone: the result has the file's name in a field of its own."""
-    return sentence.removeprefix(source).lstrip(":, ")
+        return iter([(own_name(table.source), np.arange(len(table)))])
+    order = np.argsort(code, kind="stable")  # runs may take turns
+    return zip(table.run_names, np.split(order, np.searchsorted(code[order], np.arange(1, len(table.run_names)))))
 
 
 def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:

@@ -32,8 +32,6 @@ def read_planar(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = Y
         _require_forces(table)
         runs, aside = runs_of_table(file, _with_forces(table))
     except LogError as error:
-        if file.named:
-            raise
         return [], [unreadable(file, error)]
     return [_with_fresh_readings(_on_the_water(run)) for run in runs], aside
 

@@ -50,16 +50,6 @@ class Run:
     commanded: CommandRange | None = None
     dof: Dof = field(kw_only=True)
 
-    def __post_init__(self) -> None:
-        for name, column in {"position": self.position, "command": self.moment, **self.extras}.items():
-            if column is not None and column.shape != self.time.shape:
-                raise RunError(
-                    f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
-                    f"for {self.time.shape} samples; this is a bug, please report it"
-                )
-        if (self.time[1:] <= self.time[:-1]).any():
-            raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
-
     def __len__(self) -> int:
         return len(self.time)
 
