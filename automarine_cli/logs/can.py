@@ -39,10 +39,8 @@ MINUTE = 60.0  # s after which the converter's clock begins anew
 
 
 def read_slcan(content: bytes, source: str) -> tuple[Floats, list[tuple[int, bool]], list[bytes], int]:
-    """Times [s], (identifier, extended) and data of each frame; how many lines that look like frames are none.
-
-    Raises LogError where the frames have no time.
-    """
+    """Times [s], (identifier, extended) and data of each frame; how many lines that look like frames are none. Raises
+    LogError where the frames have no time."""
     arrived: list[float] = []
     clock: list[float] = []
     names: list[tuple[int, bool]] = []

@@ -113,10 +113,8 @@ LABELS = (RUN, MODE, ARMED, BY)  # columns of words, not of numbers
 
 
 def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
-    """Quantities of the other motions, which a log of this one may hold under names that mean something else there.
-
-    With a `motion` of several degrees of freedom their velocities, commands and places on the water are its own.
-    """
+    """Quantities of other motions than `dof`, or of other than a `motion` of several, under names of which a log may
+    hold something else."""
     own = {dof.position, dof.velocity, dof.command, *dof.thrusters}
     if motion is not None:
         own |= {name for one in motion.dofs for name in (one.velocity, one.command)} | set(PLACES)
@@ -126,10 +124,8 @@ def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
 
 
 def motions_in(held: Set[str]) -> list[Dof]:
-    """The motions of which a log that holds these quantities is whole: position, and command or every thruster.
-
-    Motions that share a position are distinguished by their commands: who has his own comes before who has thrusters.
-    """
+    """The motions of which a log that holds these quantities is whole: position, and command or every thruster. Of
+    those that share a position the ones with a command of their own come first."""
     whole = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
     places = {dof.position: i for i, dof in reversed(list(enumerate(whole)))}
     return sorted(whole, key=lambda dof: (places[dof.position], dof.command not in held))

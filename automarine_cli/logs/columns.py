@@ -200,10 +200,8 @@ def given_columns(columns: "str | Source | ColumnMap | None") -> ColumnMap:
 
 
 def read_column_map(path: str | Source) -> ColumnMap:
-    """Read a column map (TOML with `[columns]`, `[[columns_of]]`, `[logs]`, `[defaults]` and `[can]`).
-
-    Raises LogError with the key's path for an unknown key, a wrong type or a unit that does not fit.
-    """
+    """Read a column map (TOML with `[columns]`, `[[columns_of]]`, `[logs]`, `[defaults]` and `[can]`). Raises LogError
+    with the key's path for an unknown key, a wrong type or a unit that does not fit."""
     path = Path(path) if isinstance(path, str) else path
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
+from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import RUN
@@ -25,7 +26,7 @@ from automarine_cli.pipeline.words import quoted
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 6
 LONGEST_HEADER = 10_000_000  # bytes
-SHORTEST_BLOCK = 1 << 20  # bytes; a row must fit into a block
+PIECE = 1 << 20  # bytes
 SIGNATURES = {
     b"\x1f\x8b": "is gzip-compressed; expected plain text (name it .csv.gz)",
     b"PAR1": "is a Parquet file; expected plain text (name it .parquet)",
@@ -35,58 +36,54 @@ SIGNATURES = {
 }
 _CONTROL = bytes(c for c in range(32) if c not in b"\t\n\v\f\r")
 _BINARY = (4096, 0.02)  # bytes looked at, and the share of control characters from which it is no text
-_DECIMAL_MARK = re.compile(rb'(?<![^;\t\n" ])[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?(?![^;\t\r\n" ])')
-MARKED = 4 << 20  # bytes in which decimal marks are counted
+_BLANK = re.compile(rb"^(?:[ \t]+|[ \t]*#[^\n]*)$", re.MULTILINE)
+_DECIMAL_MARK = re.compile(rb'(?<![^;\t\n" ])[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?(?![^;\t\n" ])')
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a CSV file. Raises LogError with the row for anything that is not a table of cells."""
-    lines = _text(path, name).split(b"\n")
-    rows = [i for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith(b"#")]
-    if not rows:
+    data, starts, rows = _lines(_text(path, name))
+    if not len(rows):
         raise LogError(
             f"{name}: no header and no rows; expected a line of column names. Copy the log again, or leave it out"
         )
-    header, *content = (lines[row - 1] for row in rows)
-    names, delimiter = _header(header, content[:SAMPLE_LINES], f"{name}, row {rows[0]}")
-    if not content:
-        return RawLog(names, (pa.chunked_array([], pa.float64()),) * len(names), np.array([], dtype=np.int64))
-    body = b"\n".join(content)
-    marks = Counter(_DECIMAL_MARK.findall(body, 0, MARKED))
-    decimal = "," if delimiter != "," and marks[b","] > marks[b"."] else "."
-    keys = [str(i) for i in range(len(names))]
-    block = max(SHORTEST_BLOCK, 2 * max(map(len, content)))
-
-    def parsed(chosen: Sequence[str], kind: pa.DataType | None = None) -> pa.Table:
-        return arrow_csv.read_csv(
-            pa.BufferReader(body),
-            read_options=arrow_csv.ReadOptions(column_names=keys, block_size=block),
-            parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
-            convert_options=arrow_csv.ConvertOptions(
-                column_types=dict.fromkeys(chosen, kind) if kind else None, include_columns=chosen,
-                decimal_point=decimal, null_values=list(MISSING), strings_can_be_null=True, check_utf8=False,
-            ),
-        )  # fmt: skip
-
-    try:
-        table = parsed(keys)
-    except pa.ArrowInvalid as error:
-        raise _no_table(content, rows, name, len(names), delimiter, error) from None
-    if table.num_rows != len(content):
-        raise _no_table(content, rows, name, len(names), delimiter, None)
-    is_, run = pa.types, columns.source_of(RUN)  # the run 01 is not 1
-    decimals = b"0x" not in body and b"0X" not in body  # pyarrow would take 0x10 for 16
-    text = {
-        key for key, name, kind in zip(keys, names, table.schema.types)
-        if name == run or not (is_.is_floating(kind) or (is_.is_integer(kind) and decimals) or is_.is_null(kind))
-    }  # fmt: skip
-    words = parsed(sorted(text), pa.binary()) if text else table
-    arrays = []
-    for key, name, column in zip(keys, names, table.columns):
-        number = column.cast(pa.float64(), safe=False) if key not in text else None
-        number = numbers(words[key], decimal) if key in text and name != run else number
-        arrays.append(words[key] if number is None else number)
-    return RawLog(names, tuple(arrays), np.array(rows[1:], dtype=np.int64), decimal)
+    first = [data[starts[row] : starts[row + 1] - 1] for row in rows[: SAMPLE_LINES + 1]]
+    names, delimiter = _header(first, f"{name}, row {rows[0] + 1}")
+    if len(rows) == 1:
+        return RawLog(names, (pa.chunked_array([], pa.float64()),) * len(names), rows[1:])
+    decimal, body = ".", pa.py_buffer(data).slice(starts[rows[1]])
+    block = max(PIECE, 2 * int(np.diff(starts).max()))  # a row must fit into a block
+    if delimiter != ",":
+        marks = Counter(_DECIMAL_MARK.findall(data, starts[rows[1]], starts[rows[1]] + PIECE))
+        decimal = "," if marks[b","] > marks[b"."] else "."
+    keys, run = [str(i) for i in range(len(names))], columns.source_of(RUN)
+    words = {key for key, column in zip(keys, names) if column == run}  # the run 01 is not 1
+    for line in first[1:]:
+        cells = (cell.strip() for cell in _cells(text_of(line), delimiter))
+        words |= {key for key, cell in zip(keys, cells) if not (is_number(cell, decimal) or cell in MISSING)}
+    for text in (words, {*keys}):  # a number may turn into words later
+        try:
+            table = arrow_csv.read_csv(
+                pa.BufferReader(body),
+                read_options=arrow_csv.ReadOptions(column_names=keys, block_size=block, use_threads=body.size > PIECE),
+                parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
+                convert_options=arrow_csv.ConvertOptions(
+                    column_types={key: pa.binary() if key in text else pa.float64() for key in keys},
+                    decimal_point=decimal, null_values=list(MISSING), strings_can_be_null=True, check_utf8=False,
+                ),
+            )  # fmt: skip
+            break
+        except pa.ArrowInvalid as error:
+            if "CSV conversion error" not in str(error):
+                raise _no_table(data, rows, name, len(names), delimiter, error) from None
+    if table.num_rows != len(rows) - 1:
+        raise _no_table(data, rows, name, len(names), delimiter, None)
+    read_as = (
+        numbers(column, decimal) if key in text and column_name != run else None
+        for key, column_name, column in zip(keys, names, table.columns)
+    )
+    arrays = tuple(column if number is None else number for column, number in zip(table.columns, read_as))
+    return RawLog(names, arrays, rows[1:] + 1, decimal)
 
 
 FORMAT = Format("CSV", (".csv", ".csv.gz", ".tsv", ".tsv.gz"), read)
@@ -127,18 +124,29 @@ def _text(path: Path, name: str) -> bytes:
     start = data[: _BINARY[0]]
     if len(start) - len(start.translate(None, _CONTROL)) > _BINARY[1] * len(start):
         raise LogError(f"{name}: found binary data, expected a table of text. {damaged}")
-    if b"\r" in data and b"\n" not in data:
-        data = data.replace(b"\r", b"\n")
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n") if b"\n" in data else data.replace(b"\r", b"\n")
     return b"#" + data if data[:4].lower() == b"sep=" else data  # a spreadsheet's hint; the delimiter shows anyway
 
 
-def _header(line: bytes, sample: Sequence[bytes], where: str) -> tuple[tuple[str, ...], str]:
-    """Return the names of the columns, and what separates them from each other. Raises LogError."""
-    if len(line) > LONGEST_HEADER:
+def _lines(data: bytes) -> tuple[bytes, NDArray[np.int64], NDArray[np.int64]]:
+    """Return the text without comments and blanks in lines of their own; where its lines begin, and one more would; and
+    the numbers from 0 of those that are not empty."""
+    text = np.frombuffer(data, dtype=np.uint8)
+    starts = np.concatenate([[0], np.flatnonzero(text == ord("\n")) + 1, [len(data) + 1]])
+    begins = text[starts[starts < len(text)]].tobytes()
+    if any(mark in begins for mark in (b"#", b" ", b"\t")) and (full := _BLANK.sub(b"", data)) != data:
+        return _lines(full)
+    return data, starts, np.flatnonzero(np.diff(starts) > 1)
+
+
+def _header(lines: Sequence[bytes], where: str) -> tuple[tuple[str, ...], str]:
+    """Return the names of the columns, and what separates them from each other, by the first lines. Raises LogError."""
+    if len(lines[0]) > LONGEST_HEADER:
         raise LogError(
-            f"{where}: found {len(line)} bytes in one line, expected a line of column names. Check the line ends"
+            f"{where}: found {len(lines[0])} bytes in one line, expected a line of column names. Check the line ends"
         )
-    header, *rows = (text_of(part).strip("\r ") for part in (line, *sample))
+    header, *rows = (text_of(line).strip(" ") for line in lines)
     delimiter, best = ",", (0.0, 0)
     for mark in DELIMITERS:  # that gives the header and most rows the same number of cells, more than one
         count = len(_cells(header, mark))
@@ -169,20 +177,21 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _no_table(
-    lines: Sequence[bytes], rows: Sequence[int], name: str, expected: int, delimiter: str, error: Exception | None
+    data: bytes, rows: NDArray[np.int64], name: str, expected: int, delimiter: str, error: Exception | None
 ) -> LogError:
     """The refusal for lines that are no table, with the first row of too few or too many cells; without an error for a
     quoted cell that runs over a line end, which pyarrow takes for one row."""
-    for row, line in zip(rows[1:], lines):
-        text = line.removesuffix(b"\r").decode("latin-1")
+    lines = data.split(b"\n")
+    for row in rows[1:]:
+        text = lines[row].decode("latin-1")
         if error is None and text.count('"') % 2:
             return LogError(
-                f"{name}, row {row}: found a quoted cell that runs over the line end, expected each row on one line. "
-                "Close the quote or take the line break out"
+                f"{name}, row {row + 1}: found a quoted cell that runs over the line end, expected each row on one "
+                "line. Close the quote or take the line break out"
             )
         if error is not None and (cells := len(_cells(text, delimiter))) != expected:
             return LogError(
-                f"{name}, row {row}: found {cells} cell{'s' * (cells != 1)}, expected {expected} as in the header "
-                f"(row {rows[0]}); the row is {quoted(text)}. Complete or delete this row"
+                f"{name}, row {row + 1}: found {cells} cell{'s' * (cells != 1)}, expected {expected} as in the header "
+                f"(row {rows[0] + 1}); the row is {quoted(text)}. Complete or delete this row"
             )
     return LogError(f"{name}: not a table of cells ({quoted(str(error))}); check its quotes and line ends")

@@ -31,6 +31,8 @@ INSTEAD = {"RATE": ("IMU", {"GyrZ": "yaw_rate_rad_s"}), "BAT": ("CURR", {"Volt":
 """Messages of which fields are taken under canonical names, and what serves where they are not."""
 VEHICLES = {"ArduSub": 12, "ArduRover": 10, "ArduCopter": 2, "ArduPlane": 1, "Blimp": 7}  # MAV_TYPE
 Message = Mapping[str, NDArray[Any]]
+Characters = Mapping[str, tuple[str, float | None, type]]  # of formats: numpy's type, factor
+Layout = tuple[str, np.dtype[Any], dict[str, float | None]]  # name, bytes and factors of a message
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
@@ -45,11 +47,8 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
 FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(HEAD,))
 
 
-def _messages(data: bytes, characters: Mapping[str, tuple[str, float | None, type]]) -> tuple[dict[str, Message], int]:
-    """Fields of every message with a clock, by name, in file order; and how many bytes are no messages.
-
-    Several sensors of one kind become messages of their own: BAT, then BAT[1].
-    """
+def _messages(data: bytes, characters: Characters) -> tuple[dict[str, Message], int]:
+    """Fields of messages by name, each sensor of a kind on its own (BAT, BAT[1]); how many bytes are no messages."""
     layouts, places, lost = _indexed(data, characters)
     whole = np.frombuffer(data, dtype=np.uint8)
     found: dict[str, Message] = {}
@@ -70,11 +69,9 @@ def _messages(data: bytes, characters: Mapping[str, tuple[str, float | None, typ
     return found, lost
 
 
-def _indexed(
-    data: bytes, characters: Mapping[str, tuple[str, float | None, type]]
-) -> tuple[dict[int, tuple[str, np.dtype[Any], dict[str, float | None]]], dict[int, list[int]], int]:
+def _indexed(data: bytes, characters: Characters) -> tuple[dict[int, Layout], dict[int, list[int]], int]:
     """Layouts by type, where the messages of each begin, and how many bytes are none."""
-    layouts: dict[int, tuple[str, np.dtype[Any], dict[str, float | None]]] = {FMT: ("FMT", LAYOUT, {})}
+    layouts: dict[int, Layout] = {FMT: ("FMT", LAYOUT, {})}
     places: dict[int, list[int]] = {FMT: []}
     lengths, at, end, lost = {FMT: FMT_LENGTH}, 0, len(data), 0
     while at + 3 <= end:
@@ -98,10 +95,8 @@ def _indexed(
     return layouts, places, lost
 
 
-def _layout(
-    new: Any, characters: Mapping[str, tuple[str, float | None, type]]
-) -> tuple[str, np.dtype[Any], dict[str, float | None]] | None:
-    """Name, bytes and factors of the messages that a FMT message tells of; None where it makes no sense."""
+def _layout(new: Any, characters: Characters) -> Layout | None:
+    """The layout of messages that a FMT message tells; None where it makes no sense."""
     name, form = new["name"].decode("latin-1"), new["format"].decode("latin-1")
     keys = [key for key in new["columns"].decode("latin-1").split(",") if key]
     known = all(character in characters for character in form)
@@ -132,11 +127,7 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     told = messages.get("PARM", {})
     clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
     known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
-    clocked = {
-        name: (_clock(message), {key: values for key, values in message.items() if key not in SECONDS})
-        for name, message in messages.items()
-    }
-    return recorded(clocked, own, "RCOU", known, columns, _states(messages), notes)
+    return recorded(messages, _clock, SECONDS, own, "RCOU", known, columns, _states(messages), notes)
 
 
 def _clock(fields: Message) -> Floats | None:

@@ -14,7 +14,7 @@ and SRV_Channel.cpp (`pwm_from_angle`); libraries/AR_Motors/AP_MotorsUGV.cpp (`o
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -114,11 +114,8 @@ def is_commanded_by(columns: ColumnMap) -> bool:
 def worked_back(
     source: str, time: Floats, channels: Channels, known: Parameters, read_by: Callable[[str, Channels, Values], Part]
 ) -> Asked:
-    """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s].
-
-    `source` is what the file calls the outputs; `read_by` makes of it, of the outputs and of parameters by name how
-    they are read, or raises Unclear. Where parameters change, each stretch is read by what stood then.
-    """
+    """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s], which the file calls
+    `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
     changes = [
         (float(at), f"{name} from {before:g} to {after:g}")
         for name, told in known.items()
@@ -208,16 +205,19 @@ def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Paramete
 
 
 def recorded(
-    messages: Mapping[str, tuple[Floats | None, Mapping[str, NDArray[Any]]]], own: Mapping[str, Mapping[str, str]],
-    outputs: str, known: Parameters, columns: ColumnMap, states: Sequence[Stream], notes: tuple[str, ...],
+    messages: Mapping[str, Mapping[str, NDArray[Any]]], clock_of: Callable[[Mapping[str, NDArray[Any]]], Floats | None],
+    stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, known: Parameters, columns: ColumnMap,
+    states: Sequence[Stream], notes: tuple[str, ...],
 ) -> Recording:  # fmt: skip
-    """What ArduPilot's messages hold, of which `messages` gives times [s] (None: no clock) and fields, (N,) each: those
-    that `own` or the column map takes, states, and pulses, fields of `outputs` of which the name holds the number, with
-    what was asked of the vehicle by them, unless the map names a command itself."""
+    """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `own` or the column map
+    takes, states, and pulses, fields of `outputs` of which the name holds the number, with what was asked of the
+    vehicle by them, unless the map names a command itself."""
     streams, asked = [], Asked()
-    for name, (time, fields) in messages.items():
+    for name, message in messages.items():
+        time = clock_of(message)
         if time is None:
             continue
+        fields = {key: values for key, values in message.items() if key not in stamps}
         if name == outputs:  # channels that nothing is connected to are always at 0
             fields = {key: values for key, values in fields.items() if re.search(r"\d", key) and values.any()}
         stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == outputs)
@@ -226,10 +226,7 @@ def recorded(
             asked = asked_of_pulses(name, time, pulses, known)
             stream = replace(stream, columns={**stream.columns, **asked.columns})
         streams.append(stream)
-    counts = {
-        name: len(next(iter(fields.values())) if time is None else time) for name, (time, fields) in messages.items()
-    }
-    holds = tuple(f"{name} ({count})" for name, count in counts.items())
+    holds = tuple(f"{name} ({len(next(iter(message.values())))})" for name, message in messages.items())
     return Recording([*streams, *states], "messages", holds, (*asked.notes, *notes), asked.origin)
 
 

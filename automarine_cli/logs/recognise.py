@@ -43,7 +43,7 @@ from automarine_cli.logs.formats import LogFile, RawLog
 from automarine_cli.logs.mixing import WISHES
 from automarine_cli.logs.table import few_words, means_thruster_test, splitting, whole_log
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.progress import Progress
 from automarine_cli.quantities import Floats
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
@@ -362,10 +362,8 @@ NEAR = 60.0  # us about the usual neutral of pulses
 def directed(
     n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]
 ) -> tuple[Recognised, Recognised]:
-    """Both with the neutral that the signal needs, and with the column that tells the sign of one that has none.
-
-    `columns` are the numbers of the tests, (N,) each, by the names in the files.
-    """
+    """Both with the neutral that the signal needs, and with the column that tells the sign of one that has none, by the
+    numbers of the tests, (N,) each."""
     good = np.isfinite(columns[n.source]) & np.isfinite(columns[force.source])
     signal, pull = columns[n.source][good], columns[force.source][good]
     if not np.any(pull):
@@ -693,7 +691,7 @@ def quantities_of(names: Iterable[str]) -> set[str]:
 
 
 def layouts_of(
-    folder: Path, files: Sequence[LogFile], given: ColumnMap, jobs: int = 1, progress: Progress = silent
+    folder: Path, files: Sequence[LogFile], given: ColumnMap, jobs: int, progress: Progress
 ) -> tuple[tuple[LogFile, ...], tuple[Layout, ...], Maps, Mapping[LogFile, LogError]]:
     """Look at the columns of every log (as `given` where the user has a map), and find which files are one log: return
     whole logs, kinds of these but those of no vehicle, the maps that read them, and why some cannot be read."""
@@ -747,18 +745,18 @@ def _recognised(parts: Iterable[Layout | LogError], given: ColumnMap) -> list[La
         for group in groups.values()
     ]
     layouts.sort(key=lambda layout: (layout.dof is not YAW, layout.bollard, -len(layout.files)))
-
-    def alike(kind: Layout) -> dict[str, Span]:
-        return together([other.seen for other in layouts if (other.bollard, other.dof) == (kind.bollard, kind.dof)])
-
-    return [recognised(layout, alike(layout), given) if layout.dof.wraps else layout for layout in layouts]
+    kinds = [(layout.bollard, layout.dof) for layout in layouts]
+    alike = {
+        kind: together([layout.seen for layout, other in zip(layouts, kinds) if other == kind]) for kind in set(kinds)
+    }
+    return [
+        recognised(layout, alike[kind], given) if layout.dof.wraps else layout for layout, kind in zip(layouts, kinds)
+    ]
 
 
 def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
-    """Folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs.
-
-    The folder at the top is never one of them: results that are written into it later would be taken for logs.
-    """
+    """Folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs; never the
+    folder at the top, as results that are written into it later would be taken for logs."""
     left, found = set(wanted), []
     folders = {"/".join(name.split("/")[:i]) for name in everywhere for i in range(1, name.count("/") + 1)}
     for folder in sorted(folders, key=lambda folder: (folder.count("/"), folder)):  # outer ones first

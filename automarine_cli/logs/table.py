@@ -56,21 +56,17 @@ class Labels:
 
 @dataclass(frozen=True)
 class LogTable:
-    """One log file, read: canonical columns in SI units, each of shape (N,).
+    """One log file, read: `columns` of canonical quantities in SI units, each of shape (N,), a missing value NaN.
 
-    `columns` holds the canonical quantities that the file has, under these names:
-    `time` [s], `heading` [rad, as logged: wrapped or not], `yaw_rate` [rad/s], `moment` [`moment_unit`],
+    These are `time` [s], `heading` [rad, as logged: wrapped or not], `yaw_rate` [rad/s], `moment` [`moment_unit`],
     `n_port`, `n_stbd`, `n` [the file's own unit], `voltage` [V], `surge`, `sway` [m/s], `force` [N]; in a log of
-    another motion (`dof`) its position [m] and force (see `dofs.Dof`) [`moment_unit`] in place of heading and moment;
-    every other numeric column stays in `extras` under the file's own name. In a log of motion in the plane `columns`
-    also holds velocities and commands of its other degrees of freedom, `north` and `east` [m], `lat` and `lon` [rad].
-    `units` are those of the columns' names: what tells newtons from a normalised force.
-    A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
-    `names` are all column names of the file, `notes` what a person should know about the reading. In a file of several
-    runs `run_names` are theirs in the order in which they begin, and `run_code` says for each row which it is.
-    `states` are the vehicle's mode and arming where the file tells them, `holds` the messages or topics of the file,
-    `origin` where its commands come from, if they were worked back from what was sent to motors. `parts` are what each
-    row is of where the column map says (`by`), `words` other columns of few words, which may name runs or parts.
+    another motion (`dof`) its position [m] and force [`moment_unit`] in place of heading and moment, in one of motion
+    in the plane also its other velocities and commands, `north`, `east` [m], `lat`, `lon` [rad]. `units` tell newtons
+    from a normalised force. Every other numeric column is in `extras` under the file's own name. `rows` are 1-based
+    line numbers in the file (Parquet: row numbers), `names` all its columns, `notes` what a person should know.
+    `run_names` are the runs of the file in the order in which they begin, `run_code` says of which each row is, `parts`
+    what the column map splits it by, `words` other columns of few words. `states` are mode and arming, `holds` the
+    messages or topics, `origin` where commands come from, if they were worked back from what was sent to motors.
     """
 
     source: str
@@ -113,8 +109,7 @@ class _Use:
 def read_log(
     file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None, motion: Motion | None = None
 ) -> LogTable:
-    """Read one log of a motion; None: of the motion that its columns show. With a `motion` of several degrees of
-    freedom, `dof` among them, the columns of all of them are read.
+    """Read one log of a motion (None: that its columns show), or of a `motion` of several degrees of freedom.
 
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
     command cannot do without are asked for afterwards, with `require`.
@@ -341,10 +336,8 @@ DECIMALS = 9  # of degrees: the way to radians and back leaves rounding behind
 
 
 def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | list[str]]:
-    """Rows `first` to `stop - 1` under the canonical names, then every other column, then mode and arming.
-
-    A column that would have a canonical name, but was not read as that, is left out: it would be taken for it.
-    """
+    """Rows `first` to `stop - 1` under the canonical names, then every other column, then mode and arming; none that
+    has a canonical name without being read as that."""
     rows = slice(first, stop)
     found: dict[str, Floats | list[str]] = {}
     for quantity in dict.fromkeys(canonical.quantity for canonical in CANONICAL.values()):
@@ -453,10 +446,8 @@ def _word(value: object) -> str | None:
 
 
 def require(table: LogTable, quantities: Sequence[str]) -> None:
-    """Refuse a table that lacks one of the quantities (names as in `LogTable.columns`).
-
-    Raises LogError that lists the columns found and says what to write in the `--columns` file.
-    """
+    """Raise LogError for a table that lacks one of the quantities (names as in `LogTable.columns`), with the columns
+    that it has and what to write in the `--columns` file."""
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return

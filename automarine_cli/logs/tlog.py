@@ -7,6 +7,7 @@ looked at, at once. Source: MAVLink 1 and 2, packet serialisation; CRC-16/MCRF4X
 
 import re
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -154,13 +155,10 @@ def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[
     """What a vehicle's messages hold: by name, with when each was `received` [s], in whatever file they are."""
     starts, told, states = _starts(messages), messages.get("PARAM_VALUE"), []
     known = parameters(told["param_id"], told["received"], told["param_value"]) if told else {}
-    clocked = {}
-    for name, message in messages.items():
-        fields = {key: values for key, values in message.items() if key not in OWN_CLOCK and key != "received"}
-        if name == "SYS_STATUS":
-            volts = fields["voltage_battery"]
-            fields["voltage_battery"] = np.where(volts == NO_VOLTAGE, np.nan, volts / 1e3)
-        clocked[name] = _clock(message, starts), fields
+    if "SYS_STATUS" in messages:
+        volts = messages["SYS_STATUS"]["voltage_battery"]
+        supply = {**messages["SYS_STATUS"], "voltage_battery": np.where(volts == NO_VOLTAGE, np.nan, volts / 1e3)}
+        messages = {**messages, "SYS_STATUS": supply}
     if "HEARTBEAT" in messages:
         beat = messages["HEARTBEAT"]
         state = {
@@ -168,14 +166,13 @@ def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[
             "armed": arming(beat["base_mode"].astype(int) & MAV_MODE_ARMED > 0),
         }
         states.append(Stream("HEARTBEAT", beat["received"], state, lasting=True))
-    return recorded(clocked, TAKEN, SERVOS, known, columns, states, notes)
+    stamps = {*OWN_CLOCK, "received"}
+    return recorded(messages, partial(_clock, starts), stamps, TAKEN, SERVOS, known, columns, states, notes)
 
 
 def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
-    """When on the station's clock each start of the vehicle was first heard of [s], and when it was [s].
-
-    The quickest packet tells best when the vehicle started: all others were on the way for longer.
-    """
+    """When on the station's clock each start of the vehicle was first heard of [s], and when it was [s], as the packet
+    tells that was quickest on its way."""
     message = messages.get("ATTITUDE", {})
     if "time_boot_ms" not in message:
         return np.zeros(0), np.zeros(0)
@@ -184,7 +181,7 @@ def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
     return received[first], np.minimum.reduceat(received - boot, first)
 
 
-def _clock(message: Message, starts: tuple[Floats, Floats]) -> Floats:
+def _clock(starts: tuple[Floats, Floats], message: Mapping[str, NDArray[Any]]) -> Floats:
     """Seconds since 1970, shape (N,), by the vehicle's stamps where there are some."""
     heard, started = starts
     own = next((message[key] / rate for key, rate in OWN_CLOCK.items() if key in message), None)

@@ -196,10 +196,8 @@ def stretches(run: Run, quantity: str) -> list[Stretch]:
 
 
 def _stuck_at(run: Run, quantity: str) -> float | None:
-    """The one value that the sensor repeats while the position goes elsewhere, or None.
-
-    A steady turn repeats a coarse reading, and rightly so: the position has to bend meanwhile.
-    """
+    """The one value that the sensor repeats while the position goes elsewhere, and bends, as a steady turn repeats a
+    coarse reading rightly; or None."""
     read = run.channel(quantity)
     assert read is not None
     good = np.isfinite(read)
@@ -383,9 +381,8 @@ def _without_velocity(run: Run) -> Run:
 NOTHING_TO_CHOOSE = ChannelChoice()
 
 
-def wanted_channels(text: str, dof: Dof, key: str = "channels") -> tuple[str, ...] | None:
-    """The quantities that the setting `key` names; None for "auto" and "all". Raises SettingError for what is none of
-    them."""
+def wanted_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
+    """The quantities that the setting names; None for "auto" and "all". Raises SettingError for what is none."""
     if text in (AUTO, ALL):
         return None
     if text == POSITION:
@@ -394,7 +391,7 @@ def wanted_channels(text: str, dof: Dof, key: str = "channels") -> tuple[str, ..
     unknown = [name for name in names if name not in dof.channels]
     if unknown or not names:
         raise SettingError(
-            f"{key} is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
+            f"channels is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
             "commas between"
         )
     return names

@@ -204,10 +204,8 @@ def summed_position(time: Floats, velocity: Floats, command: Floats, dof: Dof) -
 
 
 def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> float:
-    """What the sensor reads before the first command, if the vehicle stands still there; else zero.
-
-    It does if the readings have no trend, and are of a size that a sensor may have as a bias.
-    """
+    """What the sensor reads before the first command, if the vehicle stands still there (no trend, and no more than a
+    bias may be); else zero."""
     acting = command != (command[0] if dof.has_constant else 0.0)
     first = int(np.argmax(acting)) if acting.any() else 0
     if first < FEWEST:
@@ -346,13 +344,10 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
     in that time, the run breaks there. A log that counts turns itself (more than a turn wide, without jumps) is taken
     as it is.
     """
-    turn = dof.turn
-    if not dof.wraps:
-        return Unwrapped(position, ())
-    raw = np.diff(position)
+    turn, raw = dof.turn, np.diff(position)
     inside = np.ones(len(raw), dtype=bool)
     inside[gaps] = False
-    if np.ptp(position) > 1.01 * turn and np.all(np.abs(raw[inside]) < turn / 2):
+    if not dof.wraps or (np.ptp(position) > 1.01 * turn and np.all(np.abs(raw[inside]) < turn / 2)):
         return Unwrapped(position, ())
     steps = wrapped(raw, turn)
     fastest = np.inf
@@ -373,15 +368,11 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
 
 def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices) -> tuple[float, float]:
     """Yaw rate [rad/s] and its doubt just beside a gap, from up to eight steps on one side of it."""
-    others = set(gaps.tolist())
-    indices: list[int] = []
-    i = start
-    while 0 <= i < len(steps) and i not in others and len(indices) < 8:
-        indices.append(i)
-        i += way
-    if len(indices) < 2:
+    within = np.arange(start, start + 8 * way, way)
+    inside = (within >= 0) & (within < len(steps)) & ~np.isin(within, gaps)
+    chosen = within[np.logical_and.accumulate(inside)]
+    if len(chosen) < 2:
         return 0.0, np.inf
-    chosen = np.array(indices)
     spans = time[chosen + 1] - time[chosen]
     rate = float(steps[chosen].sum() / spans.sum())
     scatter = float(np.std(steps[chosen] - rate * spans))

@@ -114,10 +114,8 @@ class HalfTurn:
 
 
 def all_half_turns(run: Run, trim: Trim = UNTRIMMED) -> list[HalfTurn]:
-    """Trim every step of a run to |psi - psi0| <= pi and judge it, in the order of time.
-
-    Trimming what was trimmed changes nothing. Raises RunError where the run has no moment.
-    """
+    """Trim every step of a run to |psi - psi0| <= pi and judge it, in the order of time. Raises RunError where the run
+    has no moment."""
     return [_half_turn(step, trim) for step in find_steps(run)]
 
 

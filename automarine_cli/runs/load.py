@@ -1,22 +1,29 @@
-"""`load_runs`: all logs of a campaign become runs; what is unusable is set aside with its reason."""
+"""`load_runs`: all logs of a campaign become runs; what is unusable is set aside with its reason.
+
+Runs of motion in the plane (`read_planar`) hold heading and moment as in yaw, and as `extras`, where logged, `north`
+and `east` [m], `surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X` and `force_Y` [N]; NaN where a sensor has no
+reading of its own.
+"""
 
 import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
-from automarine_cli.logs.canonical import names_of
+from automarine_cli.logs.canonical import driven, names_of
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.checks import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
-from automarine_cli.runs.clean import Indices, NotUsable, clean, too_short
+from automarine_cli.runs.clean import Indices, Mask, NotUsable, clean, too_short
 from automarine_cli.runs.run import Run, SetAside, named_apart, own_name
 
 OfOneLog = tuple[list[Run], list[SetAside]]
@@ -41,15 +48,9 @@ class Campaign:
 
 
 def load_runs(
-    logs: Logs,
-    columns: ColumnMap | None = None,
-    *,
-    dof: Dof,
-    strict: bool = False,
-    progress: Progress = silent,
-    jobs: int = 1,
-    read: Reading | None = None,
-) -> Campaign:
+    logs: Logs, columns: ColumnMap | None = None, *, dof: Dof, strict: bool = False, progress: Progress = silent,
+    jobs: int = 1, read: Reading | None = None,
+) -> Campaign:  # fmt: skip
     """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
 
     `read` is what makes runs of logs, by default `read_runs`. Raises LogError or RunError for a log named
@@ -159,7 +160,7 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
     require_motion(table)
     runs: list[Run] = []
     aside: list[SetAside] = []
-    for name, rows in _rows_of_runs(table):
+    for name, rows in rows_of_runs(table):
         try:
             parts = clean(table, rows, name)
         except NotUsable as error:
@@ -177,7 +178,8 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
     return runs, aside
 
 
-def _rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices]]:
+def rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices]]:
+    """Return the names of the runs of a table, in the order in which they begin, and the rows of each."""
     code = table.run_code
     if code is None:
         return iter([(own_name(table.source), np.arange(len(table)))])
@@ -196,3 +198,122 @@ def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
             f"columns to {' or to '.join(names_of(first.dof.command))} with --columns"
         )
     return tuple(runs)
+
+
+EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geodetic System 1984
+SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))  # Quantities that come out of one sensor each
+
+
+def read_planar(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW) -> OfOneLog:
+    """Read the runs of a log of motion in the plane, and those set aside. Raises LogError or RunError if the log was
+    named and is unreadable, or drives nothing but the heading."""
+    try:
+        table = read_log(file, columns, dof=dof, motion=PLANAR)
+        _require_forces(table)
+        runs, aside = runs_of_table(file, _with_forces(table))
+    except LogError as error:
+        return [], [unreadable(file, error)]
+    return [_with_fresh_readings(_on_the_water(run)) for run in runs], aside
+
+
+def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
+    """Metres north and east of the first fix, of latitudes and longitudes [rad] (N,) of which some may be NaN.
+
+    Radii of curvature of the meridian and the prime vertical at the first fix (WGS 84); Fossen (2021), chapter 2. A
+    kilometre away the error is below 0.2 m at the latitudes where ships go. A fix of exactly 0, 0 is none.
+    """
+    none = ~(np.isfinite(latitude) & np.isfinite(longitude)) | ((latitude == 0) & (longitude == 0))
+    if none.all():
+        return np.full(len(none), np.nan), np.full(len(none), np.nan)
+    first = int(np.argmin(none))
+    eccentricity2 = FLATTENING * (2.0 - FLATTENING)
+    below = 1.0 - eccentricity2 * np.sin(latitude[first]) ** 2
+    prime_vertical = EQUATORIAL_RADIUS / np.sqrt(below)
+    meridian = prime_vertical * (1.0 - eccentricity2) / below
+    east = (longitude - longitude[first] + np.pi) % (2.0 * np.pi) - np.pi  # across the date line too
+    north = meridian * (latitude - latitude[first])
+    east = prime_vertical * np.cos(latitude[first]) * east
+    return np.where(none, np.nan, north), np.where(none, np.nan, east)
+
+
+def _require_forces(table: LogTable) -> None:
+    """Refuse a table that drives nothing but the heading, or in normalised units, of which each has a scale of its
+    own."""
+    for dof in PLANAR.dofs:
+        unit, newtons = table.units.get(dof.command), dof.units.forces[1]
+        if unit not in (None, newtons):
+            name = dof.column(dof.command, str(unit))
+            raise LogError(
+                f"{table.source}: {dof.command.replace('_', ' ')} is normalised ({name}); motions that are coupled "
+                f"need newtons and newton metres. Map it with a scale, such as {dof.column(dof.command, newtons)} = "
+                f'{{ from = "{name}", scale = 40 }}, in a --columns file'
+            )
+    pushed = any(dof.command in table.columns for dof in (SURGE, SWAY))
+    if not pushed and not driven(YAW, table.columns.keys()):
+        wanted = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
+        raise LogError(
+            f"{table.source}: no force in the log ({wanted}), by which surge and sway are driven; name its column "
+            "with --columns, or give the log to automarine fit-yaw"
+        )
+
+
+def _with_forces(table: LogTable) -> LogTable:
+    """The table without headings where a force is missing: `clean` drops these rows, and counts them."""
+    heading = table.columns.get(YAW.position)
+    if heading is None:
+        return table
+    for dof in (SURGE, SWAY):
+        heading = np.where(np.isnan(table.columns.get(dof.command, heading)), np.nan, heading)
+    return replace(table, columns={**table.columns, YAW.position: heading})
+
+
+def _on_the_water(run: Run) -> Run:
+    if not {"lat", "lon"} <= run.extras.keys() or {"north", "east"} <= run.extras.keys():
+        return run
+    north, east = local_plane(run.extras["lat"], run.extras["lon"])
+    left = {name: column for name, column in run.extras.items() if name not in ("lat", "lon")}
+    return replace(run, extras={**left, "north": north, "east": east})
+
+
+def _with_fresh_readings(run: Run) -> Run:
+    for names in SENSORS:
+        again = repeats(*(run.extras[name] for name in names)) if run.extras.keys() >= {*names} else np.zeros(1)
+        if not again.any():
+            continue
+        fresh = {name: np.where(again, np.nan, run.extras[name]) for name in names}
+        share, which = 100 * float(again.mean()), " and ".join(names).replace("_", " ")
+        note = (
+            f"{which}: {share:.0f} % of the rows repeat the reading before them, as of a slow sensor, and do not count"
+        )
+        extras, notes, reading = {**run.extras, **fresh}, (*run.notes, note), (*run.reading, note)
+        run = replace(run, extras=extras, notes=notes, reading=reading)
+    return run
+
+
+FEWEST = 8  # Changes of a value that tell anything of its sensor
+FINE = 5.0  # A median step of so many of the smallest steps or more: two readings in a row are then hardly ever equal
+COARSE = 2.0  # The same below which a value that stands may as well be one that creeps
+FEW = 0.1  # Share of repeats below which they are chance, and cost nothing
+BESIDE = 0.1
+"""Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
+
+
+def repeats(*columns: Floats) -> Mask:
+    """Which rows (N,) repeat the reading before them; `columns` (N,) come out of one sensor, NaN where it is silent.
+
+    None where the sensor is read in every row: a coarse one may give the same number twice. Of a held one the first
+    row is a repeat too, for nobody knows how old its reading is.
+    """
+    values = np.stack(columns)
+    seen = np.all(np.isfinite(values), axis=0)
+    found = np.zeros(values.shape[1], dtype=bool)
+    steps = np.abs(np.diff(values[:, seen], axis=1))
+    changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
+    if np.count_nonzero(changed) < FEWEST or changed.mean() > 1 - FEW:
+        return found
+    coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
+    often = coarseness >= COARSE and bool(np.median(spans) >= 2 and np.mean(spans == 1) <= BESIDE)
+    if coarseness < FINE and not often:
+        return found
+    found[seen] = np.concatenate([[True], ~changed])
+    return found

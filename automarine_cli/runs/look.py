@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
@@ -18,16 +17,16 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, 
 from automarine_cli.logs.canonical import driven, names_of
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of, quantities_of
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.progress import Progress
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, laws_of, limit_of
+from automarine_cli.runs.clean import Indices
 from automarine_cli.runs.command_range import CommandRange, misfit_of, undirected
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none
-from automarine_cli.runs.load import read_runs, runs_of_table, unreadable
+from automarine_cli.runs.load import read_runs, rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.noise import position_noise
-from automarine_cli.runs.run import Run, SetAside, own_name
+from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, segments
 
-Indices = NDArray[np.int64]
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
 
 
@@ -88,10 +87,7 @@ class ThrusterTestSeen:
     notes: list[str]
 
 
-LogContents: TypeAlias = tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]
-
-
-def look_at_log(file: LogFile, columns: ColumnMap) -> LogContents:
+def look_at_log(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
     """Describe the runs and thruster tests of a file, and what is set aside; samples are dropped."""
     try:
         table = read_log(file, columns, dof=None)
@@ -172,13 +168,12 @@ def _step_seen(turn: HalfTurn) -> dict[str, Any]:
 
 def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAside]]:
     """The runs of a thruster test, and those without a single point."""
-    names = np.full(len(table), own_name(table.source)) if table.run is None else table.run
     good = ~(np.isnan(table.columns["n"]) | np.isnan(table.columns["force"]))
     seen, aside = [], []
-    for name in dict.fromkeys(names.tolist()):
-        rows = names == name
-        if (rows & good).any():
-            seen.append(_test(table, name, np.flatnonzero(rows & good), int((rows & ~good).sum())))
+    for name, rows in rows_of_runs(table):
+        both = rows[good[rows]]
+        if len(both):
+            seen.append(_test(table, name, both, len(rows) - len(both)))
         else:
             aside.append(SetAside(table.source, name, "no row has both a control signal and a force"))
     return seen, aside
@@ -203,9 +198,6 @@ def _test(table: LogTable, name: str, rows: Indices, missing: int) -> ThrusterTe
     )
 
 
-Kind = Literal["step", "manoeuvre", "idle"]
-
-
 @dataclass(frozen=True)
 class RunKind:
     """One run: a `step` has one constant command, whether or not it serves; `idle` none at all; else a manoeuvre.
@@ -215,7 +207,7 @@ class RunKind:
     """
 
     name: str
-    kind: Kind
+    kind: Literal["step", "manoeuvre", "idle"]
     unit: str
     low: float
     high: float
@@ -316,9 +308,7 @@ class Survey:
 KINDS = ("thrusters", "steps", "manoeuvres", "validation")
 
 
-def survey(
-    folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int = 1, progress: Progress = silent
-) -> Survey:
+def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int, progress: Progress) -> Survey:
     """Look at every log: its columns first (by the map `columns` where the user has one), then which files are one
     log, then its runs by what the columns are taken for, then its kind."""
     logs, layouts, maps, errors = layouts_of(folder, files, columns, jobs, progress)

@@ -52,10 +52,8 @@ ALREADY_ON = "the log begins with the {force} already on: its switch is taken wi
 
 
 def find_steps(run: Run) -> tuple[Step, ...]:
-    """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time.
-
-    Raises RunError where the run has no moment.
-    """
+    """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time. Raises
+    RunError where the run has no moment."""
     held = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= FEWEST_SAMPLES)
     return tuple(_step(run, first, stop, moment, _least_change(run.command)) for first, stop, moment in held)
 
