@@ -48,7 +48,7 @@ def init(
     from automarine_cli.logs import find_logs, given_columns
     from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
     from automarine_cli.report.campaign_file import answered, new_campaign
-    from automarine_cli.runs.survey import survey
+    from automarine_cli.runs.look import survey
 
     place = folder / NAME if out is None else out
     refuse_existing(place, overwrite=overwrite)

@@ -13,15 +13,14 @@ from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
 from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
-from automarine_cli.logs.layouts import NEEDED, Layout, places_of
-from automarine_cli.logs.recognise import Recognised, pulses
+from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, in_words, to_mapping, toml_line
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, number
+from automarine_cli.runs.look import Placed, Survey
 from automarine_cli.runs.run import runs_json
-from automarine_cli.runs.survey import Placed, Survey
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give

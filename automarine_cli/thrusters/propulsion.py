@@ -15,8 +15,7 @@ from automarine_cli.models.allocation import twin_forces
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Source
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.load import Campaign, load_runs, none_left, refused_by_strict
-from automarine_cli.runs.planar import read_planar
+from automarine_cli.runs.load import Campaign, load_runs, none_left, read_planar, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.thrusters.map import ThrusterMap
 
