@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from automarine_cli.planning.campaign import Campaign
-from automarine_cli.planning.limits import KINDS
+from automarine_cli.planning.candidates import KINDS
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
 
 MOST_PANELS, PER_ROW = 4, 3
