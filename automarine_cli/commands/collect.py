@@ -59,8 +59,7 @@ def collect(
     Example:
       automarine collect http://192.168.2.2:8722 --token T --campaign out/plan -o out/pool --then run
     """
-    from automarine_cli.link.client import Client
-    from automarine_cli.link.collector import Collector
+    from automarine_cli.link.collector import Client, Collector
     from automarine_cli.link.document import read_campaign
 
     planned = None if campaign is None else read_campaign(campaign)

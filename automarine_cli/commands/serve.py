@@ -124,8 +124,7 @@ def _vehicle(
     if speed != 1.0:
         raise SettingError("a vehicle in the water goes by the clock; leave out --speed")
     if kind == "ardusub":
-        from automarine_cli.link.vehicles.ardusub.ride import Limits
-        from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+        from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
 
         return ArduSub(mavlink, full, thrusters, arm, Limits(depth_limit, heading_limit))
     from automarine_cli.link.vehicles.can import CanBus

@@ -115,7 +115,7 @@ def _cut(
 
 def _content(table: "LogTable", first: int, stop: int, form: str, comment: str) -> bytes:
     from automarine_cli.logs.table import columns_of, csv_text
-    from automarine_cli.simulation.log_files import gzip_bytes, parquet_bytes
+    from automarine_cli.simulation.campaign import gzip_bytes, parquet_bytes
 
     columns = columns_of(table, first, stop)
     if form == "parquet":

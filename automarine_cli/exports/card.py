@@ -104,9 +104,9 @@ def _covariance(subject: YawSubject, told: Covariance | None) -> str:
     names, lines = (told.parameters, told.matrix) if told else ((), ())
     if not lines or any(len(line) != len(names) for line in lines):
         return "The file does not tell it; fit again with this version of automarine.\n"
-    rows = tuple((name, *(number(x) for x in line)) for name, line in zip(names, lines))
-    force = subject.dof.words.force
-    note = f"As in the file: its own unit of {force}, in NED; in the products of the parameters' units."
+    rows = tuple((name, *map(number, line)) for name, line in zip(names, lines))
+    unit = f"its own unit of {subject.dof.words.force}"
+    note = f"As in the file: {unit}, in NED; in the products of the parameters' units."
     return Table("", ("", *names), rows, notes=(note,)).to_markdown()
 
 
@@ -117,13 +117,12 @@ def _range(subject: YawSubject, file: ModelFile) -> str:
     factor = subject.settings.newton_metres_per_nu or 1.0
     sign = -1.0 if subject.frame == "ENU" and mirrored(dof) else 1.0
     low, high = sorted(sign * factor * x for x in file.force_range)
-    lines = [f"- {words.force}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
+    lines = f"- {words.force}: {number(low)} to {number(high)} {subject.model.moment_unit}\n"
     if file.velocity_range is not None:
         low, high = sorted(sign * x for x in file.velocity_range)
-        lines.append(
-            f"- {words.speed}: {number(low)} to {number(high)} {subject.rate_unit}, steady under each {words.force}"
-        )
-    return "\n".join(lines) + "\n\nBeyond it the model was never compared with a vehicle.\n"
+        reached = f"{number(low)} to {number(high)} {subject.rate_unit}"
+        lines += f"- {words.speed}: {reached}, steady under each {words.force}\n"
+    return f"{lines}\nBeyond it the model was never compared with a vehicle.\n"
 
 
 def _effects(subject: YawSubject) -> str:
@@ -134,7 +133,6 @@ def _effects(subject: YawSubject) -> str:
 
 
 def _logs(subject: YawSubject, file: ModelFile) -> str:
-    """Hashes of the logs, and of the model that this one grew from."""
     grew = f"Grew from {_code(file.parent_file)}, SHA-256 {_code(file.parent_sha256)}.\n\n" if file.parent_file else ""
     if subject.logs is None:
         return f"{grew}{NO_LOGS}\n"

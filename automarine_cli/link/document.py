@@ -14,7 +14,7 @@ from automarine_cli.pipeline.records import Codec, Document, Source, json_text, 
 from automarine_cli.pipeline.result_files import PLAN, PlanFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
-from automarine_cli.simulation.checks import at_least_zero, between, positive
+from automarine_cli.simulation.specification import at_least_zero, between, positive
 
 SCHEMA = "automarine/link-campaign/1"
 STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"

@@ -7,10 +7,8 @@ from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.records import Record, Shown, to_mapping
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import Table
-from automarine_cli.simulation.campaign import SimulatedRun
-from automarine_cli.simulation.log_files import label, log_bytes, log_of, runs_by_file
-from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.specification import AnySpecification, PlanarSpecification, Specification
+from automarine_cli.simulation.campaign import SimulatedRun, label, log_bytes, log_of, runs_by_file
+from automarine_cli.simulation.specification import AnySpecification, PlanarSpecification, Specification, levels_of
 from automarine_cli.thrusters.map import bollard_columns
 
 TRUTH = "truth.json"

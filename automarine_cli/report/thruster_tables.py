@@ -11,7 +11,7 @@ from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number
 from automarine_cli.thrusters.fit import Analysis, FormScore, Parameter
-from automarine_cli.thrusters.forms import SIDES
+from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import ThrusterFit, scaled
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all

@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.control.design import Designed
-from automarine_cli.control.flown import TuningCheck, in_print
-from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, margins_of, promises
+from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, TuningCheck, in_print, margins_of, promises
 from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
 from automarine_cli.pipeline.result_files import TUNING

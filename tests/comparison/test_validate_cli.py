@@ -22,8 +22,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.report.figures.runs import validation_figure
 from automarine_cli.report.figures.style import MODEL_COLOURS
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Run = Callable[..., Result]
 

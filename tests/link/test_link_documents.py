@@ -8,8 +8,7 @@ import pytest
 from made_link import BATTERY, MODEL, TOKEN, expected_logs, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.client import Client
-from automarine_cli.link.collector import Collector
+from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.document import PlannedRun, campaign_in, read_campaign
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.replay import Replay

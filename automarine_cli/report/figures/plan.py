@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from automarine_cli.planning.campaign import Campaign
-from automarine_cli.planning.limits import KINDS
+from automarine_cli.planning.candidates import KINDS
 from automarine_cli.report.figures.style import COLOURS, house_style, panels
 
 MOST_PANELS = 4

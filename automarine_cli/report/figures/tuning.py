@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from automarine_cli.control.design import Designed
-from automarine_cli.control.flown import FlownStep
+from automarine_cli.control.tuning import FlownStep
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
