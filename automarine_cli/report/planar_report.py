@@ -41,7 +41,7 @@ def _(fit: PlanarFit) -> Sections:
 def sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
     yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
-    yield from (f"Assumed: {assumption}." for assumption in fit.assumptions)
+    yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
     noises = fit.found.noises
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
@@ -61,7 +61,7 @@ def prediction_table(use: PlanarUse) -> Table:
             "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
             "predictions": ahead.count,
         }
-        for name, horizons in use.forecasts.worth.items()
+        for name, horizons in use.worth.items()
         for ahead in horizons
     ]  # fmt: skip
     whose = (
@@ -93,9 +93,9 @@ def parameter_table(fit: PlanarFit) -> Table:
 
 def structure_table(fit: PlanarFit) -> Table:
     """Lay out the structures that were tried, the best first."""
-    best = fit.tried[0].criterion
+    best = fit.tried[0].found.criterion
     return Table.of("Structures", [
         {"structure": str(tried.structure), "parameters": len(tried.found.model.free),
-         "log likelihood": number(tried.found.log_likelihood, 7), "BIC less the best": tried.criterion - best}
+         "log likelihood": number(tried.found.log_likelihood, 7), "BIC less the best": tried.found.criterion - best}
         for tried in fit.tried
     ])  # fmt: skip
