@@ -8,20 +8,8 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis import thruster_map
-from automarine_cli.diagnosis.diagnose import (
-    EVEN,
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    WELL_ABOVE,
-    Diagnosis,
-    MotionDiagnosis,
-    NamedEffect,
-    Outlook,
-    base_estimates,
-)
+from automarine_cli.diagnosis import diagnose, thruster_map
+from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
 from automarine_cli.diagnosis.search import LEVEL
@@ -63,7 +51,7 @@ def _page(
     )  # fmt: skip
 
 
-def _rivals(effect: NamedEffect) -> list[str]:
+def _rivals(effect: diagnose.NamedEffect) -> list[str]:
     lines = [
         f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}). Told apart by {rival.split_by}."
         for rival in effect.few_rivals
@@ -119,9 +107,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     before, after, floor = (f"{dof.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
     beside = f"noise of the {words.position} {floor} {unit}"
     if outlook is not None and (judged := outlook.judged) is not None:
+        base, final = judged
         before, after, rate, still = (
-            f"{dof.shown(x):.2f}"
-            for x in (judged[0].error, judged[1].error, judged[0].constant_rate, judged[0].constant)
+            f"{dof.shown(x):.2f}" for x in (base.error, final.error, base.constant_rate, base.constant)
         )
         misses = f"a constant {words.speed} misses by {rate} and a constant {words.position} by {still} {unit}"
         beside = f"{misses}, {beside}"
@@ -140,15 +128,15 @@ def _verdict(word: str, names: str, why: str, nothing: str, named: str, unexplai
     """The verdict in one sentence, of motions, the plane and maps alike: `nothing` is that where nothing is missing,
     `named` and `unexplained` are the numbers that follow these words."""
     sentences = {
-        NAMED: f"Named: {names}{named}", SUSPECTED: f"Suspected, not named: {names}. {why}",
-        UNEXPLAINED: f"Unexplained{unexplained}. {why}", NOTHING: nothing,
+        diagnose.NAMED: f"Named: {names}{named}", diagnose.SUSPECTED: f"Suspected, not named: {names}. {why}",
+        diagnose.UNEXPLAINED: f"Unexplained{unexplained}. {why}", diagnose.NOTHING: nothing,
     }  # fmt: skip
     return sentences[word]
 
 
-def _or_rivals(effect: NamedEffect) -> str:
+def _or_rivals(effect: diagnose.NamedEffect) -> str:
     """An effect's name; of one that is less likely than its rivals together those too."""
-    rivals = effect.few_rivals if effect.confidence < EVEN else ()
+    rivals = effect.few_rivals if effect.confidence < diagnose.EVEN else ()
     return " or ".join([effect.name, *(rival.name for rival in rivals)])
 
 
@@ -165,7 +153,7 @@ def _gains_instead(diagnosis: Diagnosis) -> str:
     )
 
 
-def _outlook_tables(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) -> list[Table]:
+def _outlook_tables(fitted: diagnose.Outlook | None, held_out: diagnose.Outlook | None, dof: Dof) -> list[Table]:
     """Errors of predictions by horizon, of runs fitted and held out; no table of runs that are not driven."""
     unit, words = dof.units.shown, dof.words
     names = ("before", "after", f"constant {words.speed}", f"constant {words.position}")
@@ -185,7 +173,7 @@ def _outlook_tables(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) 
     return [Table.of("Predictions from the filtered state", rows, [note])] if rows else []
 
 
-def estimates(effect: NamedEffect, dof: Dof) -> Iterator[dict[str, Any]]:
+def estimates(effect: diagnose.NamedEffect, dof: Dof) -> Iterator[dict[str, Any]]:
     """Rows of an effect's parameters, without those of laws that do not hold; of a choice between laws the word."""
     if (curve := effect.learned) is not None:
         scale, unit = (100.0, "%") if curve.kind == "gain" else (1.0, curve.y_unit)
@@ -244,13 +232,13 @@ def page(diagnosis: Diagnosis) -> str:
     gap = [gap_table(diagnosis), *_outlook_tables(diagnosis.outlook, diagnosis.held_out_outlook, dof)]
     rest = ["## What it does to the model", *_moves(diagnosis), "## What remains", _remains(diagnosis)]
     rest += ["## What to run next", _next(diagnosis)]
-    if diagnosis.verdict != NAMED:
+    if diagnosis.verdict != diagnose.NAMED:
         rest += ["## What these runs would have shown", detectable_table(diagnosis)]
     regions = regions_table(where.regions, dof.units.shown, dof.words.force)
     return _page(f"Diagnosis of the {dof.name} model", first, where.regions, regions, why, gap, rest)
 
 
-def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Table | str]:
+def _effect(diagnosis: Diagnosis, effect: diagnose.NamedEffect) -> list[Table | str]:
     dof = diagnosis.study.base.dof
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
     chance = "at most" if effect.p_value <= 1.01 * smallest else "about"
@@ -274,14 +262,14 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Table | str]:
 def _moves(diagnosis: Diagnosis) -> list[Table | str]:
     study, symbols = diagnosis.study, diagnosis.study.base.dof.symbols
     names = {symbols.constant: "constant force", symbols.difference: "half the difference of drag"}
-    before = base_estimates(study, diagnosis.found.base)
-    if diagnosis.verdict != NAMED:
+    before = diagnose.base_estimates(study, diagnosis.found.base)
+    if diagnosis.verdict != diagnose.NAMED:
         rows = [
             {"parameter": names.get(name, name), "estimate and 95 % interval": estimate, "unit": estimate.unit}
             for name, estimate in before.items()
         ]
         return ["Nothing was added; the base model fitted to these runs is", Table.of("", rows)]
-    after = base_estimates(study, diagnosis.found.final)
+    after = diagnose.base_estimates(study, diagnosis.found.final)
     rows, moved = [], list[str]()
     for name, old in before.items():
         new = after[name]
@@ -310,7 +298,7 @@ def _remains(diagnosis: Diagnosis) -> str:
     ratio = gap.after / max(gap.floor, 1e-12)
     return f"The remaining gap is {ratio:.2f} times the noise of the {dof.words.position}. " + (
         "That is the noise level: nothing more can be fitted to these runs."
-        if ratio < 1.0 + WELL_ABOVE
+        if ratio < 1.0 + diagnose.WELL_ABOVE
         else "A residual remains that no candidate explains; see where.png."
     )
 
@@ -523,7 +511,7 @@ def thruster_sentences(result: ThrusterDiagnosis) -> list[str]:
 
 def _thruster_remains(result: ThrusterDiagnosis) -> str:
     gap = result.gap
-    above = gap.after > thruster_map.WELL_ABOVE * gap.floor and result.verdict in (NAMED, NOTHING)
+    above = gap.after > thruster_map.WELL_ABOVE * gap.floor and result.verdict in (diagnose.NAMED, diagnose.NOTHING)
     more = " No other effect of the library closes what is above it." if above else ""
     return (
         f"What remains is {number(gap.after, 3)} N ({number(result.percent(gap.after), 2)} % of full scale) against "
