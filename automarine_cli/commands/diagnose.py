@@ -121,12 +121,10 @@ def _of_the_plane(
     runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, FEWEST_RUNS)
     if not held_out:
         raise SettingError(f"no run is held out: expected at least {FEWEST_RUNS} logs, or some given with --hold-out")
-    channels = observed(campaign.runs)
-    search = find_missing(stored, runs, held_out, channels)
+    search = find_missing(stored, runs, held_out, observed(campaign.runs))
     search = replace(search, where=find_planar_where(search, seed))
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
-    parent = hashlib.sha256(model.read_bytes()).hexdigest()
-    return PlanarDiagnosis(search, tuple(runs), tuple(held_out), channels, aside, parent)
+    return PlanarDiagnosis(search, aside, hashlib.sha256(model.read_bytes()).hexdigest())
 
 
 def _of_a_map(

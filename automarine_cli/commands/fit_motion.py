@@ -84,7 +84,6 @@ def _fit(
     from automarine_cli.fits.identify import identify_turns
     from automarine_cli.fits.known import Known, names_in
     from automarine_cli.fits.paper import asked_tail
-    from automarine_cli.fits.whole_runs import OutputErrorFit
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.runs.half_turn import half_turns
@@ -109,8 +108,8 @@ def _fit(
     def whole_runs() -> list[Any]:
         return [trim.of_whole(run) for run in runs]
 
-    def fit_models(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
-        return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
+    def fit_models(function: Callable[[str], Any], models: Sequence[str], stage: str) -> list[Any]:
+        return ordered_map(function, models, jobs, progress=progress, stage=stage)
 
     with told_beside(campaign.set_aside):
         fit = identify_turns(

@@ -1,47 +1,475 @@
-"""A whole diagnosis: search, verdict, where, gaps on runs fitted and held out, what to run next."""
+"""A whole diagnosis: search, where, gaps on runs fitted and held out; and the verdict to which a search is entitled:
+named, suspected, nothing missing or unexplained."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.learned_curve import learn, with_curves
-from automarine_cli.diagnosis.residual_regions import Where, find_where
-from automarine_cli.diagnosis.search import STANDS, TIE, Found, Trial, gain_exponent, search, variants, varied
-from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.verdict import (
-    NAMED,
-    SUSPECTED,
-    UNEXPLAINED,
-    Gap,
-    NamedEffect,
-    Outlook,
-    Verdict,
-    base_estimates,
-    detectable,
-    gap,
-    in_few_words,
-    named_effects,
-    outlook,
-    parameter_estimates,
-    verdict_of,
+from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
+from automarine_cli.diagnosis.residual_regions import Region, Where, find_where
+from automarine_cli.diagnosis.scores import fitted_parameters, penalty
+from automarine_cli.diagnosis.search import (
+    MOST_EFFECTS,
+    STANDS,
+    TIE,
+    WEAK,
+    Found,
+    Trial,
+    clear,
+    gain_exponent,
+    obstacle,
+    search,
+    variants,
+    varied,
 )
+from automarine_cli.diagnosis.study import JUDGED, Study, log_density, missed, run_effects_given, study_of
+from automarine_cli.dofs import Dof
+from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import LEAST_STEP
+from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits.cautions import covariance_json, valid_range
-from automarine_cli.fits.driven import stepped
+from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.models.store import StoredModels, model_json
+from automarine_cli.fits.stepwise import NamedRival
+from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
+from automarine_cli.models.store import StoredModels, effects_json, model_head
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.pipeline.result_files import DIAGNOSIS
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import Run, SetAside, runs_json
+
+
+@dataclass(frozen=True)
+class GapSizes:
+    """Root mean square of measured less modelled, before and after, and the noise estimated without a model."""
+
+    before: float
+    after: float
+    floor: float
+
+    def above(self, size: float) -> float:
+        return size**2 - self.floor**2
+
+    @property
+    def in_noises(self) -> str:
+        floor = max(self.floor, 1e-12)
+        return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
+
+    def to_json(self, unit: str, shown: Callable[[float], float] = float) -> dict[str, float]:
+        sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
+        return {f"{name}_{unit}": float(shown(size)) for name, size in sizes.items()}
+
+
+@dataclass(frozen=True)
+class Gap(GapSizes):
+    """The gap of headings [rad] over all samples of a set of runs.
+
+    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
+    is left is what the model lacks, and noise. The residuals are (R, N), zero in the padding."""
+
+    residuals_before: Floats
+    residuals_after: Floats
+
+
+def gap(study: Study, base: Trial, final: Trial, fitted: bool = False) -> Gap:
+    """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
+    before, after = residuals(study, base, fitted), residuals(study, final, fitted)
+    shown = [study.batch.seen if not study.driven else residual != 0.0 for residual in (before, after)]
+    first, last = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip((before, after), shown))
+    return Gap(first, last, study.floor, before, after)
+
+
+def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
+    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
+    runs measured less predicted ones, JUDGED seconds ahead from the filtered state."""
+    if isinstance(trial.fit, InnovationsFit):
+        return missed(study, trial.model, trial.fit)
+    problem = study.problem(trial.model)
+    if fitted:
+        return study.residual(trial.fit.fitted)
+    simulated = run_effects_given(problem, problem.search(trial.fit.theta), trial.fit.variances)[1]
+    return study.residual(simulated)
+
+
+DECIDING = 5.0
+"""Horizons [s] up to this have a veto. Over longer ones the logged command answers disturbances that a prediction does
+not know."""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What both models predict of a set of runs, the scores before and after by horizon, and what the log density of
+    these runs gained."""
+
+    ahead: tuple[tuple[ForecastScore, ForecastScore], ...]
+    density_gain: float
+
+    @property
+    def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
+        return next((pair for pair in self.ahead if pair[0].horizon == JUDGED), None)
+
+    @property
+    def longest(self) -> tuple[ForecastScore, ForecastScore]:
+        """Over that, or the longest that runs are long enough for."""
+        return self.judged or self.ahead[-1]
+
+    def doubt(self, dof: Dof) -> str:
+        """Why runs that were not fitted do not bear the effects out; empty where they do."""
+        if self.density_gain <= 0:
+            return f"their log density falls by {-self.density_gain:.1f}"
+        deciding = [pair for pair in self.ahead if pair[0].horizon <= DECIDING]
+        if not deciding or deciding[-1][1].error < deciding[-1][0].error:
+            return ""
+        before, after = deciding[-1]
+        return (
+            f"predictions {before.horizon:g} s ahead miss by {dof.shown(after.error):.2f} {dof.units.shown} with them "
+            f"and by {dof.shown(before.error):.2f} without"
+        )
+
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:
+            constants = {"constant_rate": before.constant_rate, f"constant_{dof.words.position}": before.constant}
+            sizes = {"before": before.error, "after": after.error, **constants}
+            shown = {f"{name}_{dof.units.key}": float(dof.shown(size)) for name, size in sizes.items()}
+            return {"horizon_s": before.horizon, **shown}
+
+        every = [entry(*pair) for pair in self.ahead]
+        return {**entry(*self.longest), "log_density_gain": self.density_gain, "horizons": every}
+
+
+def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
+    """The outlook on the runs of `study`, which need not have been fitted; None for runs that are not driven, or too
+    short for any prediction."""
+    first, last = base.fit, final.fit
+    if not (isinstance(first, InnovationsFit) and isinstance(last, InnovationsFit)):
+        return None
+    before, after = study.predictions(base.model, first), study.predictions(final.model, last)
+    gained = log_density(study, final.model, last) - log_density(study, base.model, first)
+    return outlook_of(before, after, float(np.sum(gained)))
+
+
+def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> Outlook | None:
+    """The outlook of predictions over each horizon of so many runs; None where there are none."""
+    ahead = tuple(zip(worth_of(before), worth_of(after)))
+    return Outlook(ahead, density_gain) if ahead else None
+
+
+def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
+    """Estimates of one effect's parameters with the run as the unit, by their names in files."""
+    estimates = _estimates(study, trial)
+    return {p: estimates[trial.model.index(f"{name}.{p}")] for p in effects.get(name).names_in(trial.model.dof)}
+
+
+def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
+    return dict(zip(study.base.short_names, _estimates(study, trial)))
+
+
+def _estimates(study: Study, trial: Trial) -> list[Estimate]:
+    model, covariance = trial.model, study.covariance(trial.model, trial.fit)
+    units = [model.dof.unit_of("inertia", model.moment_unit)]
+    for term in model.terms:
+        units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
+    found = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
+    scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
+    for name in varying_terms(model):  # the amplitude of which every run has a share, by the likelihood of their spread
+        low, high = (scale * end for end in trial.fit.factor_interval(name))
+        value, error = scale * trial.fit.factor(name), (high - low) / (2.0 * float(special.ndtri(0.975)))
+        place = model.index(f"{name}.{effects.get(name).names_in(model.dof)[0]}")
+        found[place] = Estimate(value, error, (low, high), model.moment_unit)
+    return found
+
+
+def detectable(study: Study, found: Found) -> dict[str, float]:
+    """Smallest size of each candidate's first parameter that these runs would have shown four times in five."""
+    last, runs, sizes = found.rounds[-1], len(study.runs), {}
+    for score in last.scores.ranked:
+        needed = last.threshold + penalty(fitted_parameters(score.effect), runs)
+        sizes[score.effect] = score.unit_size * float(np.sqrt(max(needed, 1.0)) + special.ndtri(0.8))
+    return sizes
+
+
+NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
+
+
+def in_few_words(verdict: str, effects: Iterable[str]) -> str:
+    names = " and ".join(effects)
+    return {NAMED: names, SUSPECTED: f"suspected {names}"}.get(verdict, verdict.replace("-", " "))
+
+
+WELL_ABOVE = 0.05
+FLOOR_ERROR = 1.5
+"""Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
+root of the samples), before runs may hold something more."""
+LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
+MOST_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
+ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
+LOUDEST = 5.0
+"""Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
+effect shows plainly says no more than that."""
+MANY = 0.25
+"""Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
+three are rather one effect that the library lacks."""
+EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
+MOST_RIVALS = 3  # rivals that are told to people
+FEWEST_GAINS = 10  # runs from which the order of their gains says anything
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
+
+    `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
+    that was learned."""
+
+    name: str
+    law: str
+    says: str
+    parameters: Mapping[str, Any]  # Estimate, or a thruster curve's Parameter
+    confidence: float
+    p_value: float
+    rivals: tuple[NamedRival, ...]
+    learned: Any = None
+
+    def to_json(self) -> dict[str, object]:
+        plain = {
+            **vars(self),
+            "parameters": {name: estimate.to_json() for name, estimate in self.parameters.items()},
+            "rivals": [vars(rival) for rival in self.rivals],
+            "learned": self.learned and self.learned.to_json(),
+        }
+        return {key: value for key, value in plain.items() if value or key not in ("law", "learned")}
+
+    @property
+    def few_rivals(self) -> tuple[NamedRival, ...]:
+        return self.rivals[:MOST_RIVALS]
+
+    @property
+    def other_rivals(self) -> str:
+        more = len(self.rivals) - MOST_RIVALS
+        return f"Not excluded are {more} more, which diagnosis.json lists." if more > 0 else ""
+
+
+def listed_rivals(
+    odds: Mapping[str, float], splits: Mapping[str, str], share: float = 1.0
+) -> tuple[float, tuple[NamedRival, ...]]:
+    """The weight of an effect among its rivals of these odds, together `share`, and the rivals with theirs."""
+    weight = share / (1.0 + sum(odds.values()))
+    return weight, tuple(NamedRival(name, weight * odd, splits[name]) for name, odd in odds.items())
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What may be said; `found` is the search as far as that holds: without effects where none is named or suspected.
+
+    `why` says what keeps effects from being named, or what is unexplained; `left` what stays beside named ones."""
+
+    word: str
+    found: Found
+    why: str = ""
+    left: str = ""
+
+    @property
+    def leaves(self) -> Trial:
+        """The model that is left behind: the base with what is named, and only that."""
+        return self.found.final if self.word == NAMED else self.found.base
+
+
+def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None, ahead: Outlook | None) -> Verdict:
+    """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
+
+    A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
+    chance: those of `held_out`, and each fitted run from the others. Of driven runs `ahead`, the outlook on the runs
+    held out, has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what is both is chance.
+    """
+    last = found if found.final.added else found.doubtful
+    kept = None if held_out is None or last is None else gap(held_out, last.base, last.final)
+    if not study.driven:
+        reason = _unexplained(study, found, where, kept if last is found else None)
+        if reason:
+            without_effects = replace(found, final=found.base, p_values={}, rivals=(), doubtful=None)
+            return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, found)}")
+    doubt = "" if last is None else _borne_out(study, last, held_out, kept, ahead)
+    if last is None or (last is not found and doubt):
+        if not where.regions:
+            return Verdict(NOTHING, found)
+        reason = f"The error is beyond chance {stretch(where.regions[0])}."
+        return Verdict(UNEXPLAINED, found, f"{reason} {_nearest(study, found)}")
+    if last is not found:
+        (p_value,) = last.p_values.values()
+        doubt = f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
+    else:
+        doubt = _no_name(found, kept) or doubt
+    if doubt:
+        return Verdict(SUSPECTED, last, doubt)
+    if kept is None or study.driven or not _something_left(kept):
+        return Verdict(NAMED, found, left=found.equals)
+    left = f"A residual remains: on the held-out runs the gap is {kept.in_noises}."
+    return Verdict(NAMED, found, left=left)
+
+
+def _no_name(found: Found, kept: Gap | None) -> str:
+    """Why effects that are borne out have no names of their own: two undo each other and leave something on runs held
+    out, or rivals are together likelier; empty where neither is so."""
+    if found.compensating and (kept is None or _something_left(kept)):
+        return found.compensating[0].says
+    for name in found.final.counted:
+        weight = 1.0 / (1.0 + sum((odds := found.odds(name)).values()))
+        if weight < EVEN:
+            return f"A tie: the runs do not tell {name} ({100 * weight:.0f} %) from {' or '.join(odds)}."
+    return ""
+
+
+def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None) -> str:
+    """Why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
+    if study.driven:
+        doubt = "" if ahead is None else ahead.doubt(study.base.dof)
+        return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
+    gained = _heard(found.final.fit.predictive - found.base.fit.predictive)
+    if held_out is not None:
+        after, before = (log_density(held_out, trial.model, trial.fit) for trial in (found.final, found.base))
+        more = _heard(after - before)
+        if _beyond_doubt(-more):
+            worse = f"{(more < 0).sum()} of {len(more)} are less likely with it"
+            return f"The held-out runs contradict it: {worse}."
+        gained = np.concatenate([gained, more])
+    if not _beyond_doubt(gained):
+        return (
+            f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
+            f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
+        )
+    if kept is not None and _something_left(kept) and kept.above(kept.after) > MOST_LEFT * kept.above(kept.before):
+        return f"Most of the gap of the held-out runs remains: it is {kept.in_noises}."
+    return ""
+
+
+def _beyond_doubt(gained: Floats) -> bool:
+    """Whether runs gain in the mean (Student's test, the run as the unit)."""
+    return len(gained) > 1 and clear(gained, float(-special.stdtrit(len(gained) - 1, WEAK)))
+
+
+def _heard(gained: Floats) -> Floats:
+    return np.clip(gained, -LOUDEST, LOUDEST)
+
+
+def _something_left(kept: Gap) -> bool:
+    return kept.after > STANDS * kept.floor
+
+
+def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> str:
+    """Why runs that are simulated whole hold something that nothing in the library explains; empty if that is not so.
+
+    So are runs whose residuals stand well above the floor and hang together in time, when what was added closes less
+    than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust wander with
+    the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows; and runs that
+    would take more effects than anybody should believe; and an explanation that leads runs held out astray."""
+    final = found.final
+    if kept is not None and kept.after > ASTRAY * kept.before:
+        return f"What explains the fitted runs makes the held-out runs worse: their gap is {kept.in_noises}."
+    excess = [max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, final)]
+    margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
+    times = final.fit.noise / study.sensor_floor
+    closed = bool(final.added) and excess[1] <= LEFT_OVER * excess[0] and times <= STANDS
+    if times > 1.0 + margin and not closed and hangs_together(study, final):
+        return f"The residual is correlated in time and is {times:.2f} times the noise{_beside(where)}."
+    scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, final)]
+    unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
+    if unnamed and gains_wander(study, final):
+        return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
+    if found.more or (final.count == MOST_EFFECTS and excess[0] < MANY):
+        more = " or more" if found.more else ""
+        return f"The runs would take {MOST_EFFECTS} effects{more}, more than they can support."
+    return ""
+
+
+def _beside(where: Where) -> str:
+    return f", most clearly {stretch(where.regions[0])}" if where.regions else ""
+
+
+def stretch(region: Region) -> str:
+    unit = f" {region.unit}" if region.unit else ""
+    return f"where {region.variable} is {region.low:.3g} to {region.high:.3g}{unit}"
+
+
+def _nearest(study: Study, found: Found) -> str:
+    first, final, dof = found.rounds[0], found.final, study.base.dof
+    if not final.added:
+        best = max(first.trials, key=first.gain, default=None)
+        if best is None or first.gain(best) <= first.threshold:
+            return "No effect of the library gains more than chance."
+        return (
+            f"{best.added[-1]} gains {first.gain(best):.1f} in deviance, where chance reaches {first.threshold:.1f}, "
+            f"but {obstacle(study, best, first.before) or 'less than it has to'}."
+        )
+    before, after = apart(*(float(dof.shown(trial.fit.noise)) for trial in (found.base, final)))
+    return (
+        f"The best candidate is {' and '.join(final.added)}, with which the residual of the fitted runs is {after} "
+        f"instead of {before} {dof.words.units}."
+    )
+
+
+def apart(one: float, other: float) -> tuple[str, str]:
+    """Two numbers with as many digits, two at least, as show that they differ."""
+    digits = next((n for n in range(2, 7) if f"{one:.{n}g}" != f"{other:.{n}g}"), 2)
+    return f"{one:.{digits}g}", f"{other:.{digits}g}"
+
+
+def gains_wander(study: Study, trial: Trial) -> bool:
+    """Whether runs made one after the other have more alike gains than chance allows (p < 0.001).
+
+    Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
+    clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12)."""
+    gains = trial.fit.own(GAIN)[np.argsort(study.batch.start), 0]
+    count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
+    if count < FEWEST_GAINS or spread < 1e-12:
+        return False
+    alike = 1.0 - 0.5 * float((np.diff(gains) ** 2).sum()) / spread
+    return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > -special.ndtri(1e-3))
+
+
+def hangs_together(study: Study, trial: Trial) -> bool:
+    """Whether neighbouring residuals agree more than chance allows (lag-one correlation over all runs, p < 0.001)."""
+    left = residuals(study, trial, fitted=True)
+    seen = study.batch.seen[:, 1:]
+    product = (left[:, 1:] * left[:, :-1])[seen].sum()
+    correlation = product / max((left**2).sum(), 1e-300)
+    return bool(correlation * np.sqrt(seen.sum()) > -special.ndtri(1e-3))
+
+
+def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:
+    """List the effects of the final model, each with its rivals and what their cards say would tell them apart; a
+    learned one with its curve, and a sentence that says whether it is thrust or a moment."""
+    named, dof, curve = [], study.base.dof, curve_of(found.final)
+    for name in found.final.added:
+        effect, p_value, odds = effects.get(name), found.p_values[name], found.odds(name)
+        weight, rivals = listed_rivals(odds, {rival: split_by(name, rival, dof) for rival in odds})
+        parameters = parameter_estimates(study, found.final, name)
+        law = ", ".join(
+            known.choices[round(one.value)]
+            for known, one in zip(effect.parameters, parameters.values())
+            if known.choices
+        )
+        own = curve if curve is not None and name == PREFIX + curve.variable else None
+        says = effect.card(dof).says if own is None else sentence(own, found)
+        named.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals, own))
+    return tuple(named)
+
+
+def split_by(name: str, rival: str, dof: Dof) -> str:
+    """Say what tells `name` from `rival`: the text of the effect that lists the other among its look-alikes."""
+    effect = effects.get(name)
+    return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by
+
 
 DRIVEN_S, STEPPED_S = 3e-4, 1e-4
 """Seconds for each reading and effect of a diagnosis of driven runs, and of others, on a machine of 2020; roughly."""
@@ -144,7 +572,7 @@ def diagnose_runs(
     said = verdict_of(study, found, where, held_out, ahead)
     before, after, listed = said.found.base, said.found.final, said.word in (NAMED, SUSPECTED)
     return Diagnosis(
-        study, said, with_curves(said.found, named_effects(study, said.found)) if listed else (), where,
+        study, said, named_effects(study, said.found) if listed else (), where,
         gap(study, before, after, fitted=True), held_out, None if held_out is None else gap(held_out, before, after),
         detectable(study, found), outlook(study, before, after),
         None if held_out is None else outlook(held_out, before, after), chosen,
@@ -156,45 +584,6 @@ def expected_seconds(runs: Sequence[Run]) -> float:
     readings = sum(min(len(run), (run.time[-1] - run.time[0]) / LEAST_STEP) for run in runs)
     driven = 2 * sum(stepped(run) for run in runs) < len(runs)
     return float(readings) * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
-
-
-def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, object]:
-    """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
-    base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
-    roles = ("quadratic", "linear", "inertia", "constant", "difference")
-    own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
-    drag = {name: base[name].to_json() for name in own.values()}
-    ratio, covariance = None, study.covariance(model, fit)
-    likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
-    if "quadratic" in own and base[own["quadratic"]].value > 0:
-        i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
-        spread = float(np.sqrt(max(covariance[i, i] + covariance[k, k] - 2.0 * covariance[i, k], 0.0)))
-        inertia, quadratic = (base[own[role]].value for role in ("inertia", "quadratic"))
-        ratio = Estimate.from_log(inertia / quadratic, spread, len(study.runs) - 1, dof.unit_of("ratio")).to_json()
-    added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.own}
-    exponent = gain_exponent(study, fit)
-    driven = {}
-    if isinstance(fit, InnovationsFit):
-        driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
-    return {
-        **model_json(
-            dof, unit=stored.moment_unit, fitted_to="whole runs",
-            models={stored.preferred: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
-            preferred=stored.preferred, because=f"Model {stored.preferred} was the base of the diagnosis.", ratio=ratio,
-            valid_range=valid_range(
-                (end for run in study.runs for end in (run.command.min(), run.command.max())), model
-            ),
-            effects=[
-                {"name": name, "parameters": {parameter: e.to_json() for parameter, e in estimates.items()}}
-                for name, estimates in added.items()
-            ],
-        ),
-        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(fit.noise)) if study.position_counts else None,
-        **driven,
-        "gain_scatter": float(fit.factor(GAIN)),
-        "gain_exponent": exponent and exponent.to_json(),
-        "parent": {"file": stored.source, "sha256": parent_sha256},
-    }  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -213,10 +602,39 @@ class MotionDiagnosis(Shown):
 
     def extended_model(self) -> dict[str, object]:
         """Return the base model with the effects named, refitted together: `validate` and `diagnose` take it."""
-        return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
+        study, trial, number = self.diagnosis.study, self.diagnosis.said.leaves, self.stored.preferred
+        base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
+        roles = ("quadratic", "linear", "inertia", "constant", "difference")
+        own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+        drag = {name: base[name].to_json() for name in own.values()}
+        ratio, covariance = None, study.covariance(model, fit)
+        likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
+        if "quadratic" in own and base[own["quadratic"]].value > 0:
+            i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
+            ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
+        added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.own}
+        exponent, driven = gain_exponent(study, fit), {}
+        ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
+        noise = float(dof.shown(fit.noise)) if study.position_counts else None
+        if isinstance(fit, InnovationsFit):
+            driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
+        return {
+            **model_head(dof, self.stored.moment_unit),
+            "fitted_to": "whole runs",
+            "models": {number: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
+            "preferred": number,
+            "preferred_because": f"Model {number} was the base of the diagnosis.",
+            dof.ratio_key: ratio,
+            "valid_range": valid_range(ends, model),
+            "effects": effects_json(added),
+            f"{dof.words.position}_noise_{dof.units.key}": noise,
+            **driven,
+            "gain_scatter": float(fit.factor(GAIN)),
+            "gain_exponent": exponent and exponent.to_json(),
+            "parent": {"file": self.stored.source, "sha256": self.parent_sha256},
+        }
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of diagnosis.json: schema automarine/diagnosis/1."""
         diagnosis, dof = self.diagnosis, self.stored.dof
         study, search = diagnosis.study, diagnosis.found
         before, after = (base_estimates(study, trial) for trial in (search.base, diagnosis.said.leaves))

@@ -20,9 +20,7 @@ from automarine_cli.diagnosis.search import (
     Trial,
     may_stand,
 )
-from automarine_cli.diagnosis.smooth import SPREADS, learned_term, places, precision, smoothed
-from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
-from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.diagnosis.study import ITERATIONS, SPREADS, Fit, Study, learned_term, places, precision, smoothed
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import (
     DRAG,
@@ -67,10 +65,6 @@ class Curve:
     @property
     def name(self) -> str:
         return self.model.terms[-1].name
-
-    @property
-    def of_thrust(self) -> bool:
-        return kind_of(self.model.terms[-1].values) == GAIN
 
 
 def scored(study: Study, base: Trial, seed: int, each: Each = alone) -> tuple[list[Curve], Chance]:
@@ -162,10 +156,6 @@ def _alike(values: Floats, clock: Floats) -> bool:
     return spread > 0 and abs(float(np.cov(values, clock, ddof=0)[0, 1])) > STANDS_FOR * spread
 
 
-def all_signals(study: Study) -> tuple[str, ...]:
-    return tuple(sorted({*study.signals, CLOCK, SINCE, *_columns(study.runs, study.base.dof)}))
-
-
 def _columns(runs: Sequence[Run], dof: Dof) -> list[str]:
     """Logged columns with a value in every row of every run, but for those that measure the motion itself."""
     shared = set.intersection(*(set(run.extras) for run in runs)) - {dof.velocity, dof.command, *dof.thrusters}
@@ -220,7 +210,8 @@ def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable
     as a curve they keep their names, and it is their rival."""
     if learned_term(study.base) is not None:
         return found
-    wide = replace(study, signals=all_signals(study))
+    columns = _columns(study.runs, study.base.dof)
+    wide = replace(study, signals=tuple(sorted({*study.signals, CLOCK, SINCE, *columns})))
     enough, count = explained(found), found.final.count
     follows = "" if study.driven else gains_follow(wide, found.final, seed)
     shows = bool(follows) or (count < 2 and bool(count or study.driven) and _shows(wide, found.final, seed))
@@ -271,7 +262,8 @@ def _best(study: Study, found: Found, base: Trial, follows: str, seed: int, each
     least = max(BEHIND * curves[0].gain, 0.0) if curves else 0.0
     leading = [
         one for i, one in enumerate(curves)
-        if i < LEADERS or (i < MOST_LEADERS and one.gain > least) or (one.name == PREFIX + follows and one.of_thrust)
+        if i < LEADERS or (i < MOST_LEADERS and one.gain > least)
+        or (one.name == PREFIX + follows and kind_of(one.model.terms[-1].values) == GAIN)
     ]  # fmt: skip
     tried = each(partial(_fitted, study, base, SEARCH_BRIEF), leading, "trying curves")
     gains = [(base.evidence - one.evidence, one) for one in tried if one is not None]
@@ -309,7 +301,7 @@ def _fitted(study: Study, base: Trial, iterations: int, curve: Curve) -> Trial |
 def _further(study: Study, base: Trial, trial: Trial) -> Trial | None:
     """The same taken to the end; the spread is chosen again by each fit."""
     for _ in range(1 + SETTLES):
-        spread, _ = smoothed(trial.fit, trial.model, study.sensor_floor)
+        spread, _ = smoothed(trial.fit, trial.model)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
         again = _trial(study, base, model, model.theta, trial.fit, ITERATIONS)
         if again is None or abs(np.log(spread / trial.model.terms[-1].values[FIRST - 1])) < SAME_SPREAD:
@@ -322,7 +314,7 @@ def _trial(study: Study, base: Trial, model: YawModel, values: Floats, near: Fit
     """A fit of a model with a curve, its effective number of parameters counted."""
     try:
         fit = study.fit(model, values, near, iterations)
-        count = smoothed(fit, model, study.sensor_floor)[1]
+        count = smoothed(fit, model)[1]
     except (FitError, np.linalg.LinAlgError):
         return None
     cost = base.evidence + 2.0 * base.fit.log_likelihood + count * penalty(1, len(study.runs))
@@ -381,15 +373,6 @@ def curve_of(trial: Trial) -> LearnedCurve | None:
         term.name.removeprefix(PREFIX), units[0], kind, units[1], x, y, y - half, y + half, variable.sized,
         variable.needs,
     )  # fmt: skip
-
-
-def with_curves(found: Found, named: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
-    """The effects named with what was learned, and a sentence that says whether it is thrust or a moment."""
-    curve = curve_of(found.final)
-    if curve is None:
-        return tuple(named)
-    says, name = sentence(curve, found), PREFIX + curve.variable
-    return tuple(replace(effect, learned=curve, says=says) if effect.name == name else effect for effect in named)
 
 
 def sentence(curve: LearnedCurve, found: Found) -> str:

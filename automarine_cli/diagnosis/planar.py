@@ -13,6 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.diagnose import (
+    NAMED,
+    NOTHING,
+    SUSPECTED,
+    UNEXPLAINED,
+    GapSizes,
+    Outlook,
+    in_few_words,
+    outlook_of,
+    stretch,
+)
 from automarine_cli.diagnosis.residual_regions import (
     Column,
     Gap,
@@ -25,17 +36,6 @@ from automarine_cli.diagnosis.residual_regions import (
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
 from automarine_cli.diagnosis.study import JUDGED
-from automarine_cli.diagnosis.verdict import (
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    GapSizes,
-    Outlook,
-    in_few_words,
-    outlook_of,
-    stretch,
-)
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -43,12 +43,11 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarLikelihood, Promise, Tried
+from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, PLACES, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, discover
-from automarine_cli.models.planar import derivative, parameters_of
+from automarine_cli.models.planar import Tied, derivative, parameters_of
 from automarine_cli.models.planar_store import StoredPlanar, planar_json
-from automarine_cli.models.tied import Tied
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.pipeline.result_files import DIAGNOSIS
@@ -116,38 +115,31 @@ def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
 def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate]:
     """What may be added to a model; `largest` is the largest moment [N m]."""
     model, have = base.model, {term.name for term in base.model.cross}
-    for name in COUPLINGS:
-        if name in have or not (SWAY in seen.dofs or name == "N_ur"):
-            continue
+
+    def candidate(name: str, *added: str, ties: Mapping[str, tuple[str, float]] = base.ties, **more: Any) -> Candidate:
+        return Candidate(name, added, Tied(replace(model, **more), (*base.free, *added), ties))
+
+    for name in [name for name in COUPLINGS if name not in have and (SWAY in seen.dofs or name == "N_ur")]:
         added = f"{base.motion.dofs[derivative(name)[0]].name}.{name}"
-        wider = replace(model, cross=(*model.cross, Term(name, (0.0,))))
-        yield Candidate("cross-coupling", (added,), Tied(wider, (*base.free, added), base.ties))
+        yield candidate("cross-coupling", added, cross=(*model.cross, Term(name, (0.0,))))
     if SWAY in seen.dofs and "planar.m_vr" not in base.free:
-        yield Candidate("cross-coupling", ("planar.m_vr",), Tied(model, (*base.free, "planar.m_vr"), base.ties))
+        yield candidate("cross-coupling", "planar.m_vr")
     for dof in seen.dofs:
         own: tuple[Term, ...] = getattr(model, dof.name)
         for law in [law for law in LAWS[-1] if law not in [term.name for term in own]]:
-            added_drag = dof.parameter(law.removesuffix("-drag"))
             more: dict[str, Any] = {dof.name: (*own, Term(law, (0.0,)))}
-            wider = replace(model, **more)
-            yield Candidate(law, (added_drag,), Tied(wider, (*base.free, added_drag), base.ties))
+            yield candidate(law, dof.parameter(law.removesuffix("-drag")), **more)
     mass = SWAY.parameter("inertia")
     if mass in base.ties:
-        ties = {name: tie for name, tie in base.ties.items() if name != mass}
-        yield Candidate("munk-moment", (mass,), Tied(model, (*base.free, mass), ties))
+        yield candidate("munk-moment", mass, ties={name: tie for name, tie in base.ties.items() if name != mass})
     if model.water is None and seen.over_ground:
-        added_both = ("current.north", "current.east")
-        wider = replace(model, water=(0.0, 0.0))
-        yield Candidate("current", added_both, Tied(wider, (*base.free, *added_both), base.ties))
-    for name in OF_YAW:
-        if name in {term.name for term in model.yaw}:
-            continue
+        yield candidate("current", "current.north", "current.east", water=(0.0, 0.0))
+    for name in [name for name in OF_YAW if name not in {term.name for term in model.yaw}]:
         effect = effects.get(name)
         values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
         term = Term(name, values)
         names = [n for n, held in zip(parameters_of(YAW, term), effect.held(values)) if not held]
-        wider = replace(model, yaw=(*model.yaw, term))
-        yield Candidate(name, tuple(names), Tied(wider, (*base.free, *names), base.ties))
+        yield candidate(name, *names, yaw=(*model.yaw, term))
 
 
 FEWEST_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
@@ -231,7 +223,6 @@ class PlanarSearch:
 
     @property
     def verdict(self) -> str:
-        """ "named", "suspected", "unexplained" where the gap stands out all the same, or "nothing-missing"."""
         if self.named or self.suspected:
             return NAMED if self.named else SUSPECTED
         return UNEXPLAINED if self.where is not None and self.where.regions else NOTHING
@@ -367,7 +358,6 @@ def fit_of(found: Estimated) -> InnovationsFit:
 
 
 def _densities(likelihood: PlanarLikelihood, found: Estimated) -> Floats:
-    """Log density of each run under an estimate, (R,)."""
     problem = likelihood.problem(found.model)
     return problem.follow(problem.search(fit_of(found).theta)[None]).log_density[0]
 
@@ -385,27 +375,20 @@ def foretold(likelihood: PlanarLikelihood, found: Estimated) -> Foretold:
 
 @dataclass(frozen=True, repr=False)
 class PlanarDiagnosis(Shown):
-    """The diagnosis of a stored planar model on `runs`, with others held out: the search, what the logs observe, the
-    runs left out, and the hash of the model's file."""
+    """The diagnosis of a stored planar model: the search, the runs left out, and the hash of the model's file."""
 
     search: PlanarSearch
-    runs: tuple[Run, ...]
-    held_out: tuple[Run, ...]
-    observed: Observed
     set_aside: tuple[SetAside, ...]
     parent_sha256: str
 
     @cached_property
     def estimates(self) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
         """Parameters of the first and the last model, by qualified name."""
-        return self._estimates(self.search.before), self._estimates(self.search.after)
-
-    def _estimates(self, estimated: Estimated) -> dict[str, Estimate]:
-        tried = Tried(Structure.simplest(self.observed), estimated)
-        return PlanarFit((tried,), Choice(tried), self.runs, self.observed).estimates
+        before, after = (one.estimates(self.search.fitted) for one in (self.search.before, self.search.after))
+        return before, after
 
     def estimates_of(self, contender: Contender) -> dict[str, Estimate]:
-        estimates = self._estimates(contender.found)
+        estimates = contender.found.estimates(self.search.fitted)
         return {name: estimates[name] for name in contender.candidate.added}
 
     def document(self, option: str) -> Document:
@@ -414,7 +397,6 @@ class PlanarDiagnosis(Shown):
         return json_document("extended_model.json", self.extended_model())
 
     def extended_model(self) -> dict[str, object]:
-        """Return the model with what was named, and what is random as fitted: schema automarine/planar-model/1."""
         after = self.search.after
         return {
             **planar_json(after.model.model, {name: one.to_json() for name, one in self.estimates[1].items()}),
@@ -425,9 +407,8 @@ class PlanarDiagnosis(Shown):
         }
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of diagnosis.json: schema automarine/diagnosis/1."""
-        search, (before, after) = self.search, self.estimates
-        listed = [(step.best, step.rivals) for step in search.steps if step.best is not None]
+        search, (before, after), runs = self.search, self.estimates, self.search.every.runs
+        listed = [(step.best, step.rivals) for step in search.rounds if step.best is not None]
         listed = listed or [(suspect, ()) for suspect in search.suspected]
         first = search.rounds[0]
         fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
@@ -454,8 +435,8 @@ class PlanarDiagnosis(Shown):
                 name: {"before": old.to_json(), "after": after[name].to_json()}
                 for name, old in before.items() if name in after
             },
-            "held_out": [run.name for run in self.held_out],
-            "runs": runs_json(len(self.runs), self.set_aside, [*self.runs, *self.held_out]),
+            "held_out": [run.name for run in runs[search.fitted :]],
+            "runs": runs_json(search.fitted, self.set_aside, runs),
         }  # fmt: skip
 
     def _effect_json(self, contender: Contender, rivals: Sequence[Contender]) -> dict[str, object]:
@@ -481,8 +462,9 @@ class PlanarDiagnosis(Shown):
     def _gap_json(self, outlook: Outlook | None) -> dict[str, float] | None:
         if outlook is None:
             return None
-        sizes = GapSizes(outlook.longest.before, outlook.longest.after, self.search.after.noises[YAW.position])
-        return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": outlook.longest.horizon}
+        before, after = outlook.longest
+        sizes = GapSizes(before.error, after.error, self.search.after.noises[YAW.position])
+        return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": before.horizon}
 
 
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances

@@ -365,7 +365,8 @@ def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap
     for column in of:
         if column.of_the_run:
             mirrored = np.sign(gap.sign.sum(axis=1))
-            looked = of_runs(column, gap.gain, mirrored, _size(gap.residual, gap.seen), drawn, gap.gain_unit)
+            size = 0.5 * np.log(np.maximum((gap.residual**2).sum(axis=1) / gap.seen.sum(axis=1), 1e-18))
+            looked = of_runs(column, gap.gain, mirrored, size, drawn, gap.gain_unit)
         else:
             looked = of_samples(column, kinds, gap.sign, np.where(drawn < 0.5, -1.0, 1.0))
         if looked is not None:
@@ -433,10 +434,6 @@ def without_gains(study: Study, trial: Trial) -> Floats:
     b = trial.fit.run_effects.copy()
     trial.fit.effects.of(b, GAIN)[...] = 0.0
     return study.residual(problem.readings(trial.fit.phi, b))
-
-
-def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:
-    return np.asarray(0.5 * np.log(np.maximum((residual**2).sum(axis=1) / seen.sum(axis=1), 1e-18)))
 
 
 def _regions(column: Column, variable: Variable, gap: Gap) -> list[Region]:

@@ -136,10 +136,6 @@ class Found:
     compensating: tuple["Compensating", ...] = ()
     equals: str = ""
 
-    @property
-    def without_effects(self) -> "Found":
-        return replace(self, final=self.base, p_values={}, rivals=(), doubtful=None)
-
     def odds(self, name: str) -> dict[str, float]:
         """Odds of each rival of an effect of the final model against it."""
         return {rival.name: float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name}
@@ -182,7 +178,6 @@ def add_effect(
 
 
 def go_on(study: Study, trial: Trial, iterations: int) -> Trial | None:
-    """A trial's fit taken further from where it stands."""
     return refitted(study, trial.model, trial.added, trial.fit.of_model, trial.fit, iterations)
 
 

@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.limit_cycle import LimitCycle, limit_cycle
-from automarine_cli.diagnosis.smooth import fit_smooth, learned_term, with_prior
+from automarine_cli.dofs import Dof
+from automarine_cli.effects.learned import DRAG, FIRST, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
+from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
@@ -22,7 +23,7 @@ from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_i
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import run_covariance, varying_terms, whole_run_problem
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
@@ -37,6 +38,146 @@ JUDGED = 5.0  # seconds ahead over which driven runs show the gap
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
 
 Fit = MixedFit | InnovationsFit
+
+# A controller's limit cycle: command and position that swing together, as a loop with a lag or a dead-band does. A wave
+# would show in the position first, and the command would answer it; in a limit cycle neither comes from outside. The
+# two cannot be distinguished by their period, so that there a periodic disturbance is the last thing to believe.
+STEP, SEGMENT = 0.25, 30.0  # of the spectra [s]
+SLOWEST, QUICKEST = 15.0, 1.0  # periods [s] at which loops of small vehicles swing
+MOST = 0.4  # share of the command's variance that one period has to hold, and of coherence between command and position
+NEAR = 0.25  # share by which another period may differ from that of a cycle and still be the same
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """Command and position swing together with a `period` [s]: the `share` of the command's variance there, their
+    `coherence`, and the `phase` of the position behind the command [rad]."""
+
+    period: float
+    share: float
+    coherence: float
+    phase: float
+
+    def holds(self, period: float) -> bool:
+        """Whether a period [s] is that of the cycle."""
+        return abs(period / self.period - 1.0) < NEAR
+
+    def to_json(self) -> dict[str, float]:
+        return {
+            "period_s": self.period, "share_of_command": self.share, "coherence": self.coherence,
+            "phase_behind_command_deg": float(np.degrees(self.phase)),
+        }  # fmt: skip
+
+    def sentence(self, dof: Dof) -> str:
+        force, position = dof.words.force, dof.words.position
+        return (
+            f"Command and {position} swing together every {self.period:.2g} s ({self.share:.0%} of the commanded "
+            f"{force}), the {position} {np.degrees(self.phase):.0f} degrees of the cycle behind the {force}: a limit "
+            "cycle of the controller. A lag, a delay or a dead-band makes one; a periodic disturbance of that period "
+            "is not believed."
+        )
+
+
+def limit_cycle(runs: Sequence[Run]) -> LimitCycle | None:
+    """The limit cycle that most of the runs show, from spectra averaged over runs (Welch 1967, IEEE Trans. Audio
+    Electroacoustics 15:70); None where there is none, or the runs are too short to show one."""
+    from scipy import signal  # here, as it loads half of scipy and only driven runs need it
+
+    length = int(SEGMENT / STEP)
+    settings: dict[str, Any] = {"fs": 1.0 / STEP, "nperseg": length, "detrend": "linear"}
+    frequency = np.fft.rfftfreq(length, STEP)
+    spectra = np.zeros((3, len(frequency)), dtype=complex)  # of the command, of the position, across
+    for run in runs:
+        time = np.arange(run.time[0], run.time[-1], STEP)
+        if len(time) >= length:
+            command, position = (np.interp(time, run.time, column) for column in (run.command, run.position))
+            pairs = ((command, command), (position, position), (command, position))
+            spectra += len(time) * np.array([signal.csd(x, y, **settings)[1] for x, y in pairs])
+    power, positions, cross = spectra[0].real, spectra[1].real, spectra[2]
+    if not np.any(power):
+        return None
+    may = (frequency >= 1.0 / SLOWEST) & (frequency <= 1.0 / QUICKEST)
+    peak = int(np.argmax(np.where(may, power, -1.0)))
+    near = np.abs(frequency / frequency[peak] - 1.0) < NEAR
+    share = float(power[near].sum() / power.sum())
+    coherence = float(np.abs(cross[peak]) ** 2 / max(power[peak] * positions[peak], 1e-300))
+    inside = 0 < peak < len(power) - 1 and power[peak] > 2.0 * np.median(power[may])
+    if not inside or share < MOST or coherence < MOST:
+        return None
+    return LimitCycle(float(1.0 / frequency[peak]), share, coherence, float(-np.angle(cross[peak])) % (2.0 * np.pi))
+
+
+# Learned curves in a fit: their values have a Gaussian prior, whose spread is where the marginal likelihood is largest,
+# by the curvature of the fit that was made (Laplace's approximation; Wood 2011, J. R. Stat. Soc. B 73:3).
+SPREADS = np.geomspace(3e-4, 1.0, 15)  # spreads that are tried
+FIRM = 100.0  # times the spread's own precision with which a curve keeps away from what other terms of the model are
+
+
+def learned_term(model: YawModel) -> int | None:
+    """Place of the model's learned term among its terms; None without one."""
+    return next((i for i, term in enumerate(model.terms) if term.name.startswith(PREFIX)), None)
+
+
+def places(model: YawModel) -> NDArray[np.int64]:
+    """Places of a learned curve's values in theta, (KNOTS,); none without a curve."""
+    at = learned_term(model)
+    if at is None:
+        return np.arange(0)
+    return 1 + sum(len(term.values) for term in model.terms[:at]) + FIRST + np.arange(KNOTS)
+
+
+def precision(model: YawModel, spread: float | None = None) -> Floats:
+    """Prior precision of the values of the model's learned curve, (KNOTS, KNOTS), at a spread, its own if None."""
+    at = learned_term(model)
+    assert at is not None
+    own, effect = elsewhere(model, model.terms[at]), effects.get(model.terms[at].name)
+    assert isinstance(effect, Learned)
+    spread = model.terms[at].values[FIRST - 1] if spread is None else spread
+    return (roughness(bool(effect.variable.turn)) + FIRM**2 * own.T @ own) / spread**2
+
+
+def elsewhere(model: YawModel, term: Term) -> Floats:
+    """Curves (n, KNOTS) of unit length that other terms of the model are already: drag over the speed, a gain common to
+    all runs, a constant force, linear drag; and what would jump at a standstill."""
+    effect = effects.get(term.name)
+    assert isinstance(effect, Learned)
+    kind, sized = kind_of(term.values), effect.variable.sized
+    present, at, rows = {one.name for one in model.terms}, np.linspace(0.0, 1.0, KNOTS), []
+    level = {DRAG: "linear-drag", MOMENT: "bias-moment"}
+    if kind == CURVE_OF_GAIN or (not sized and level[kind] in present):
+        rows.append(np.ones(KNOTS))
+    elif sized:
+        powers = {"linear-drag": 1, "quadratic-drag": 2, "cubic-drag": 3}
+        rows += [np.eye(KNOTS)[0], *(at**power for name, power in powers.items() if name in present)]
+    return np.array([row / np.linalg.norm(row) for row in rows]).reshape(-1, KNOTS)
+
+
+def smoothness(model: YawModel, count: int) -> Floats | None:
+    """The same as precision (count, count) of all parameters of a fit; None where the model has no curve."""
+    if learned_term(model) is None:
+        return None
+    found, at = np.zeros((count, count)), places(model)
+    found[np.ix_(at, at)] = precision(model)
+    return found
+
+
+def smoothed(fit: Fit, model: YawModel) -> tuple[float, float]:
+    """The spread of largest marginal likelihood by the curvature of a fit of `model`, and the curve's effective number
+    of parameters at the spread that was fitted."""
+    at, fitted = places(model), precision(model)
+    spread = fit.covariance[np.ix_(at, at)]
+    stiff = np.linalg.inv(spread)
+    pull = stiff @ fit.theta[at]
+    data = stiff - fitted
+    likely = [_evidence(data, pull, precision(model, s)) for s in SPREADS]
+    return float(SPREADS[int(np.argmax(likely))]), float(KNOTS - np.trace(spread @ fitted))
+
+
+def _evidence(data: Floats, pull: Floats, prior: Floats) -> float:
+    """Twice the log marginal likelihood of a curve under a prior, but for what is the same of all priors."""
+    stiff = data + prior
+    log_det = np.linalg.slogdet(prior)[1] - np.linalg.slogdet(stiff)[1]
+    return float(pull @ np.linalg.solve(stiff, pull) + log_det)
 
 
 @dataclass(frozen=True)
@@ -72,7 +213,6 @@ class Study:
 
     @cached_property
     def at_rest(self) -> NDArray[np.bool_]:
-        """Which runs begin with the vehicle standing still, (R,)."""
         return np.array([starts_at_rest(run) for run in self.runs])
 
     @cached_property
@@ -159,9 +299,8 @@ class Study:
         return limit_cycle(self.runs) if self.driven else None
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
-        """Likelihood of driven runs under `model`."""
         found = driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
-        return found if learned_term(model) is None else with_prior(found, model)
+        return replace(found, smooth=smoothness(model, len(found.names)))
 
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z of
@@ -186,6 +325,7 @@ class Study:
             effects=problem.effects.with_scale(disturbance=0.0),
             bounds=np.array([*bounds, (-MOST_OFFSET, MOST_OFFSET)]),
             positive=np.array([*positive, False]),
+            smooth=smoothness(model, len(positive) + 1),
         )
 
     def fit(
@@ -210,9 +350,7 @@ class Study:
             run_effects = near.effects.carried(near.run_effects, problem.effects)
             settings = {"noise": near.noises, "iterations": iterations, "run_effects": run_effects}
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
-        smooth = partial(fit_smooth, model, self.sensor_floor)
-        fitted = fit_mixed if learned_term(model) is None else smooth
-        return fitted(problem, np.append(values, switch), factors=factors, settled=SETTLED, **settings)
+        return fit_mixed(problem, np.append(values, switch), factors=factors, settled=SETTLED, **settings)
 
     @cached_property
     def _covariances(self) -> dict[int, tuple[Fit, Floats]]:

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.diagnosis.residual_regions import Column, Gap, Looked, look
-from automarine_cli.diagnosis.verdict import (
+from automarine_cli.diagnosis.diagnose import (
     ASTRAY,
     EVEN,
     LEFT_OVER,
@@ -19,6 +18,7 @@ from automarine_cli.diagnosis.verdict import (
     listed_rivals,
     stretch,
 )
+from automarine_cli.diagnosis.residual_regions import Column, Gap, Looked, look
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import Shown
@@ -126,7 +126,6 @@ class ThrusterDiagnosis(Shown):
         return {**result, **scores, "notes": notes}
 
     def to_json(self) -> dict[str, object]:
-        """Content of diagnosis.json (schema automarine/diagnosis/1)."""
         gaps = {"fitted_runs": self.gap, "held_out_runs": self.held_out_gap, "cross_validation": self.cross}
         first = self.search.steps[0]
         return {

@@ -248,6 +248,16 @@ def make_course(
     for row, one in zip(at, laid):
         row[len(one.at) :] = len(one.width)  # nodes behind the end lie there
     noise = np.array([one.noise for one in laid])
+    thinned, often = (
+        tuple(
+            Channel(
+                quantity, d, velocity, padded([one.values[k, c] for one in laid], nodes),
+                padded([one.seen[k, c] for one in laid], nodes),
+            )
+            for c, (d, quantity, velocity) in enumerate(sensors)
+        )
+        for k in range(2)
+    )  # fmt: skip
     return Course(
         motion=motion,
         names=tuple(run.name for run in runs),
@@ -260,20 +270,8 @@ def make_course(
         before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
         start=np.array([run.time[0] for run in runs]),
         signals={name: padded([one.signals[name] for one in laid], fine) for name in signals},
-        channels=tuple(
-            Channel(
-                quantity, d, velocity, padded([one.values[c] for one in laid], nodes),
-                padded([one.seen[c] for one in laid], nodes),
-            )
-            for c, (d, quantity, velocity) in enumerate(sensors)
-        ),
-        often=tuple(
-            Channel(
-                quantity, d, velocity, padded([one.often[0, c] for one in laid], nodes),
-                padded([one.often[1, c] > 0.0 for one in laid], nodes),
-            )
-            for c, (d, quantity, velocity) in enumerate(sensors)
-        ),
+        channels=thinned,
+        often=often,
         still=still,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
@@ -291,16 +289,15 @@ def _lay(
 ) -> SimpleNamespace:
     edges, mean = _fine(run)
     at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
-    values, seen = np.zeros((len(sensors), len(node))), np.zeros((len(sensors), len(node)), dtype=bool)
-    noise, often = np.full(len(sensors), np.nan), np.zeros((2, len(sensors), len(node)))
+    values, noise = np.zeros((2, len(sensors), len(node))), np.full((2, len(sensors)), np.nan)
+    seen = np.zeros(values.shape, dtype=bool)  # of the readings that count as independent, and of all of them
     for c, (d, quantity, velocity) in enumerate(sensors):
         read = run.channel(quantity)
         if read is None or (run.summed_up and quantity == run.dof.position):
             continue
-        here, found, noise[c] = readings_of(run.time, read, node, least_noise(motion.dofs[d], velocity))
-        values[c, here], seen[c, here] = found, True
-        here, found, _ = readings_of(run.time, read, node, 0.0)
-        often[0, c, here], often[1, c, here] = found, 1.0
+        for k, floor in enumerate((least_noise(motion.dofs[d], velocity), 0.0)):
+            here, found, noise[k, c] = readings_of(run.time, read, node, floor)
+            values[k, c, here], seen[k, c, here] = found, True
     return SimpleNamespace(
         length=np.diff(node),
         held=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
@@ -311,8 +308,7 @@ def _lay(
         signals={name: mean(signals_of([run], name)[0]) for name in signals},
         values=values,
         seen=seen,
-        often=often,
-        noise=noise,
+        noise=noise[0],
     )
 
 

@@ -233,7 +233,7 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
         found.append(
             f"{words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
             f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
-            f"{100 * max(map(abs, seed.bias)):.1f} %, which was removed with a rough model; trust the maximum "
+            f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
             "likelihood, which needs no tail."
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
@@ -259,7 +259,15 @@ def fit_warnings(
     fit = fits[preference.number]
     dof = fit.model.dof
     words, mark, base = dof.words, dof.units.mark, dof.units.base
-    found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
+    found = _one_run_that_decides(fit, names_of_runs)
+    if fit.gain_scatter.value > WILD_GAIN:
+        gains = np.exp(fit.mixed.own(GAIN)[:, 0])
+        odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
+        found.append(
+            f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
+            f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: check its "
+            f"{words.force} and its unit."
+        )
     if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
         found.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained, "
@@ -298,17 +306,4 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
         f"{names_of_runs[run]} alone changes {name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} "
         f"{estimate.unit}, more than all other runs together: check its log, and whether its "
         f"{fit.model.dof.words.position} jumps."
-    ]
-
-
-def _wild_gains(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
-    if fit.gain_scatter.value <= WILD_GAIN:
-        return []
-    gains = np.exp(fit.mixed.own(GAIN)[:, 0])
-    odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
-    force = fit.model.dof.words.force
-    return [
-        f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
-        f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: check its "
-        f"{force} and its unit."
     ]

@@ -1,10 +1,9 @@
 """A model of one motion on driven runs: which of its parameters are searched how, and where fits of it start."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.known import Prior
 from automarine_cli.fits.mixed_model import natural_of, search_of
+from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     Preference,
@@ -30,6 +30,7 @@ from automarine_cli.fits.whole_runs import (
     ways_of,
 )
 from automarine_cli.models.yaw_model import YawModel, base_roles
+from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
@@ -51,28 +52,19 @@ def driven_problem(
     """Likelihood of `model` on `course`; delays of effects that are not its own are at least `least_delay` [s], what
     varies from run to run has periods of at most `slowest` [s]. `quiet`: see `randomness`."""
     largest = float(np.abs(course.held).max()) or 1.0
-    bounds, positive, scale = [(0.0, np.inf)], [True], [1.0]
+    searched = [((0.0, np.inf), True, 1.0)]
     for term in model.terms:
         effect = effects.get(term.name)
         for parameter, value, held in zip(effect.parameters, term.values, effect.held(term.values)):
             lower = max(parameter.lower, least_delay if effect.shifts(term.values) and not term.own else -np.inf)
             slow = slowest if parameter.scan and effect.varies(term.values) else np.inf
-            bounds.append((value, value) if held else (lower, min(parameter.upper, slow)))
-            positive.append(parameter.log)
-            scale.append(max(parameter.scaled(parameter.start, largest), 1e-6))
+            bounds = (value, value) if held else (lower, min(parameter.upper, slow))
+            searched.append((bounds, parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)))
     varying = [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
     pushes = [largest / max(model.inertia, 1e-9)]
     delayed = any(effects.get(term.name).delays for term in model.terms)
     random = randomness(course, pushes, varying, quiet, delayed)
-    return DrivenProblem(
-        model,
-        course,
-        (*model.parameter_names, *(one.name for one in random)),
-        np.array([*bounds, *((one.lower, one.upper) for one in random)]),
-        np.array([*positive, *(not one.signed for one in random)]),
-        np.array([*scale, *[1.0] * len(random)]),
-        random,
-    )
+    return DrivenProblem.of(model, course, model.parameter_names, searched, random)
 
 
 def wanted_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
@@ -343,7 +335,6 @@ def of_model_alone(followed: Followed) -> Followed:
 
 
 def _joined(pieces: Sequence[Predicted]) -> Predicted:
-    """Predictions of one run each as those of all."""
     names = ("origin", "target", "error", "constant_rate", "constant")
     return Predicted(
         pieces[0].horizon,
@@ -412,8 +403,6 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     return replace(fit, **{name: getattr(wider_fit, name) for name in WIDENED}), gains
 
 
-Map = Callable[[Callable[[str], Any], Sequence[str]], Sequence[Any]]
-
 LEAST_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
 STEPS = (0.1, 0.025)  # largest simulation steps [s] for whole runs, tried in turn
 
@@ -432,11 +421,11 @@ def is_driven(
 
 
 def fitted_driven(
-    runs: Sequence[Run], course: Course, each: Map, with_effects: Sequence[str], known: Mapping[str, Prior]
+    runs: Sequence[Run], course: Course, each: Each, with_effects: Sequence[str], known: Mapping[str, Prior]
 ) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
     """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
     ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), known=known)
-    found = dict(zip("123", each(ask, ("1", "2", "3"))))
+    found = dict(zip(MODELS, each(ask, MODELS, "fitting models")))
     kept = {number: one for number, one in found.items() if isinstance(one, OutputErrorFit)}
     if not kept:
         raise next(one for one in found.values() if isinstance(one, FitError))
@@ -459,7 +448,6 @@ def _fit_driven_model(
 
 
 def both_ways(runs: Sequence[Run]) -> bool:
-    """Whether a tenth of all that the runs went, or more, went each way."""
     steps = np.concatenate([np.diff(run.position[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
     gone = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
     return min(gone) > LEAST_WAY * sum(gone)
@@ -472,32 +460,42 @@ LARGE = 1.0
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the preferred model is worth, by horizon, on each of so many `runs` by a fit to the others."""
+    """What the preferred model is worth, by quantity and horizon, on each of so many `runs` by a fit to the others."""
 
-    worth: tuple[ForecastScore, ...]
+    worth: Mapping[str, tuple[ForecastScore, ...]]
     runs: int
 
     @property
-    def judged(self) -> ForecastScore | None:
-        return judged_of(self.worth)
+    def beaten(self) -> dict[str, ForecastScore]:
+        """Quantities that a constant predicts better over the horizon that decides."""
+        judged = {name: judged_of(each) for name, each in self.worth.items()}
+        return {name: one for name, one in judged.items() if one is not None and not one.of_use}
 
     @property
     def of_use(self) -> bool:
-        """Whether the model predicts better than constants do; what cannot be judged counts as of use."""
-        return self.judged is None or self.judged.of_use
+        """Whether no constant predicts better; what cannot be judged counts as of use."""
+        return not self.beaten
 
     def sentence(self, dof: Dof) -> str:
-        one = self.judged
-        if one is None:
+        first, scores = next(iter(self.worth.items()))
+        if (judged := judged_of(scores)) is None:
             return "The runs are too short to judge predictions."
         alone = self.runs == 1
         of = "the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit"
-        if one.of_use:
-            return f"The model predicts {one.beside(dof)} ({of})."
+        if self.of_use:
+            return f"The model predicts {self._beside(first, judged, dof)} ({of})."
+        worse = "; and ".join(self._beside(name, one, dof) for name, one in self.beaten.items())
         return (
-            f"This model is not usable: it predicts {one.beside(dof)} ({of}). Do not simulate or control with it; "
+            f"This model is not usable: it predicts {worse} ({of}). Do not simulate or control with it; "
             "`automarine diagnose` looks for what it lacks."
         )
+
+    def _beside(self, name: str, one: ForecastScore, dof: Dof) -> str:
+        if len(self.worth) == 1:
+            return one.beside(dof)
+        words = {dof.position: (name,), "place": (name, "rate", name, "m")}
+        what, *rivals = words.get(name, (f"{name} speed", "acceleration", "speed", "m/s"))
+        return f"the {what} {one.beside(dof, *rivals)}"
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
         return () if self.of_use else (self.sentence(dof),)
@@ -575,17 +573,12 @@ def prefer_driven(
 
     fewest = min(parameters[number] for number in score if number == best or level(number))
     chosen = min((n for n in score if parameters[n] == fewest), key=lambda number: score[number])
-    told = [f"{_errors(sizes[chosen], dof)} {dof.units.shown}"]
-    told += [f"model {number} {_errors(size, dof)}" for number, size in sorted(sizes.items()) if number != chosen]
+    errors = {n: " and ".join(f"{dof.shown(one):.3g}" for one in size) for n, size in sorted(sizes.items())}
+    others = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
+    told = ", ".join([f"{errors[chosen]} {dof.units.shown}", *others])
     how = "best" if chosen == best else "as well as any with more parameters"
     over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
-    return Preference(
-        chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {', '.join(told)}."
-    )
-
-
-def _errors(sizes: Floats, dof: Dof) -> str:
-    return " and ".join(f"{dof.shown(size):.3g}" for size in sizes)
+    return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {told}.")
 
 
 def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
@@ -615,4 +608,5 @@ def use_of(
     assert followed.states is not None
     free = free_run(fit.model, course, found.of_model, problem.noises(found.theta[None]))
     push, large = fit.model.inertia * followed.states[followed.places.pushed[0], 0], large_disturbance(course, fit)
-    return Use(worth_of(predictions), len(course.names), proposed, course, predictions, free, push, large)
+    worth = {fit.model.dof.position: worth_of(predictions)}
+    return Use(worth, len(course.names), proposed, course, predictions, free, push, large)

@@ -178,11 +178,10 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
 
 @dataclass(frozen=True)
 class _Descent:
-    """Where a search got to; `by_unit` (U, f, f) are the curvatures of the units, `pull` (U, f) their slopes."""
+    """Where a search got to; `by_unit` (U, f, f) are the curvatures of the units."""
 
     phi: Floats
     by_unit: Floats
-    pull: Floats
     iterations: int
     converged: bool
 
@@ -211,13 +210,12 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> _Descent
         value = cost(phi[None], errors[:1])[0]
         by = (errors[1:] - errors[0]) / steps[:, None, None, None]
         units = int(problem.unit.max()) + 1
-        pull, curve = np.zeros((units, len(free))), np.zeros((units, len(free), len(free)))
-        np.add.at(pull, problem.unit, -np.einsum("cha,fcha->af", errors[0], by))
+        curve = np.zeros((units, len(free), len(free)))
         np.add.at(curve, problem.unit, np.einsum("fcha,gcha->afg", by, by))
-        gradient = pull.sum(axis=0) - precision @ (phi[free] - mean)
+        gradient = -np.einsum("cha,fcha->f", errors[0], by) - precision @ (phi[free] - mean)
         hessian = curve.sum(axis=0) + precision
         if converged or done == iterations or damping > MOST_DAMPING:
-            return _Descent(phi, curve, pull, done, converged)
+            return _Descent(phi, curve, done, converged)
         done += 1
         trials = np.tile(phi, (len(DAMPINGS), 1))
         for trial, share in zip(trials, DAMPINGS):

@@ -46,7 +46,6 @@ class StepData:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What was measured: the position, and the velocity where it is used."""
         counts, seen = self.position_counts is None or bool(self.position_counts.any()), self.seen
         if self.position_counts is not None and counts:
             seen = seen & self.position_counts[:, None]

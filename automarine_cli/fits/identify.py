@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,9 @@ from automarine_cli.fits import cautions, driven, whole_runs
 from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.fits.paper import FEWEST_A_WAY, VelocityErrorFit, fit_velocity_error, nested_test
-from automarine_cli.models.store import model_json
+from automarine_cli.fits.paper import FEWEST_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
+from automarine_cli.models.store import effects_json, model_head
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven
@@ -64,7 +64,6 @@ class YawFit(Shown):
 
     @property
     def inertial_turn_angle(self) -> Estimate | None:
-        """Inertia over quadratic drag of the preferred model; None where that has linear drag alone."""
         return self.preferred.inertial_turn_angle
 
     @property
@@ -77,10 +76,6 @@ class YawFit(Shown):
         if not (fit.mixed.theta[[i, k]] > 0).all() or {i, k} & set(fit.mixed.at_bound):
             return None
         return whole_runs.ratio_of(fit.mixed, fit.covariance, i, k, "s")
-
-    @property
-    def used(self) -> int:
-        return len(self.turns) or len(self.runs)
 
     @property
     def read(self) -> Sequence[Run]:
@@ -96,27 +91,23 @@ class YawFit(Shown):
         return json_document(f"{self.dof.name}_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
-        """The result file: schema automarine/yaw-model/1, or that of another motion."""
         fit, turn, dof = self.preferred, self.inertial_turn_angle, self.dof
         return {
-            **model_json(
-                dof, unit=self.moment_unit, fitted_to=f"{dof.words.step}s" if self.turns else "whole runs",
-                models={number: self._model_json(number) for number in sorted(self.output_error)},
-                preferred=self.preference.number, because=self.preference.because,
-                ratio=None if turn is None else turn.to_json(), effects=_effects_json(fit),
-                valid_range=cautions.valid_range(self.moments, fit.model),
-            ),
+            **model_head(dof, self.moment_unit),
+            "fitted_to": f"{dof.words.step}s" if self.turns else "whole runs",
+            "models": {number: self._model_json(number) for number in sorted(self.output_error)},
+            "preferred": self.preference.number,
+            "preferred_because": self.preference.because,
+            dof.ratio_key: turn and turn.to_json(),
+            "valid_range": cautions.valid_range(self.moments, fit.model),
+            "effects": effects_json(effect_estimates(fit)),
             **self._driven_json(),
-            **({} if self.time_constant is None else {"time_constant_s": self.time_constant.to_json()}),
-            "gain_scatter": fit.gain_scatter.to_json(),
-            "switch_offset": fit.offset.to_json(),
-            f"{dof.words.position}_noise_{dof.units.key}": None
-            if fit.noise is None
-            else float(dof.shown(fit.noise)),
+            **({"time_constant_s": self.time_constant.to_json()} if self.time_constant else {}),
+            **_scatter_json(fit),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
-            "runs": runs_json(self.used, self.set_aside, self.read),
+            "runs": runs_json(len(self.read), self.set_aside, self.read),
         }  # fmt: skip
 
     @property
@@ -131,48 +122,40 @@ class YawFit(Shown):
 
     @property
     def buoyancy(self) -> "Buoyancy | None":
-        """The constant force of the preferred model; None for motions without one."""
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     def _driven_json(self) -> dict[str, object]:
         """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
-        found, use = self.preferred.mixed, self.use
+        found, use, json = self.preferred.mixed, self.use, dict[str, object]()
         if use is None:
-            return {}
-        random: dict[str, object] = {}
+            return json
         if isinstance(found, InnovationsFit):
-            random = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
+            json = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
         if isinstance(use, driven.Use):
-            random["proposed"] = dict(use.proposed)
-        return {
-            **random,
-            "prediction": {
-                "left_out_runs": [one.to_json(self.dof) for one in use.worth],
-                "of_use": use.of_use,
-                "says": use.sentence(self.dof),
-            },
-        }
+            json["proposed"] = dict(use.proposed)
+        worth = [one.to_json(self.dof) for one in use.worth[self.dof.position]]
+        return json | {"prediction": {"left_out_runs": worth, "of_use": use.of_use, "says": use.sentence(self.dof)}}
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof
-        estimates = {name: e.to_json() for name, e in _drag_first(fit.estimates, dof).items()}
+        own = dof.symbols
+        order = (own.quadratic, own.linear, own.inertia, own.constant, own.difference)
+        estimates = {name: fit.estimates[name].to_json() for name in order if name in fit.estimates}
         content: dict[str, object] = dict(estimates)
-        content[dof.ratio_key] = None if fit.inertial_turn_angle is None else fit.inertial_turn_angle.to_json()
+        content[dof.ratio_key] = fit.inertial_turn_angle and fit.inertial_turn_angle.to_json()
         content["output_error"] = {
             **estimates,
             "log_likelihood": fit.mixed.log_likelihood,
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
-            "gain_scatter": fit.gain_scatter.to_json(),
-            "switch_offset": fit.offset.to_json(),
-            f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
+            **_scatter_json(fit),
             "covariance": cautions.covariance_json(
                 list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance
             ),
             "converged": fit.mixed.converged,
             **({"estimator": fit.estimator} if fit.estimator else {}),
         }
-        if own := _effects_json(fit):
-            content["effects"] = own
+        if added := effect_estimates(fit):
+            content["effects"] = effects_json(added)
         if fit.ways is not None:
             content["sides"] = fit.ways.to_json()
         seed = self.seed_method
@@ -203,13 +186,6 @@ class YawFit(Shown):
         return content
 
 
-def _effects_json(fit: whole_runs.OutputErrorFit) -> list[dict[str, object]]:
-    return [
-        {"name": effect, "parameters": {name: one.to_json() for name, one in own.items()}}
-        for effect, own in effect_estimates(fit).items()
-    ]
-
-
 def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Estimate]]:
     """Estimates of the effects beside drag, by effect and parameter; standard errors of what is not fitted are zero."""
     found, model = {}, fit.model
@@ -225,10 +201,13 @@ def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Esti
     return found
 
 
-def _drag_first(estimates: Mapping[str, Estimate], dof: Dof) -> dict[str, Estimate]:
-    own = dof.symbols
-    order = (own.quadratic, own.linear, own.inertia, own.constant, own.difference)
-    return {name: estimates[name] for name in order if name in estimates}
+def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
+    dof = fit.model.dof
+    return {
+        "gain_scatter": fit.gain_scatter.to_json(),
+        "switch_offset": fit.offset.to_json(),
+        f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
+    }
 
 
 @dataclass(frozen=True)
@@ -240,12 +219,8 @@ class Buoyancy:
     @property
     def ballast(self) -> Estimate | None:
         """Mass [kg], weighed in water, that balances the vehicle; None for a normalised force."""
-        if self.force.unit != "N":
-            return None
-        low, high = self.force.ci95
-        return Estimate(
-            -self.force.value / GRAVITY, self.force.stderr / GRAVITY, (-high / GRAVITY, -low / GRAVITY), "kg"
-        )
+        value, stderr, low, high = (x / GRAVITY for x in (self.force.value, self.force.stderr, *self.force.ci95))
+        return Estimate(-value, stderr, (-high, -low), "kg") if self.force.unit == "N" else None
 
     @property
     def says(self) -> str:
@@ -264,16 +239,11 @@ class Buoyancy:
         return f"{text}: to balance it {what} {kilograms} of ballast, weighed in water."
 
     def to_json(self) -> dict[str, object]:
-        ballast = self.ballast
-        return {
-            "constant_force": self.force.to_json(),
-            "ballast_in_water": None if ballast is None else ballast.to_json(),
-            "says": self.says,
-        }
+        ballast = self.ballast and self.ballast.to_json()
+        return {"constant_force": self.force.to_json(), "ballast_in_water": ballast, "says": self.says}
 
 
-Map = Callable[[Callable[[str], Any], Sequence[str]], Sequence[Any]]
-
+FITTING = "fitting models"
 FEWEST_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
 
@@ -285,7 +255,7 @@ def identify_turns(
     whole: Callable[[], Sequence[Run]],
     fit_to: str = "auto",
     known: Known = NOTHING_KNOWN,
-    each: Map | None = None,
+    each: Each = alone,
     channels: str = AUTO,
     tail: float | None = None,
     with_effects: Sequence[str] = (),
@@ -299,7 +269,6 @@ def identify_turns(
     of the paper's method start, None: where they are best. Raises RunError where too few runs are left, FitError where
     the data cannot carry a fit.
     """
-    each = each or (lambda function, models: [function(model) for model in models])
     runs = len(turns) + len(set_aside)
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
@@ -333,7 +302,7 @@ def _fit_steps(
     turns: tuple[HalfTurn, ...],
     set_aside: tuple[SetAside, ...],
     known: Known,
-    each: Map,
+    each: Each,
     channels: str,
     tail: float | None,
 ) -> YawFit:
@@ -349,10 +318,9 @@ def _fit_steps(
     name = dof.symbols.constant
     constant = {model: fit.estimates[name].value for model, fit in rough.drag.items() if dof.has_constant}
     both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
-    ask = partial(
-        _fit_model, data=data, start=start, constant=constant, unit=unit, known=known, both=both
-    )  # fmt: skip
-    fits = dict(zip("123", each(ask, ("1", "2", "3"))))
+
+    fit_model = partial(_fit_model, data=data, start=start, constant=constant, unit=unit, known=known, both=both)
+    fits = dict(zip(MODELS, each(fit_model, MODELS, FITTING)))
     preference = whole_runs.prefer(fits)
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
     noise = float(np.median([turn.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
@@ -397,7 +365,7 @@ def _fit_whole(
     turns: Sequence[HalfTurn],
     fit_to: str,
     known: Known,
-    each: Map,
+    each: Each,
     channels: str,
     with_effects: Sequence[str],
 ) -> YawFit:
@@ -419,10 +387,10 @@ def _fit_whole(
     course = make_course(moving, at_rest, channels=chosen.names)
     if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, known=known)
-        fits = dict(zip("123", each(ask, ("1", "2", "3"))))
+        fits = dict(zip(MODELS, each(ask, MODELS, FITTING)))
         preference = whole_runs.prefer(fits)
         predictions = driven.whole_predictions(course, fits[preference.number])
-        use = driven.Judgement(driven.worth_of(predictions), len(moving))
+        use = driven.Judgement({dof.position: driven.worth_of(predictions)}, len(moving))
         how = "by output error, for the evidence asks for no disturbance"
     else:
         fits, refused = driven.fitted_driven(moving, course, each, with_effects, known.parameters)

@@ -68,6 +68,16 @@ class DrivenProblem:
     smooth: Floats | None = None
     known: Mapping[str, Prior] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls, model: Vehicle, course: Course, names: Sequence[str],
+        searched: Sequence[tuple[tuple[float, float], bool, float]], random: tuple[Randomness, ...],
+    ) -> "DrivenProblem":  # fmt: skip
+        """From the bounds, the scale and a small step of each of the model's own parameters."""
+        every = [*searched, *(((one.lower, one.upper), not one.signed, 1.0) for one in random)]
+        bounds, positive, scale = map(np.array, zip(*every))
+        return cls(model, course, (*names, *(one.name for one in random)), bounds, positive, scale, random)
+
     def informed(self, known: Mapping[str, Prior]) -> "DrivenProblem":
         return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
 
@@ -84,13 +94,12 @@ class DrivenProblem:
     def priors(self) -> tuple[Floats, Floats]:
         """Mean (p,) and precision (p, p) of phi before the data; no precision where nothing is known."""
         count = len(self.names)
-        mean, precision = np.zeros(count), np.zeros((count, count))
+        known = prior_of(self.known, self.names, self.positive, self.smooth)
+        mean, precision = known or (np.zeros(count), np.zeros((count, count)))
         for i, one in enumerate(self.random, count - len(self.random)):
             mean[i] = one.median if one.signed else np.log(one.median)
             precision[i, i] = one.spread**-2
-        if (known := prior_of(self.known, self.names, self.positive)) is not None:
-            mean, precision = mean + known[0], precision + known[1]
-        return mean, precision if self.smooth is None else precision + self.smooth
+        return mean, precision
 
     @cached_property
     def prior_information(self) -> Floats:
@@ -189,8 +198,12 @@ class Slopes:
     gradient: Floats
     information: Floats
 
+    def without(self, run: int) -> "Slopes":
+        rest = np.arange(len(self.density)) != run
+        return Slopes(self.density[rest], self.gradient[rest], self.information[rest])
+
     def value(self, problem: DrivenProblem, phi: Floats) -> float:
-        """Log density of all runs with the prior; minus infinity where a filter diverges."""
+        """Log density of these runs with the prior; minus infinity where a filter diverges."""
         total = float(self.density.sum() + problem.prior(phi))
         return total if np.isfinite(total) else -np.inf
 
@@ -248,8 +261,8 @@ FEW_RUNS = 6
 LOOK, WAYS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
 SIZES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
-LEAST_DAMPING, MOST_DAMPING, SHARES = 1e-4, 1e3, (1.0, 30.0)
-"""Share of the curvature that is added to it, and multiples of that which are tried together."""
+LEAST_DAMPING, MOST_DAMPING, SHARES, ONE_SHARE = 1e-4, 1e3, (1.0, 30.0), (1.0,)
+"""Share of the curvature that is added to it, and multiples of that which are tried together; of many climbs one."""
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
 
 
@@ -316,44 +329,51 @@ class _Climb:
     converged: bool
 
 
-def _climbed(problem: DrivenProblem, starts: Iterable[Floats], iterations: int) -> list[_Climb]:
-    """The climbs from each start (p,); what they ask for at a time is filtered together."""
-    climbs = [_climb(problem, phi, iterations) for phi in starts]
+def _climbed(
+    problem: DrivenProblem, starts: Iterable[Floats], iterations: int, without_each: bool = False
+) -> list[_Climb]:
+    """The climbs from each start (p,), each without its own run if so asked; what they ask for at a time is filtered
+    together."""
+    climbs = [_climb(problem, phi, iterations, ONE_SHARE if without_each else SHARES) for phi in starts]
     reached: dict[int, _Climb] = {}
     wanted = {i: next(climb) for i, climb in enumerate(climbs)}
     while wanted:
         slopes = iter(problem.slopes(np.concatenate(list(wanted.values()))))
         for i, phis in list(wanted.items()):
             try:
-                wanted[i] = climbs[i].send(list(islice(slopes, len(phis))))
+                own = islice(slopes, len(phis))
+                wanted[i] = climbs[i].send([one.without(i) if without_each else one for one in own])
             except StopIteration as end:
                 reached[i] = end.value
                 del wanted[i]
     return [reached[i] for i in range(len(climbs))]
 
 
-def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> Generator[Floats, list[Slopes], _Climb]:
+def _climb(
+    problem: DrivenProblem, phi: Floats, iterations: int, shares: tuple[float, ...]
+) -> Generator[Floats, list[Slopes], _Climb]:
     """Fisher scoring from phi (p,), damped where the likelihood is no parabola. Yields the points (P, p) of which it
     needs the slopes."""
     (slopes,) = yield phi[None]
     value = slopes.value(problem, phi)
     free, limits = problem.free, problem.limits
     converged, done, damping = False, 0, LEAST_DAMPING
-    rounds = len(SHARES) if problem.course.motion.turns else 1  # of three motions arrays are long as they are
+    rounds = len(shares) if problem.course.motion.turns else 1  # of three motions arrays are long as they are
+    settled = SETTLED if shares is SHARES else 0.02 * SETTLED  # a run left out moves a fit by little
     while done < iterations and np.isfinite(value):
         done += 1
         gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
         hessian = slopes.information.sum(axis=0) + problem.prior_information
         if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
             break
-        trials = np.tile(phi, (len(SHARES), 1))
-        for trial, share in zip(trials, SHARES):
+        trials = np.tile(phi, (len(shares), 1))
+        for trial, share in zip(trials, shares):
             damped = hessian + share * damping * np.diag(np.diagonal(hessian) + 1e-12)
             pull = gradient + damped @ phi[free]
             trial[free] = linear_mixed.bounded_solution(damped, pull, phi[free], limits[free])
         step = trials[0, free] - phi[free]
         expected = float(gradient @ step - 0.5 * step @ hessian @ step)
-        if expected < SETTLED:
+        if expected < settled:
             converged = True
             break
         tried: list[Slopes] = []
@@ -366,42 +386,13 @@ def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> Generator[Fl
         best = int(np.argmax(reached))
         if reached[best] > value + 0.1 * SETTLED:
             phi, value, slopes = trials[best], reached[best], tried[best]
-            damping = max(damping * (0.1 if best == 0 else SHARES[best]), LEAST_DAMPING)
+            damping = max(damping * (0.1 if best == 0 else shares[best]), LEAST_DAMPING)
         elif damping < MOST_DAMPING:
-            damping *= SHARES[-1] * 10.0
+            damping *= max(10.0 * shares[-1], 100.0)
         else:
             converged = expected < 1.0
             break
     return _Climb(phi, value, slopes, done, converged)
-
-
-def _climb_without_each(problem: DrivenProblem, phi: Floats) -> Floats:
-    """LOOK steps of Fisher scoring from phi (R, p), each without its own run; all are filtered together."""
-    free, limits, others = problem.free, problem.limits[problem.free], ~np.eye(len(phi), dtype=bool)
-    slopes = problem.slopes(phi)
-
-    def value(at: Floats, reached: list[Slopes]) -> Floats:
-        each = zip(at, reached, others)
-        return np.array([float(s.density[rest].sum()) + float(problem.prior(x)) for x, s, rest in each])
-
-    best, damping = value(phi, slopes), np.full(len(phi), LEAST_DAMPING)
-    for _ in range(LOOK):
-        trials = phi.copy()
-        for r, (x, slope, rest) in enumerate(zip(phi, slopes, others)):
-            gradient = slope.gradient[rest].sum(axis=0) + problem.prior_gradient(x)
-            hessian = slope.information[rest].sum(axis=0) + problem.prior_information
-            if np.isfinite(gradient).all() and np.isfinite(hessian).all():
-                damped = hessian + damping[r] * np.diag(np.diagonal(hessian) + 1e-12)
-                trials[r, free] = linear_mixed.bounded_solution(damped, gradient + damped @ x[free], x[free], limits)
-        tried = problem.slopes(trials)
-        reached = value(trials, tried)
-        better = reached > best + 0.1 * SETTLED
-        phi, best = np.where(better[:, None], trials, phi), np.where(better, reached, best)
-        slopes = [new if took else old for new, old, took in zip(tried, slopes, better)]
-        damping = np.where(better, np.maximum(0.1 * damping, LEAST_DAMPING), 100.0 * damping)
-        if not better.any():
-            break
-    return phi
 
 
 def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> InnovationsFit:
@@ -422,7 +413,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
-        left_out = _climb_without_each(problem, left_out)
+        left_out = np.array([climb.phi for climb in _climbed(problem, left_out, LOOK, without_each=True)])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
     information += 0.0 if problem.smooth is None else problem.smooth / runs
@@ -518,10 +509,6 @@ def _sensor(one: ChannelVerdict, noises: Mapping[str, Estimate]) -> Sensor:
     return Sensor(one.quantity, one.used, noises.get(one.quantity) if one.used else None, one.why or None)
 
 
-def _bound(one: Estimate) -> str:
-    return ", at its bound" * one.at_bound
-
-
 def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
     return channel_sentences(choice, channel_noises(fit, dof), dof)
 
@@ -539,7 +526,8 @@ def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
     for one in sensors:
         name, noise = words.get(one.quantity, one.quantity), one.noise
         if one.used:
-            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{_bound(noise)})")
+            bound = ", at its bound" * (noise is not None and noise.at_bound)
+            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
         if one.why:
             lines.append(one.why if one.used else f"The {name} does not count. {one.why}")
     return [f"Sensors that count: {' and '.join(used)}.", *lines]

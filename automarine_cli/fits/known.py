@@ -81,15 +81,12 @@ class Known:
             found[whole] = prior
         return replace(self, parameters=found)
 
-    def unused(self, names: Iterable[str]) -> list[str]:
-        return sorted(set(self.parameters) - set(names))
-
     def sentences(self, units: Mapping[str, str], names: Iterable[str]) -> tuple[str, ...]:
         """What was known, in the `units` of the fit by qualified name, and what a model of these `names` lacks."""
         if not self.parameters:
             return ()
         values = (f"{name.partition('.')[2]} = {one} {units.get(name, '')}" for name, one in self.parameters.items())
-        lacking = [name.partition(".")[2] for name in self.unused(names)]
+        lacking = [name.partition(".")[2] for name in sorted(set(self.parameters) - set(names))]
         more = (f"The preferred model has no {' and no '.join(lacking)}; it was not used there.",) if lacking else ()
         return (f"Known beforehand: {', '.join(one.strip() for one in values)}.", *more)
 
@@ -128,13 +125,14 @@ def bounds_of(known: Mapping[str, Prior], names: Sequence[str], bounds: Floats) 
 
 
 def prior_of(
-    known: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_]
+    known: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_], smooth: Floats | None = None
 ) -> tuple[Floats, Floats] | None:
-    """Mean (p,) and precision (p, p) in the coordinates of a search; None where nothing is known with an error."""
+    """Mean (p,) and precision (p, p) in the coordinates of a search, with the precision `smooth` (p, p) about zero;
+    None where nothing is known with an error."""
     at = {names.index(name): one for name, one in known.items() if name in names and one.stderr is not None}
-    if not at:
+    if not at and smooth is None:
         return None
-    mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names))) if smooth is None else smooth.copy()
     for i, one in at.items():
         assert one.stderr is not None
         mean[i] = np.log(one.value) if positive[i] else one.value

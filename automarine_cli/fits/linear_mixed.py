@@ -11,7 +11,6 @@ channel c count (s_1/s_c)² times.
 Shapes: runs R, parameters p, run effects q, channels C. Variances are the logarithms of C noises and of the factors.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -72,26 +71,15 @@ class RunEffects:
     def names(self) -> tuple[str, ...]:
         return tuple(block.name for block in self.blocks)
 
-    def has(self, name: str) -> bool:
-        return name in self._columns
-
     def of(self, b: Floats, name: str) -> Floats:
         """The run effects (..., k) of one block out of all, b (..., q); a view."""
         return b[..., self._columns[name]]
-
-    def only(self, b: Floats, names: Sequence[str]) -> Floats:
-        """b (..., q) with every block but those named at zero."""
-        kept = np.zeros_like(b)
-        for name in names:
-            if self.has(name):
-                self.of(kept, name)[...] = self.of(b, name)
-        return kept
 
     def carried(self, b: Floats, other: "RunEffects") -> Floats:
         """Run effects b (R, q) of these blocks as those of `other`: blocks that only one of them has are zero there."""
         out = np.zeros_like(other.scale)
         for name in self.names:
-            if other.has(name) and other.of(out, name).shape == self.of(b, name).shape:
+            if name in other.names and other.of(out, name).shape == self.of(b, name).shape:
                 other.of(out, name)[...] = self.of(b, name)
         return out
 

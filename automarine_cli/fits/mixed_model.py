@@ -158,7 +158,7 @@ class Problem:
 
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
     are formed, on the logarithm. `slots` are the channels, the first that counts first. `known` are parameters that
-    are known beforehand.
+    are known beforehand, `smooth` (p, p) the precision about zero of parameters that are not positive, as of a curve.
     """
 
     response: Response
@@ -170,6 +170,7 @@ class Problem:
     names: tuple[str, ...]
     slots: tuple[Slot, ...]
     known: Mapping[str, Prior] = field(default_factory=dict)
+    smooth: Floats | None = None
 
     def informed(self, known: Mapping[str, Prior]) -> "Problem":
         return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
@@ -177,7 +178,7 @@ class Problem:
     @cached_property
     def prior(self) -> tuple[Floats, Floats] | None:
         """Mean (p,) and precision (p, p) of phi before the data; None where nothing is known."""
-        return prior_of(self.known, self.names, self.positive)
+        return prior_of(self.known, self.names, self.positive, self.smooth)
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
@@ -202,13 +203,6 @@ class Problem:
         for slot, log_noise in zip(self.counted, variances):
             total = total + (residual[..., slot.part] ** 2).sum(axis=-1) / np.exp(2.0 * log_noise)
         return total
-
-    def precision(self, noises: Floats) -> Floats:
-        """One over the noise of each reading, (N,); zero for those that do not count."""
-        found = np.zeros(self.seen.shape[1])
-        for slot, noise in zip(self.counted, noises):
-            found[slot.part] = 1.0 / noise
-        return found
 
     def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats, phi: Floats | None = None) -> Grams:
         """Inner products of the problem linearised about readings `fitted` (R, N) at run effects `b` (R, q); what is
@@ -299,9 +293,10 @@ def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
 
     names = tuple(name for name, h in zip(problem.names, held) if not h)
     known = {name: one for name, one in problem.known.items() if name in names}
+    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~held, ~held)]
     return replace(
         problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names,
-        known=known,
+        known=known, smooth=smooth,
     )  # fmt: skip
 
 
@@ -513,6 +508,9 @@ def _report(
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
     ml = choose_variances(inside, problem.effects, variances, restricted=False)
     ml_deviance = deviance(inside, problem.effects, ml, restricted=False)
+    if problem.smooth is not None:  # the likelihood told is that of the readings alone
+        ml_deviance -= float(phi @ problem.smooth @ phi)
+        information += problem.smooth / len(information)
     channels = len(problem.counted)
     quantities = [slot.name for slot in problem.counted]
     return MixedFit(

@@ -10,6 +10,7 @@ dilutes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +27,7 @@ from automarine_cli.models.closed_form import inertia_from_velocity_error, respo
 from automarine_cli.models.yaw_model import base_roles, main_drag, steady_rate
 from automarine_cli.quantities import Floats
 
+MODELS: tuple[str, ...] = ("1", "2", "3")
 WITH_CONSTANT, C = "3+c", "c"  # the reading of Table 1 with a constant moment, and what it is called there
 FEWEST_A_WAY = 3  # runs each way from which on it is asked whether drag differs
 MOST_DILUTED = 0.5  # share of a sum that is taken off as noise at most: where more is noise, what is left says little
@@ -52,13 +54,13 @@ class DragFit:
     explained: float
     influence: Floats
 
-    def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
-        """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on its way."""
-        return self.acting_with(moment, [e.value for e in self.estimates.values()])
-
-    def acting_with(self, moment: Floats, values: Iterable[float]) -> tuple[Floats, Floats | float, Floats | float]:
-        """The same with other values, in the order of the estimates."""
-        own, symbols = dict(zip(self.estimates, values)), self.dof.symbols
+    def acting(
+        self, moment: Floats, values: Iterable[float] | None = None
+    ) -> tuple[Floats, Floats | float, Floats | float]:
+        """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on its way; with
+        other `values` than those of the estimates, in their order."""
+        own = {name: e.value for name, e in self.estimates.items()}
+        own, symbols = own if values is None else dict(zip(own, values)), self.dof.symbols
         linear, quadratic = own.get(symbols.linear, 0.0), own.get(symbols.quadratic, 0.0)
         moment = moment + own.get(symbols.constant, 0.0)
         if not self.sided:
@@ -77,17 +79,6 @@ class DragFit:
     def _value(self, role: str) -> float:
         name = self.dof.parameters[role]
         return self.estimates[name].value if name in self.estimates else 0.0
-
-    def moved_by(self, influence: Floats) -> "DragFit":
-        """The same with intervals that know of this influence of the runs (R, p) on the estimates beside its own."""
-        total = self.influence + influence
-        stderr = np.sqrt(np.sum(total**2, axis=0))
-        spare = len(total) - len(self.estimates)
-        own = {
-            name: Estimate.from_stderr(e.value, error, spare, e.unit)
-            for (name, e), error in zip(self.estimates.items(), stderr)
-        }
-        return replace(self, estimates=own, influence=total)
 
 
 def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
@@ -118,15 +109,12 @@ class Sums:
 
 def sums(moment: Floats, rate: Floats, variance: Floats | float, model: str, columns: Sequence[str]) -> Sums:
     """The normal equations of moments (R,) on the regressors of rates (R,) of that variance [rad²/s²]."""
-    power = np.array([_power(role, model) for role in columns])
+    powers = {"quadratic": 2, "linear": 1, "difference": 1 if model == "1" else 2}
+    power = np.array([powers.get(role, 0) for role in columns])
     hermite = without_noise(rate, variance)
     sign = np.sign(regressors(np.sign(rate), model, columns))
     products = sign * hermite[:, power] * moment[:, None]
     return Sums(sign[:, :, None] * sign[:, None, :] * hermite[:, power[:, None] + power], products)
-
-
-def _power(role: str, model: str) -> int:
-    return {"quadratic": 2, "linear": 1, "difference": 1 if model == "1" else 2}.get(role, 0)
 
 
 def without_noise(rate: Floats, variance: Floats | float) -> Floats:
@@ -140,15 +128,13 @@ def fit_drag_by_way(
     moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof, variance: Floats | float = 0.0
 ) -> DragFit:
     """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
-    ways = np.sum(rate > 0), np.sum(rate < 0)
-    if not dof.directional or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
-        return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
-    try:
-        apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True, variance=variance)
-    except FitError:
-        return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
-    low, high = apart.estimates[dof.symbols.difference].ci95
-    return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
+    if dof.directional and min(np.sum(rate > 0), np.sum(rate < 0)) >= FEWEST_A_WAY and model in MODELS:
+        with suppress(FitError):
+            apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True, variance=variance)
+            low, high = apart.estimates[dof.symbols.difference].ci95
+            if low > 0 or high < 0:
+                return apart
+    return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
 
 
 def fit_drag(
@@ -264,15 +250,12 @@ def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask,
 
 def first_past(turned: Floats, time: Floats, seen: Mask, starts: Floats) -> NDArray[np.int64]:
     """First sample (R, A) of each run whose noise-free turn (R, N) is past each start (A,) [rad]; a few remain."""
-    last, begun = last_sample(seen), np.argmax(seen & (time > 0), axis=1)
+    last = seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1)
+    begun = np.argmax(seen & (time > 0), axis=1)
     few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
     # noise-free turns go one way: what is past an angle is what comes after the first sample past it
     past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(turned, last)]
     return np.minimum(past, few[:, None])
-
-
-def last_sample(seen: Mask) -> NDArray[np.int64]:
-    return np.asarray(seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1))
 
 
 def noise_about_lines(time: Floats, heading: Floats, used: Mask, dof: Dof) -> float:
@@ -319,13 +302,6 @@ class InertiaTable:
     overall: Estimate
     influence: Floats
 
-    def moved_by(self, influence: Floats) -> "InertiaTable":
-        """The same with an interval that knows of this influence of the runs (R,) on the inertia beside its own."""
-        total = self.influence + influence
-        stderr = float(np.sqrt(total @ total))
-        overall = Estimate.from_stderr(self.overall.value, stderr, len(total) - 1, self.overall.unit)
-        return replace(self, overall=overall, influence=total)
-
 
 def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, dof: Dof) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
@@ -366,7 +342,7 @@ def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats
     means = []
     for i, values in enumerate(refitted):
         keep = np.arange(len(moment)) != i
-        acting = drag.acting_with(moment[keep], values.tolist())
+        acting = drag.acting(moment[keep], values.tolist())
         means.append(float(np.mean(inertia_from_velocity_error(error[keep], *acting))))
     return np.array(means)
 
@@ -443,7 +419,7 @@ class Reference:
 
 
 def reference(
-    moment: Floats, tails: TailLines, variance: Floats | float, dof: Dof, models: Sequence[str] = ("1", "2", "3")
+    moment: Floats, tails: TailLines, variance: Floats | float, dof: Dof, models: Sequence[str] = MODELS
 ) -> Reference:
     """That of the models of Table 1 that explains both rates and velocity errors best for its number of terms.
 
@@ -575,16 +551,23 @@ class Feedback:
         """A drag fit with intervals that know of the correction."""
         values = np.array([e.value for e in fit.estimates.values()])
         slopes = [(self._values(moment, fit, tails) - values) / TAIL_FEEDBACK_STEP for tails in self.moved]
-        return fit.moved_by(self.influence @ np.array(slopes))
+        total = fit.influence + self.influence @ np.array(slopes)
+        stderr, spare = np.sqrt(np.sum(total**2, axis=0)), len(total) - len(values)
+        pairs = zip(fit.estimates.items(), stderr)
+        own = {name: Estimate.from_stderr(e.value, error, spare, e.unit) for (name, e), error in pairs}
+        return replace(fit, estimates=own, influence=total)
 
     def on_inertia(self, moment: Floats, fit: DragFit, table: InertiaTable) -> InertiaTable:
         """Table 2 for the drag of `fit` with an interval that knows of the correction."""
         slopes = []
         for tails in self.moved:
-            acting = fit.acting_with(moment, self._values(moment, fit, tails).tolist())
+            acting = fit.acting(moment, self._values(moment, fit, tails).tolist())
             mean = inertia_from_velocity_error(tails.error, *acting).mean()
             slopes.append((mean - table.overall.value) / TAIL_FEEDBACK_STEP)
-        return table.moved_by(self.influence @ np.array(slopes))
+        total = table.influence + self.influence @ np.array(slopes)
+        stderr = float(np.sqrt(total @ total))
+        overall = Estimate.from_stderr(table.overall.value, stderr, len(total) - 1, table.overall.unit)
+        return replace(table, overall=overall, influence=total)
 
     @staticmethod
     def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:
@@ -600,8 +583,6 @@ def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
     loop *= min(1.0, MOST_GAIN / max(gain, MOST_GAIN))
     return Feedback((moved[0], moved[1]), influence @ np.linalg.inv(np.eye(2) - loop).T)
 
-
-MODELS: tuple[str, ...] = ("1", "2", "3")
 
 ROUNDS = 8
 PLACED = 2  # rounds in which the tails may still move; then only their correction does
@@ -628,11 +609,6 @@ class VelocityErrorFit:
     thrust: float
     drag: Mapping[str, DragFit]
     inertia: Mapping[str, InertiaTable]
-
-    @property
-    def bias(self) -> tuple[float, float]:
-        """Relative bias of inertia and drag that the tail has by itself, and that was taken off."""
-        return float(self.expected.bias[0]), float(self.expected.bias[1])
 
     def tail_because(self, dof: Dof) -> str:
         return self.expected.told(dof, self.given)

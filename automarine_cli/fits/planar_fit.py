@@ -1,6 +1,6 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.dofs import SURGE, SWAY, YAW
+from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -17,6 +17,7 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, free_run
 from automarine_cli.fits.driven import (
     ForecastScore,
+    Judgement,
     driven_problem,
     fit_driven,
     judged_of,
@@ -34,11 +35,11 @@ from automarine_cli.fits.innovations import (
 )
 from automarine_cli.fits.known import NOTHING_KNOWN, Known, Prior
 from automarine_cli.fits.linear_mixed import bounded_solution
-from automarine_cli.fits.planar_structure import PLACES, Assumption, Observed, Structure, rough_sizes, rough_velocities
+from automarine_cli.fits.paper import MODELS
+from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.whole_runs import OutputErrorFit, prefer, rough_model, run_covariance, run_dof
-from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel
+from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
 from automarine_cli.models.planar_store import planar_json, units
-from automarine_cli.models.tied import Tied
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, runs_json
@@ -52,12 +53,16 @@ KEYS = {PLACE: ("place", "m"), SURGE.velocity: ("surge", "m_s"), SWAY.velocity: 
 
 
 @dataclass(frozen=True)
-class Forecasts:
-    """What a fit predicts of runs left out of it: of the `heading`, and what that is worth by quantity and horizon
-    (`worth`: heading [rad], the place on the water [m], or the speeds [m/s] where no positions are logged)."""
+class PlanarUse(Judgement):
+    """The same of heading [rad] and place on the water [m], or speeds [m/s] where no positions are logged, and of the
+    heading by the best model of yaw alone (`yaw_only`, none where the runs do not carry one). For people to look at:
+    `predictions` of the heading on the nodes of the `course`, and each channel of the `free` runs from the first
+    filtered state on, (R, K + 1), not a number before that."""
 
-    heading: tuple[Predicted, ...] = field(repr=False)
-    worth: Mapping[str, tuple[ForecastScore, ...]]
+    predictions: tuple[Predicted, ...] = field(repr=False)
+    course: Course = field(repr=False)
+    yaw_only: tuple[ForecastScore, ...] = ()
+    free: Mapping[str, Floats] = field(default_factory=dict, repr=False)
 
     @property
     def score(self) -> float:
@@ -68,47 +73,10 @@ class Forecasts:
         return score if np.isfinite(score) else np.inf
 
     @property
-    def beaten(self) -> Iterator[tuple[str, ForecastScore]]:
-        """Quantities that a constant predicts better over the horizon that decides."""
-        judged = ((name, judged_of(each)) for name, each in self.worth.items())
-        return ((name, one) for name, one in judged if one is not None and not one.of_use)
-
-
-@dataclass(frozen=True)
-class PlanarUse:
-    """What a planar model is worth: its `forecasts`, and the heading by the best model of yaw alone (`yaw_only`, none
-    where the runs do not carry one). For people to look at: `predictions` of the heading on the nodes of the `course`,
-    and each channel of the `free` runs from the first filtered state on, (R, K + 1), not a number before that."""
-
-    forecasts: Forecasts
-    yaw_only: tuple[ForecastScore, ...]
-    runs: int
-    course: Course = field(repr=False)
-    free: dict[str, Floats] = field(repr=False)
-
-    @property
-    def predictions(self) -> tuple[Predicted, ...]:
-        return self.forecasts.heading
-
-    @property
-    def of_use(self) -> bool:
-        """Whether no constant predicts better; what cannot be judged counts as of use."""
-        return next(self.forecasts.beaten, None) is None
-
-    @property
     def sentences(self) -> tuple[str, ...]:
-        heading = judged_of(self.forecasts.worth[HEADING])
-        if heading is None:
-            return ("The runs are too short to judge predictions.",)
-        whose = "runs left out of the fit" if self.runs > 1 else "the run of the fit"
-        beaten = [_beside(name, one) for name, one in self.forecasts.beaten]
-        first = (
-            f"This model is not usable: it predicts {'; and '.join(beaten)} ({whose}). Do not simulate or control "
-            "with it."
-            if beaten
-            else f"The model predicts {_beside(HEADING, heading)} ({whose})."
-        )
-        alone = judged_of(self.yaw_only)
+        first, alone = self.sentence(YAW), judged_of(self.yaw_only)
+        if judged_of(self.worth[HEADING]) is None:
+            return (first,)
         if alone is None:
             return (first, "A model of yaw alone could not be fitted to these runs: no comparison.")
         return (first, f"A model of yaw alone predicts the heading to {YAW.shown(alone.error):.3g} deg.")
@@ -118,17 +86,16 @@ class PlanarUse:
         alone = {one.horizon: float(YAW.shown(one.error)) for one in self.yaw_only}
         entries = {
             one.horizon: {**one.to_json(YAW), "yaw_only_rmse_deg": alone.get(one.horizon)}
-            for one in self.forecasts.worth[HEADING]
+            for one in self.worth[HEADING]
         }
         for name, (key, unit) in KEYS.items():
-            for one in self.forecasts.worth.get(name, ()):
-                entries.get(one.horizon, {}).update(
-                    {
-                        f"{key}_rmse_{unit}": one.error,
-                        f"constant_rate_{key}_{unit}": one.constant_rate,
-                        f"constant_{key}_{unit}": one.constant,
-                    }
-                )
+            for one in self.worth.get(name, ()):
+                sizes = {
+                    "{}_rmse_{}": one.error,
+                    "constant_rate_{}_{}": one.constant_rate,
+                    "constant_{}_{}": one.constant,
+                }
+                entries.get(one.horizon, {}).update({form.format(key, unit): size for form, size in sizes.items()})
         return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": list(self.sentences)}
 
 
@@ -136,15 +103,7 @@ def shown(name: str, value: float) -> float:
     return float(YAW.shown(value)) if name == HEADING else value
 
 
-def _beside(name: str, one: ForecastScore) -> str:
-    if name == HEADING:
-        return f"the heading {one.beside(YAW)}"
-    if name == PLACE:
-        return f"the place {one.beside(YAW, 'rate', 'place', 'm')}"
-    return f"the {name} speed {one.beside(YAW, 'acceleration', 'speed', 'm/s')}"
-
-
-def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = False) -> Forecasts:
+def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = False) -> PlanarUse:
     """Predictions of each run by the parameters that the other runs give, of all that is judged."""
     at = {one.quantity: c for c, one in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
@@ -154,17 +113,17 @@ def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = Fa
         worth = {name: worth_of(one) for name, one in zip(names[1:], others)}
         if placed:
             worth = {PLACE: _distances(list(worth.values()))}
-        return Forecasts(heading, {HEADING: worth_of(heading), **worth})
+        return PlanarUse({HEADING: worth_of(heading), **worth}, len(problem.course.names), heading, problem.course)
 
 
-def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit, forecasts: Forecasts) -> PlanarUse:
+def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit, use: PlanarUse) -> PlanarUse:
     course = problem.course
     at = {one.quantity: c for c, one in enumerate(course.channels)}
     model, noises = problem.model, problem.noises(found.theta[None])
     drawn = [name for name in (YAW.position, *PLACES) if name in at]
     free = {name: free_run(model, course, found.of_model, noises, at[name]) for name in drawn}
     alone = _yaw_only(runs, tuple(name for name in (YAW.position, YAW.velocity) if name in at))
-    return PlanarUse(forecasts, alone, len(runs), course, free)
+    return replace(use, yaw_only=alone, free=free)
 
 
 def _distances(each: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
@@ -181,14 +140,11 @@ def _distances(each: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore
 
 
 def _yaw_only(runs: Sequence[Run], channels: tuple[str, ...]) -> tuple[ForecastScore, ...]:
-    course = make_course(runs, np.zeros(len(runs), dtype=bool), channels=channels)
-    batch = make_batch(runs, STEP)
+    course, batch = make_course(runs, np.zeros(len(runs), dtype=bool), channels=channels), make_batch(runs, STEP)
     fits: dict[str, OutputErrorFit] = {}
-    for number in ("1", "2", "3"):
-        try:
+    for number in MODELS:
+        with suppress(FitError):
             fits[number] = fit_driven(course, rough_model(number, batch), number)
-        except FitError:
-            continue
     if not fits:
         return ()
     best = fits[prefer(fits).number]
@@ -226,6 +182,25 @@ class Estimated:
         """Values of all parameters of the model by qualified name."""
         return dict(zip(self.model.model.parameter_names, self.model.model.theta.tolist()))
 
+    def estimates(self, runs: int, known: Known = NOTHING_KNOWN) -> dict[str, Estimate]:
+        """Every parameter that was identified in so many `runs` or follows one, by qualified name."""
+        spread, model, fit = self.model.spread, self.model.model, self.fit
+        deviation = np.sqrt(np.einsum("pf,fg,pg->p", spread, self.covariance, spread))
+        unit, found = units(model), {}
+        for name, value, error, row in zip(model.parameter_names, model.theta.tolist(), deviation.tolist(), spread):
+            if not row.any():
+                continue
+            i, freedom = int(np.argmax(np.abs(row))), float(self.readings - len(self.model.free))
+            if fit is not None and runs > 1:
+                freedom = run_dof(fit, np.eye(len(fit.theta))[i])
+            if fit is not None and fit.positive[i]:
+                one = Estimate.from_log(value, error / value, freedom, unit[name])
+            else:
+                one = Estimate.from_stderr(value, error, freedom, unit[name])
+            before, stopped = name in known.parameters, fit is not None and i in fit.at_bound
+            found[name] = replace(one, known=before, at_bound=stopped and not before)
+        return found
+
     @property
     def criterion(self) -> float:
         """Bayesian information criterion, the smaller the better; Schwarz (1978), doi 10.1214/aos/1176344136."""
@@ -236,10 +211,6 @@ class Estimated:
 class Tried:
     structure: Structure
     found: Estimated
-
-    @property
-    def criterion(self) -> float:
-        return self.found.criterion
 
 
 @dataclass(frozen=True)
@@ -259,8 +230,7 @@ def search(runs: Sequence[Run], seen: Observed, estimator: "PlanarLikelihood") -
     From the simplest one on, those neighbours are fitted that promise most by the slope and curvature of the
     likelihood, and the best of them is taken as long as it is better.
     """
-    simplest = Structure.simplest(seen)
-    rough = rough_sizes(runs)
+    simplest, rough = Structure.simplest(seen), rough_sizes(runs)
     best = Tried(simplest, estimator.estimate(simplest.model(rough)))
     tried = {str(simplest): best}
     while True:
@@ -269,9 +239,9 @@ def search(runs: Sequence[Run], seen: Observed, estimator: "PlanarLikelihood") -
             Tried(one, estimator.estimate(model, best.found)) for one, model in _promising(best, new, rough, estimator)
         ]
         tried |= {str(one.structure): one for one in chosen}
-        better = min(chosen, key=lambda one: one.criterion, default=best)
-        if better.criterion >= best.criterion:
-            return tuple(sorted(tried.values(), key=lambda one: one.criterion))
+        better = min(chosen, key=lambda one: one.found.criterion, default=best)
+        if better.found.criterion >= best.found.criterion:
+            return tuple(sorted(tried.values(), key=lambda one: one.found.criterion))
         best = better
 
 
@@ -324,38 +294,9 @@ class PlanarFit(Shown):
     def model(self) -> PlanarModel:
         return self.found.model.model
 
-    @property
-    def assumptions(self) -> tuple[Assumption, ...]:
-        return self.structure.assumptions
-
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
-        """Every parameter that was identified or follows one, by qualified name."""
-        spread, names = self.found.model.spread, self.model.parameter_names
-        deviation = np.sqrt(np.einsum("pf,fg,pg->p", spread, self.found.covariance, spread))
-        told, found = units(self.model), {}
-        for name, value, error, row in zip(names, self.model.theta.tolist(), deviation.tolist(), spread):
-            if not row.any():
-                continue
-            freedom, positive = self._freedom(int(np.argmax(np.abs(row))))
-            one = (
-                Estimate.from_log(value, error / value, freedom, told[name])
-                if positive
-                else Estimate.from_stderr(value, error, freedom, told[name])
-            )
-            found[name] = replace(one, known=name in self.known.parameters, at_bound=self._at_bound(name, row))
-        return found
-
-    def _at_bound(self, name: str, row: Floats) -> bool:
-        stopped = () if self.found.fit is None else self.found.fit.at_bound
-        return int(np.argmax(np.abs(row))) in stopped and name not in self.known.parameters
-
-    def _freedom(self, i: int) -> tuple[float, bool]:
-        """Degrees of freedom of the variance of a free parameter, and whether it is searched on its logarithm."""
-        fit = self.found.fit
-        if fit is None or len(self.runs) < 2:
-            return float(self.found.readings - len(self.found.model.free)), fit is not None and bool(fit.positive[i])
-        return run_dof(fit, np.eye(len(fit.theta))[i]), bool(fit.positive[i])
+        return self.found.estimates(len(self.runs), self.known)
 
     @property
     def because(self) -> str:
@@ -366,7 +307,7 @@ class PlanarFit(Shown):
         which = "this one" if first.structure == self.structure else f"{first.structure}"
         return (
             f"Of {count} structures {which} has the best evidence (Bayesian information criterion); the next, "
-            f"{second.structure}, is {second.criterion - first.criterion:.1f} behind."
+            f"{second.structure}, is {second.found.criterion - first.found.criterion:.1f} behind."
         )
 
     @cached_property
@@ -397,7 +338,7 @@ class PlanarFit(Shown):
             "structure_because": self.because,
             "estimated": WAYS[self.choice.way],
             "estimated_because": self.choice.because,
-            "assumptions": [asdict(one) for one in self.assumptions],
+            "assumptions": [asdict(one) for one in self.structure.assumptions],
             "channels": list(self.seen.channels),
             "noises": dict(found.noises),
             "disturbance": {name: dict(one) for name, one in found.disturbance.items()},
@@ -471,10 +412,10 @@ class PlanarLikelihood:
     runs: tuple[Run, ...]
     seen: Observed
     known: Mapping[str, Prior] = field(default_factory=dict)
-    rough: Mapping[str, float] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rough", rough_sizes(self.runs))
+    @cached_property
+    def rough(self) -> dict[str, float]:
+        return rough_sizes(self.runs)
 
     @cached_property
     def course(self) -> Course:
@@ -484,17 +425,9 @@ class PlanarLikelihood:
     def problem(self, model: Tied) -> DrivenProblem:
         """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
         searched = [_searched(name, self.rough, self.course) for name in model.free]
-        random = self._random(model)
-        bounds, positive, scale = zip(*searched)
-        return DrivenProblem(
-            model,
-            self.course,
-            (*model.free, *(one.name for one in random)),
-            np.array([*bounds, *((one.lower, one.upper) for one in random)]),
-            np.array([*positive, *[True] * len(random)]),
-            np.array([*scale, *[1.0] * len(random)]),
-            random,
-        ).informed(self.known)
+        problem = DrivenProblem.of(model, self.course, model.free, searched, self._random(model))
+        positive = problem.positive | (np.arange(len(problem.names)) >= len(model.free))
+        return replace(problem, positive=positive).informed(self.known)
 
     def starts(self, problem: DrivenProblem, near: Estimated | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""
@@ -550,7 +483,7 @@ class PlanarLikelihood:
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
         simplest = Structure.simplest(self.seen)
-        fitted: list[tuple[Tried, str, Forecasts]] = []
+        fitted: list[tuple[Tried, str, PlanarUse]] = []
         for one in dict.fromkeys((0, next((i for i, t in enumerate(tried) if t.structure == simplest), 0))):
             for way in WAYS:
                 with suppress(FitError):
@@ -605,7 +538,7 @@ class PlanarLikelihood:
     def _random(self, model: Tied) -> tuple[Randomness, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.model.inertia.matrix)
-        forces = [_usual(self.rough, dof.name) for dof in PLANAR.dofs]
+        forces = [_usual(self.rough, dof) for dof in PLANAR.dofs]
         largest = np.abs(self.course.held).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
         found = randomness(self.course, pushes.tolist(), (), quiet=False)
@@ -614,7 +547,7 @@ class PlanarLikelihood:
 
 
 def _because(
-    chosen: tuple[Tried, str, Forecasts], fitted: Sequence[tuple[Tried, str, Forecasts]], simplest: Structure
+    chosen: tuple[Tried, str, PlanarUse], fitted: Sequence[tuple[Tried, str, PlanarUse]], simplest: Structure
 ) -> str:
     more = []
     for one, way, judged in fitted:
@@ -628,19 +561,18 @@ def _because(
     return f"{own}. Of runs left out, 2 to 15 s ahead, other fits miss: {'; '.join(more)}."
 
 
-def _usual(rough: Mapping[str, float], dof: str) -> float:
+def _usual(rough: Mapping[str, float], dof: Dof) -> float:
     """Usual force along a degree of freedom, by its rough drags."""
     linear, quadratic = _drags(rough, dof)
     return linear**2 / quadratic
 
 
-def _drags(rough: Mapping[str, float], dof: str) -> tuple[float, float]:
-    own = next(one for one in PLANAR.dofs if one.name == dof)
-    return rough[own.parameter("linear")], rough[own.parameter("quadratic")]
+def _drags(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
+    return rough[dof.parameter("linear")], rough[dof.parameter("quadratic")]
 
 
 def _speed(rough: Mapping[str, float], letter: str) -> float:
-    linear, quadratic = _drags(rough, PLANAR.dofs[VELOCITIES.index(letter)].name)
+    linear, quadratic = _drags(rough, PLANAR.dofs[VELOCITIES.index(letter)])
     return linear / quadratic
 
 
@@ -657,14 +589,13 @@ def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tu
         return (0.0, np.inf), False, 0.1 * rough[name]
     if "." in own:  # of an effect of the library
         effect_name, _, parameter = own.partition(".")
-        effect = effects.get(effect_name)
-        dof = next(one for one in PLANAR.dofs if one.name == where)
+        effect, dof = effects.get(effect_name), DOFS[where]
         found = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == parameter)
         largest = float(np.abs(course.held[PLANAR.index(dof)]).max()) or 1.0
         return (found.lower, found.upper), found.log, max(found.scaled(found.start, largest), 1e-6)
     if own[0] in FORCES and own[1:2] == "_":  # coupling
-        size = _usual(rough, PLANAR.dofs[FORCES.index(own[0])].name)
+        size = _usual(rough, PLANAR.dofs[FORCES.index(own[0])])
         for letter in own[2:]:
             size /= _speed(rough, letter)
         return (-np.inf, np.inf), False, 0.1 * size
-    return (-np.inf, np.inf), False, 0.01 * _usual(rough, where)
+    return (-np.inf, np.inf), False, 0.01 * _usual(rough, DOFS[where])

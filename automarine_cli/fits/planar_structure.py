@@ -12,8 +12,7 @@ import numpy as np
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
-from automarine_cli.models.planar import FORCES, Inertia, PlanarModel
-from automarine_cli.models.tied import Tied
+from automarine_cli.models.planar import FORCES, Inertia, PlanarModel, Tied
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
@@ -50,8 +49,7 @@ class Observed:
 
     @property
     def dofs(self) -> tuple[Dof, ...]:
-        placed = set(PLACES) <= set(self.channels)
-        return tuple(dof for dof in PLANAR.dofs if dof is YAW or placed or dof.velocity in self.channels)
+        return tuple(dof for dof in PLANAR.dofs if dof is YAW or self.over_ground or dof.velocity in self.channels)
 
     @property
     def over_ground(self) -> bool:
@@ -115,13 +113,13 @@ class Structure:
         for name, law in self.laws.items():
             others = (other for other in LAWS if other != law and len(other) >= len(law))
             yield from (replace(self, laws={**self.laws, name: other}) for other in others)
-        sideways = SWAY in self.observed.dofs
-        for name in COUPLINGS:
-            if name not in self.couplings and (sideways or name == "N_ur"):
-                yield replace(self, couplings=(*self.couplings, name))
-        if sideways and not self.skewed:
+        widest = self.widest
+        yield from (
+            replace(self, couplings=(*self.couplings, name)) for name in widest.couplings if name not in self.couplings
+        )
+        if widest.skewed and not self.skewed:
             yield replace(self, skewed=True)
-        if self.observed.over_ground and not self.current:
+        if widest.current and not self.current:
             yield replace(self, current=True)
 
     def __str__(self) -> str:

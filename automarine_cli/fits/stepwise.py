@@ -9,7 +9,7 @@ asks for any more stays out, and what else could stand there is known as its riv
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
 
 Model = TypeVar("Model")
-Seen = TypeVar("Seen", covariant=True)
+Round = TypeVar("Round", bound=Any)
+"""One look for a missing effect; `before` is the model that was looked at, perhaps fitted better than it came."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +34,6 @@ class Chance:
     def p_value(self, gain: float) -> float:
         """Share of cases without a missing effect whose best candidate would gain as much."""
         return float((1 + np.sum(self.null >= gain)) / (1 + len(self.null)))
-
-
-class Look(Protocol[Seen]):
-    """One look for a missing effect: the model that was looked at, perhaps fitted better than it came."""
-
-    @property
-    def before(self) -> Seen: ...
-
-
-Round = TypeVar("Round", bound=Look[Any])
 
 
 class Judge(ABC, Generic[Model, Round]):

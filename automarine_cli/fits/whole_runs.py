@@ -37,7 +37,7 @@ from automarine_cli.fits.mixed_model import (
     jackknife,
     slots_of,
 )
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_names, base_roles, main_drag
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -183,10 +183,14 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
         return np.concatenate(shown, axis=2)
 
     most = MOST_OFFSET if within else 0.5
-    bounds = np.array([*parameter_bounds(model), (-most, most)])
+    bounds, both = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
+    for term in model.terms:
+        for parameter in effects.get(term.name).parameters:
+            lower = -np.inf if both and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
+            bounds.append((lower, parameter.upper))
+    limits = np.array([*bounds, (-most, most)])
     measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
-    slots = slots_of(batch.channels)
-    return Problem(readings, measured, seen, blocks, bounds, bounds[:, 0] >= 0.0, names, slots)
+    return Problem(readings, measured, seen, blocks, limits, limits[:, 0] >= 0.0, names, slots_of(batch.channels))
 
 
 def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]) -> tuple[Block, ...]:
@@ -210,17 +214,6 @@ def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Seq
 def varying_terms(model: YawModel) -> list[str]:
     """Names of the model's effects of which every run has coefficients of its own."""
     return [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
-
-
-def parameter_bounds(model: YawModel) -> list[tuple[float, float]]:
-    """Bounds of the model's parameters; the linear term of model 2 may take either sign, as in Table 1."""
-    bounds = [(0.0, np.inf)]
-    both = {term.name for term in model.terms} >= set(BASE_TERMS["2"])
-    for term in model.terms:
-        for parameter in effects.get(term.name).parameters:
-            lower = -np.inf if both and term.name == "linear-drag" else parameter.lower
-            bounds.append((lower, parameter.upper))
-    return bounds
 
 
 def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
@@ -284,15 +277,11 @@ class Ways:
     p_value: float
 
     @property
-    def parameter(self) -> str:
-        return self.dof.parameters[self.role]
-
-    @property
     def differ(self) -> bool:
         return self.p_value < LEVEL
 
     def to_json(self) -> dict[str, object]:
-        found = {way: {self.parameter: one.to_json()} for way, one in self.drag.items()}
+        found = {way: {self.dof.parameters[self.role]: one.to_json()} for way, one in self.drag.items()}
         for way, one in self.distance.items():
             found[way][self.dof.ratio_key] = one.to_json()
         return {"differ": self.differ, "p_value": self.p_value, **found}
@@ -481,12 +470,12 @@ def motion_fit(
     """What a fit of model `number`, or with effects beside it, tells of the motion; `scatters`: whether its thrust may
     from run to run."""
     dof, unit, alone = model.dof, model.moment_unit, spare(mixed)
-    roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    roles = base_roles(number, dof, sided)
     at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
     like = {"difference": main_drag(number)}
     estimates = {
-        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
-        for role, name in zip(roles, names)
+        dof.parameters[role]: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
+        for role in roles
     }
     turn, stuck = None, at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.known
     if "quadratic" in roles and mixed.theta[at["quadratic"]] > 0 and not stuck:

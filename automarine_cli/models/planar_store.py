@@ -69,16 +69,12 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
 
 
 def units(model: planar.PlanarModel) -> dict[str, str]:
-    found = [dof.unit_of("inertia", _force(dof)) for dof in PLANAR.dofs] + ["kg m", "kg m", "kg"]
+    found = [dof.unit_of("inertia", dof.units.forces[1]) for dof in PLANAR.dofs] + ["kg m", "kg m", "kg"]
     for dof, terms in zip(PLANAR.dofs, (model.surge, model.sway, model.yaw)):
         for term in terms:
-            found += [dof.unit_in(one.unit, _force(dof)) for one in effects.get(term.name).parameters]
+            found += [dof.unit_in(one.unit, dof.units.forces[1]) for one in effects.get(term.name).parameters]
     found += [_derivative_unit(term.name) for term in model.cross]
     return dict(zip(model.parameter_names, [*found, *(["m/s"] * 2 if model.water else [])], strict=True))
-
-
-def _force(dof: Dof) -> str:
-    return dof.units.forces[1]
 
 
 def _derivative_unit(name: str) -> str:
@@ -110,7 +106,11 @@ def _model(values: Mapping[str, float], codec: Codec) -> planar.PlanarModel:
             terms[motion].append(term)
         else:
             cross.append(Term(_cross(dof, rest, name, codec), (left.pop(name),)))
-    _refuse_drag(terms, codec)
+    for dof in PLANAR.dofs:
+        drags = {term.name: term.values[0] for term in terms[dof.name] if term.values}
+        if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:
+            name, value = dof.parameter("linear"), drags["linear-drag"]
+            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")
     both = (water[0], water[1]) if water else None
     surge, sway, yaw = (tuple(terms[dof.name]) for dof in PLANAR.dofs)
     return planar.PlanarModel(inertia, surge, sway, yaw, tuple(cross), both)
@@ -172,11 +172,3 @@ def _unknown(name: str) -> str:
         f"{', '.join(planar.VELOCITIES)} of others, such as sway.Y_r"
     )  # fmt: skip
     return f"unknown key {told(name)}; {hint}"
-
-
-def _refuse_drag(terms: Mapping[str, list[Term]], codec: Codec) -> None:
-    for dof in PLANAR.dofs:
-        drags = {term.name: term.values[0] for term in terms[dof.name] if term.values}
-        if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:
-            name, value = dof.parameter("linear"), drags["linear-drag"]
-            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")

@@ -8,7 +8,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError
-from automarine_cli.estimate import Given
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
 from automarine_cli.pipeline.records import Codec, Place, Source, key_of, read_plain, told
 from automarine_cli.pipeline.result_files import MODELS, AddedEffect, ModelEntry, ModelFile
@@ -68,32 +68,18 @@ def motion_of(data: Mapping[str, object]) -> Dof:
     return next((DOFS[name] for name, one in MODELS.items() if one.schema == data.get("schema")), YAW)
 
 
-def model_json(
-    dof: Dof,
-    *,
-    unit: str,
-    fitted_to: str,
-    models: Mapping[str, Mapping[str, object]],
-    preferred: str,
-    because: str,
-    ratio: Mapping[str, object] | None,
-    valid_range: Mapping[str, object] | None,
-    effects: Sequence[Mapping[str, object]],
-) -> dict[str, object]:
-    """What every model file begins with: models by number, the preferred one and why, the ratio of inertia to quadratic
-    drag, the range that it was fitted in, and the effects beside drag."""
-    return {
-        "schema": MODELS[dof.name].schema,
-        **({} if dof.wraps else {"motion": dof.name}),
-        f"{dof.words.force}_unit": unit,
-        "fitted_to": fitted_to,
-        "models": models,
-        "preferred": preferred,
-        "preferred_because": because,
-        dof.ratio_key: ratio,
-        "valid_range": valid_range,
-        "effects": effects,
-    }
+def model_head(dof: Dof, unit: str) -> dict[str, object]:
+    """What every model file begins with; `unit` is that of the command."""
+    schema: dict[str, object] = {"schema": MODELS[dof.name].schema}
+    return schema | ({} if dof.wraps else {"motion": dof.name}) | {f"{dof.words.force}_unit": unit}
+
+
+def effects_json(estimates: Mapping[str, Mapping[str, Estimate]]) -> list[dict[str, object]]:
+    """The effects beside drag as files hold them, by effect and parameter."""
+    return [
+        {"name": name, "parameters": {parameter: one.to_json() for parameter, one in of_effect.items()}}
+        for name, of_effect in estimates.items()
+    ]
 
 
 def _models(file: ModelFile, codec: Codec) -> StoredModels:

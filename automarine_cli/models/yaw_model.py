@@ -37,10 +37,6 @@ def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
     return ("inertia", *(effects.get(term).role for term in base_terms(number, dof, sided)))
 
 
-def base_names(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
-    return tuple(dof.parameters[role] for role in base_roles(number, dof, sided))
-
-
 @dataclass(frozen=True)
 class Term:
     """One effect with the values of its parameters, in the effect's order; `own` where it belongs to the motion's own
@@ -60,7 +56,6 @@ def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
 
 
 def with_values(terms: tuple[Term, ...], rest: Iterator[float]) -> tuple[Term, ...]:
-    """The same terms with the next values."""
     return tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in terms)
 
 

@@ -9,25 +9,26 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import thruster_map
-from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis
-from automarine_cli.diagnosis.learned_curve import LearnedCurve
-from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch, judged
-from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
-from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import JUDGED, Study
-from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.verdict import (
+from automarine_cli.diagnosis.diagnose import (
     EVEN,
     NAMED,
     NOTHING,
     SUSPECTED,
     UNEXPLAINED,
     WELL_ABOVE,
+    Diagnosis,
     Gap,
+    MotionDiagnosis,
     NamedEffect,
     Outlook,
     base_estimates,
 )
+from automarine_cli.diagnosis.learned_curve import LearnedCurve
+from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch, judged
+from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
+from automarine_cli.diagnosis.search import LEVEL
+from automarine_cli.diagnosis.study import JUDGED, Study
+from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits.innovations import fit_sentences
@@ -138,7 +139,7 @@ def headline_gap(diagnosis: Diagnosis) -> tuple[str, str, str]:
     if diagnosis.held_out_gap is not None:
         gap, outlook = diagnosis.held_out_gap, diagnosis.held_out_outlook
     judged = None if outlook is None else outlook.judged
-    sizes = (gap.before, gap.after) if judged is None else (judged.before, judged.after)
+    sizes = (gap.before, gap.after) if judged is None else (judged[0].error, judged[1].error)
     before, after, floor = (f"{diagnosis.study.base.dof.shown(x):.2f}" for x in (*sizes, gap.floor))
     return before, after, floor
 
@@ -169,7 +170,8 @@ def _beside(diagnosis: Diagnosis, noise: str) -> str:
         outlook = diagnosis.held_out_outlook
     if outlook is None or outlook.judged is None:
         return noise
-    rate, still = (f"{dof.shown(x):.2f}" for x in (outlook.judged.constant_rate, outlook.judged.constant))
+    score, _ = outlook.judged
+    rate, still = (f"{dof.shown(x):.2f}" for x in (score.constant_rate, score.constant))
     return (
         f"a constant {dof.words.speed} misses by {rate} and a constant {dof.words.position} by {still} "
         f"{dof.units.shown}, {noise}"
@@ -181,14 +183,14 @@ def outlook_table(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) ->
     unit, words = dof.units.shown, dof.words
     rows = [
         {
-            "runs": f"{name}, {ahead.horizon:g} s ahead",
-            f"before [{unit}]": f"{dof.shown(ahead.before):.2f}",
-            f"after [{unit}]": f"{dof.shown(ahead.after):.2f}",
-            f"constant {words.speed} [{unit}]": f"{dof.shown(ahead.constant_rate):.2f}",
-            f"constant {words.position} [{unit}]": f"{dof.shown(ahead.constant):.2f}",
+            "runs": f"{name}, {before.horizon:g} s ahead",
+            f"before [{unit}]": f"{dof.shown(before.error):.2f}",
+            f"after [{unit}]": f"{dof.shown(after.error):.2f}",
+            f"constant {words.speed} [{unit}]": f"{dof.shown(before.constant_rate):.2f}",
+            f"constant {words.position} [{unit}]": f"{dof.shown(before.constant):.2f}",
         }
         for name, outlook in (("fitted", fitted), ("held out", held_out))
-        for ahead in (outlook.ahead if isinstance(outlook, Outlook) else ())
+        for before, after in (outlook.ahead if outlook else ())
     ]
     note = (
         "Root mean square errors; the filter knows the readings until each prediction begins, and the commands "
@@ -480,12 +482,12 @@ def planar_verdict(search: PlanarSearch) -> str:
     if search.verdict == SUSPECTED:
         return f"Suspected: {search.words.removeprefix('suspected ')}. {search.why}"
     held_out = search.outlook(True)
-    if not (forecast := held_out and (held_out.judged or held_out.ahead[-1])):
+    if held_out is None:
         return f"Named: {search.words}."
-    before, after = (f"{YAW.shown(x):.3g}" for x in (forecast.before, forecast.after))
+    before, after = (f"{YAW.shown(score.error):.3g}" for score in held_out.longest)
     return (
-        f"Named: {search.words}; on runs held out the heading is predicted {forecast.horizon:g} s ahead to {after} "
-        f"deg, {before} before."
+        f"Named: {search.words}; on runs held out the heading is predicted {held_out.longest[0].horizon:g} s ahead to "
+        f"{after} deg, {before} before."
     )
 
 

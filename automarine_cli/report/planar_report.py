@@ -42,7 +42,7 @@ def sentences(fit: PlanarFit) -> Iterator[str]:
     """Structure and why, assumptions, sensors, warnings."""
     yield f"Structure: {fit.structure}. {fit.because}"
     yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
-    yield from (f"Assumed: {assumption}." for assumption in fit.assumptions)
+    yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
     noises = fit.found.noises
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
@@ -63,7 +63,7 @@ def prediction_table(use: PlanarUse) -> Table:
             "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
             "predictions": ahead.count,
         }
-        for name, each in use.forecasts.worth.items()
+        for name, each in use.worth.items()
         for ahead in each
     ]
     whose = "Each run is predicted by the parameters that the other runs give"
@@ -102,7 +102,7 @@ def structure_table(fit: PlanarFit) -> Table:
             "structure": str(tried.structure),
             "parameters": len(tried.found.model.free),
             "log likelihood": number(tried.found.log_likelihood, 7),
-            "BIC less the best": tried.criterion - fit.tried[0].criterion,
+            "BIC less the best": tried.found.criterion - fit.tried[0].found.criterion,
         }
         for tried in fit.tried
     ])  # fmt: skip

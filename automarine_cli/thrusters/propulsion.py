@@ -11,7 +11,7 @@ from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import AutomarineError, ModelError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, Logs
-from automarine_cli.models.allocation import Allocation
+from automarine_cli.models.allocation import twin_forces
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Source
 from automarine_cli.quantities import Floats
@@ -125,7 +125,7 @@ def load_planar(
 
 def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
     """The run driven by two equal thrusters `arm` [m] off the centre line; raises as `thrust_of` does."""
-    ahead, abeam, moment = Allocation.twin(arm).forces(np.stack(thrust_of(run, thrusters, arm)))
+    ahead, abeam, moment = twin_forces(np.stack(thrust_of(run, thrusters, arm)), arm)
     extras = {**run.extras, SURGE.command: ahead, SWAY.command: abeam}
     commanded = thrusters.compared(YAW.thrusters, [run.extras[name] for name in YAW.thrusters])
     return replace(run.with_moment(moment, YAW.units.forces[1], commanded=commanded), extras=extras)

@@ -25,8 +25,7 @@ import numpy as np
 from closed_loop_cases import KINDS, LOOK_ALIKES, Kind, make
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.diagnose import diagnose_runs
-from automarine_cli.diagnosis.verdict import Gap
+from automarine_cli.diagnosis.diagnose import Gap, diagnose_runs
 from automarine_cli.report.tables import Table
 
 RIGHT, WRONG = ("right", "tie"), ("wrong", "extra")

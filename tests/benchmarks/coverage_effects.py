@@ -8,9 +8,9 @@ from interval_coverage import HEADER, Outcome, Trial, failures, misses, summaris
 from specified import make_runs, specified
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.diagnose import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.search import Trial as Explained
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.models.yaw_model import Term, YawModel

@@ -60,13 +60,13 @@ def rows(seeds: int) -> Iterator[dict[str, Any]]:
                 found = find_missing(StoredPlanar(GIVEN, "by hand"), runs[:FITTED], runs[FITTED:], observed(runs))
                 spent = time.process_time() - begin
                 where, outlook = find_planar_where(found, 0), found.outlook(True)
-                ahead = outlook and (outlook.judged or outlook.ahead[-1])
+                ahead = outlook and outlook.longest
                 yield {
                     "hidden": kind, "seed": seed, "mirrored": mirror, "verdict": judged(kind, found),
                     "named": [one.candidate.added[0] for one in found.named],
                     "stands_out": sorted({one.variable for one in where.regions}) if where else [],
-                    "before_deg": float(YAW.shown(ahead.before)) if ahead else None,
-                    "after_deg": float(YAW.shown(ahead.after)) if ahead else None,
+                    "before_deg": float(YAW.shown(ahead[0].error)) if ahead else None,
+                    "after_deg": float(YAW.shown(ahead[1].error)) if ahead else None,
                     "cpu_s": round(spent, 1),
                 }  # fmt: skip
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from specified import make_runs, specified
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.diagnose import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.search import Trial as Explained
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known

@@ -8,11 +8,10 @@ from effect_contract import base_for, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.diagnose import base_estimates, diagnose_runs
 from automarine_cli.diagnosis.scores import law_of
 from automarine_cli.diagnosis.search import STANDS, Trial, add_effect, drag_right, trial_of, without_idle_drag
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.verdict import base_estimates
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 

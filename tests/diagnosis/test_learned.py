@@ -20,8 +20,7 @@ from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
 from automarine_cli.diagnosis.learned_curve import ties
 from automarine_cli.diagnosis.search import Found, Trial
-from automarine_cli.diagnosis.smooth import places, prior_of, smoothed
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, places, precision, smoothed
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.effects import State
 from automarine_cli.effects.learned import KNOTS, basis, roughness
@@ -110,11 +109,9 @@ def test_the_prior_holds_what_the_data_do_not_show() -> None:
         model = BASE.with_effect("learned:water_temp_C", [4.0, 24.0, 1.2, spread, *[0.0] * KNOTS, 1.0])
         fit = study.fit(model, np.append(base.of_model, model.terms[-1].values), base)
         assert isinstance(fit, MixedFit) and fit.left_out.shape[0] == len(runs) == len(fit.predictive)
-        count.append(smoothed(fit, model, study.sensor_floor)[1])
+        count.append(smoothed(fit, model)[1])
         own = fit.covariance[np.ix_(places(model), places(model))]
-        assert np.all(
-            np.linalg.eigvalsh(np.linalg.inv(own) - prior_of(fit, model, study.sensor_floor)) > -1e-2 / own.max()
-        )
+        assert np.all(np.linalg.eigvalsh(np.linalg.inv(own) - precision(model)) > -1e-2 / own.max())
         if spread < 1e-3:
             np.testing.assert_allclose(fit.theta[places(model)], 0.0, atol=2e-3)
             assert abs(fit.log_likelihood - base.log_likelihood) < 0.5

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from automarine_cli.diagnosis.limit_cycle import limit_cycle
+from automarine_cli.diagnosis.study import limit_cycle
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 

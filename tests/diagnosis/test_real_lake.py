@@ -66,7 +66,7 @@ def nominal(tmp_path_factory: pytest.TempPathFactory) -> YawFit:
 
 def test_all_ten_runs_are_fitted_whole(nominal: YawFit) -> None:
     content = nominal.to_json()
-    assert content["fitted_to"] == "whole runs" and nominal.used == 10
+    assert content["fitted_to"] == "whole runs" and len(nominal.read) == 10
     assert nominal.seed_method is None and nominal.why_no_seed_method.startswith("0 of 10 runs")
 
 

@@ -10,12 +10,11 @@ from effect_contract import base_for, planted, short_plans
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import diagnose, search
-from automarine_cli.diagnosis import verdict as verdicts
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis import diagnose as verdicts
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, split_by
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.diagnosis.scores import Scores
 from automarine_cli.diagnosis.search import WEAK, Compensating, Found, Rival
-from automarine_cli.diagnosis.verdict import split_by
 from automarine_cli.dofs import YAW
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
+from automarine_cli.diagnosis.diagnose import Outlook, apart
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.search import Trial, may_stand, obstacle
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.verdict import Ahead, Outlook, apart
 from automarine_cli.dofs import YAW
+from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of, without_noise
 
@@ -107,8 +108,9 @@ def test_only_runs_that_turn_back_by_half_a_turn_show_moving_water() -> None:
 
 def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
     def outlook(after: float) -> Outlook:
-        ahead = [Ahead(horizon, 0.1, after, 0.3, 0.3) for horizon in (2.0, 5.0)]
-        return Outlook((*ahead, Ahead(15.0, 0.1, 0.2, 0.3, 0.3)), 3.0)
+        errors = {2.0: after, 5.0: after, 15.0: 0.2}
+        pairs = [[ForecastScore(h, x, 0.3, 0.3, 10) for x in (0.1, error)] for h, error in errors.items()]
+        return Outlook(tuple((first, last) for first, last in pairs), 3.0)
 
     assert "5 s ahead" in outlook(0.101).doubt(YAW) and outlook(0.099).doubt(YAW) == ""
 

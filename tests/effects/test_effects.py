@@ -30,9 +30,9 @@ from effect_contract import (
 )  # fmt: skip
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.diagnose import parameter_estimates
 from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.diagnosis.verdict import parameter_estimates
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD

@@ -9,11 +9,10 @@ from effect_contract import Floats, base_for, long_plans, measured, planted, sho
 from few_candidates import few_candidates
 from specified import make_runs
 
-from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
 from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study, study_of
-from automarine_cli.diagnosis.verdict import parameter_estimates
 from automarine_cli.effects.history_force import SHARES, TIMES
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run

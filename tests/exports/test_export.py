@@ -294,6 +294,8 @@ def test_a_file_that_is_there_stays_until_it_may_go(tmp_path: Path) -> None:
 
 
 def test_names_of_files_cannot_leave_their_comment(tmp_path: Path) -> None:
+    (tmp_path / "plain").mkdir()
+    plain = model_file(tmp_path / "plain")
     strange = model_file(tmp_path).rename(tmp_path / 'a--->--> """\n x é.json')
     for target in ("gz-sim", "uuv", "stonefish", "python", "mjcf", "mss", "labust"):
         for form in targets.get(target).forms:
@@ -301,7 +303,8 @@ def test_names_of_files_cannot_leave_their_comment(tmp_path: Path) -> None:
             if target == "python":
                 compile(text, "made.py", "exec")
             else:
-                READERS[target, form](text)
+                expected = READERS[target, form](exported(plain, target, form).text)
+                assert READERS[target, form](text)(0.4, 0.7) == expected(0.4, 0.7) != 0.0
 
 
 def test_a_model_that_is_no_model_is_refused(tmp_path: Path) -> None:

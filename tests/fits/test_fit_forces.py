@@ -48,7 +48,7 @@ def holds(estimate: Estimate, truth: float, precise: float = 0.05) -> bool:
 
 def test_surge_is_recovered(surge: tuple[YawFit, Path]) -> None:
     fit, _ = surge
-    assert fit.dof is SURGE and fit.preference.number == "3" and fit.used == 20 and fit.warnings == ()
+    assert fit.dof is SURGE and fit.preference.number == "3" and len(fit.read) == 20 and fit.warnings == ()
     for name, truth in SURGE_TRUTH.items():
         assert holds(fit.preferred.estimates[name], truth, 0.1), name
     assert fit.seed_method is not None
@@ -61,7 +61,7 @@ def test_surge_is_recovered(surge: tuple[YawFit, Path]) -> None:
 
 def test_heave_is_recovered_with_its_buoyancy(heave: tuple[YawFit, Path]) -> None:
     fit, _ = heave
-    assert fit.dof is HEAVE and fit.preference.number == "3" and fit.used == 20
+    assert fit.dof is HEAVE and fit.preference.number == "3" and len(fit.read) == 20
     for name, truth in HEAVE_TRUTH.items():
         assert holds(fit.preferred.estimates[name], truth, 0.1), name
     assert fit.seed_method is not None

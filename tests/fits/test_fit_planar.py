@@ -23,9 +23,8 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarLikelihood, Promise, Tried, search
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes, rough_velocities
 from automarine_cli.logs import ColumnMap
-from automarine_cli.models.planar import Inertia, PlanarModel
+from automarine_cli.models.planar import Inertia, PlanarModel, Tied
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_from_json
-from automarine_cli.models.tied import Tied
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report import planar_report
 from automarine_cli.runs.run import Run

@@ -65,7 +65,7 @@ def test_without_noise_the_bias_that_is_known_is_all_there_is_and_is_taken_off()
     raw = tail_lines(data.time, data.heading, np.zeros(len(data.moment)), fit.tails.used, YAW)
     drag = np.sum(data.moment * raw.rate * np.abs(raw.rate)) / np.sum(raw.rate**4)
     inertia = inertia_from_velocity_error(raw.error, data.moment, 0.0, drag).mean()
-    assert [inertia / PAPER.inertia - 1, drag / PAPER.k_rr - 1] == pytest.approx(fit.bias, abs=1e-6)
+    assert [inertia / PAPER.inertia - 1, drag / PAPER.k_rr - 1] == pytest.approx(fit.expected.bias, abs=1e-6)
     assert np.degrees(fit.tail_from) == pytest.approx(165.0)  # without noise the latest is the best
 
 
@@ -74,7 +74,7 @@ def test_without_noise_and_with_linear_drag_the_same_holds() -> None:
     fit = fitted(noise_free(vehicle, sizes=(0.5, 0.8, 1.1)))
     assert fit.inertia["1"].overall.value == pytest.approx(1.0, rel=1e-6)
     assert fit.drag["1"].drag[0] == pytest.approx(1.5, rel=1e-6)
-    assert max(map(abs, fit.bias)) > 1e-4
+    assert max(map(abs, fit.expected.bias)) > 1e-4
 
 
 @pytest.mark.parametrize("tail", [30.0, 60.0, 95.0, 150.0])
@@ -83,7 +83,7 @@ def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: floa
     fit = fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(tail))
     assert fit.given and np.degrees(fit.tail_from) == pytest.approx(tail)
     assert fit.tail_because(YAW).startswith(f"Tails start at {tail:.0f} deg, as asked; errors to be expected there: ")
-    assert fit.bias[0] < -0.002 and abs(fit.bias[0]) > abs(fit.bias[1]) > 2e-4
+    assert fit.expected.bias[0] < -0.002 and abs(fit.expected.bias[0]) > abs(fit.expected.bias[1]) > 2e-4
     assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-3)
     assert fit.drag["3"].drag[1] == pytest.approx(PAPER.k_rr, rel=1e-3)
 
@@ -240,7 +240,7 @@ def test_mirrored_turns_give_the_same_inertia() -> None:
     data = noise_free(sizes=(0.2, 0.5, 0.9))
     other = step_data(data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval), YAW)
     there, back = fitted(data), fitted(other)
-    assert there.tail_from == back.tail_from and there.bias == pytest.approx(back.bias, rel=1e-12)
+    assert there.tail_from == back.tail_from and there.expected.bias == pytest.approx(back.expected.bias, rel=1e-12)
     for number in ("1", "2", "3"):
         assert_close(back.inertia[number].per_run, there.inertia[number].per_run, "closed form")
         assert back.inertia[number].per_moment.keys() == {-m for m in there.inertia[number].per_moment}
@@ -285,7 +285,7 @@ def test_half_a_turn_is_not_enough_for_a_heavy_vehicle_and_that_is_said() -> Non
     """PHYSICS 4.6: at I/k = 1.65 rad even 180 degrees leave the rate short of steady."""
     heavy = Vehicle(1.65, 0.0, 1.0)
     fit = fitted(noise_free(heavy))
-    assert not fit.steady and max(map(abs, fit.bias)) > BIAS_LIMIT
+    assert not fit.steady and max(map(abs, fit.expected.bias)) > BIAS_LIMIT
     assert fit.inertia["3"].overall.value == pytest.approx(1.65, rel=1e-4)  # all the same: the rest was taken off
     found = identify(campaign(vehicle=heavy, noise_deg=0.3, seed=1))
     (warning,) = (one for one in found.warnings if one.startswith("Half a turn is too short for a steady speed"))

@@ -141,7 +141,7 @@ def test_a_disturbance_as_large_as_the_commands_is_said() -> None:
 
 def test_a_fit_that_constants_beat_is_not_usable_whatever_fitted_it() -> None:
     worth = (ForecastScore(2.0, 1.0, 0.5, 2.0, 10), ForecastScore(5.0, 3.0, 4.0, 2.0, 10))
-    judged = Judgement(worth, 4)
+    judged = Judgement({"heading": worth}, 4)
     assert judged.warnings(YAW) == (judged.sentence(YAW),)
     assert judged.sentence(YAW).startswith("This model is not usable: it predicts 5 s ahead to")
 

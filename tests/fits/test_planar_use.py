@@ -19,7 +19,6 @@ from automarine_cli.fits.planar_fit import (
     LIKELIHOOD,
     Choice,
     Estimated,
-    Forecasts,
     PlanarFit,
     PlanarLikelihood,
     PlanarUse,
@@ -27,7 +26,7 @@ from automarine_cli.fits.planar_fit import (
 )
 from automarine_cli.fits.planar_structure import Observed, Structure, observed, rough_sizes
 from automarine_cli.fits.whole_runs import run_covariance
-from automarine_cli.models.tied import Tied
+from automarine_cli.models.planar import Tied
 from automarine_cli.quantities import Floats
 from automarine_cli.report import planar_report
 from automarine_cli.runs.run import Run
@@ -127,7 +126,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
         Tried(one, fake(one.model(rough_sizes(runs)))) for one in (replace(simplest, couplings=("Y_r",)), simplest)
     ]
     told = iter(errors)
-    monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: Forecasts((), {"heading": worth(next(told))}))
+    monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(told)))
     monkeypatch.setattr(planar_fit, "planar_use", lambda *_: None)
     monkeypatch.setattr(_Fits, "problem", lambda *_: None)
     return _Fits(runs, seen).choose(tried)
@@ -145,8 +144,7 @@ def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch
 
 
 def use_of(**errors: float) -> PlanarUse:
-    forecasts = Forecasts((), {name: worth(error) for name, error in errors.items()})
-    return PlanarUse(forecasts, (), 2, None, {})  # type: ignore[arg-type]
+    return PlanarUse({name: worth(error) for name, error in errors.items()}, 2, (), None)  # type: ignore[arg-type]
 
 
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 from automarine_cli.errors import RunError
-from automarine_cli.fits.identify import Map, YawFit, identify_turns
+from automarine_cli.fits.identify import YawFit, identify_turns
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim, half_turns
 from automarine_cli.runs.run import Run
@@ -14,7 +15,7 @@ def identify(
     runs: Sequence[Run],
     fit_to: str = "auto",
     known: Known = NOTHING_KNOWN,
-    each: Map | None = None,
+    each: Each = alone,
     trim: Trim = UNTRIMMED,
     channels: str = AUTO,
     tail: float | None = None,

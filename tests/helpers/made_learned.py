@@ -10,10 +10,9 @@ from effect_contract import long_plans, unmeasured
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.diagnose import Diagnosis, gap
 from automarine_cli.diagnosis.search import Trial
-from automarine_cli.diagnosis.smooth import elsewhere, learned_term
-from automarine_cli.diagnosis.verdict import gap
+from automarine_cli.diagnosis.study import elsewhere, learned_term
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.learned import KNOTS, basis

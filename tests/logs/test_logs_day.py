@@ -44,7 +44,7 @@ def test_a_day_in_one_log_becomes_runs_that_give_back_the_vehicle(tmp_path: Path
     )
     assert [float(cut.state) for cut in made.cuts] == list(MOMENTS)
     fit = am.fit_yaw(tmp_path / "out" / "runs")
-    assert fit.used == len(MOMENTS)
+    assert len(fit.read) == len(MOMENTS)
     found = fit.output_error["3"].estimates
     for name, true in (("I_r", INERTIA), ("k_rr", K_RR)):
         assert abs(found[name].value - true) < 4 * found[name].stderr, (name, found[name])

@@ -13,7 +13,7 @@ from tolerances import assert_close
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, RunError
-from automarine_cli.models.allocation import Allocation, Thruster
+from automarine_cli.models.allocation import twin_forces
 from automarine_cli.models.planar import PLACES, CrossDrag, Inertia, PlanarModel
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
@@ -147,8 +147,7 @@ def test_a_published_craft_with_two_thrusters() -> None:
     time, current = np.arange(0, 40.05, 0.1), np.array([0.3, -0.2])
     left, right = np.array([[100, 80, 60, -40, 0], [80, 100, 60, 50, 0]])[:, np.minimum(time // 8, 4).astype(int)]
     thrust = np.stack([Otter.thrust(left), Otter.thrust(right)])
-    twin = Allocation.twin(Otter.arm)
-    run = planar_run(time, *twin.forces(thrust))
+    run = planar_run(time, *twin_forces(thrust, Otter.arm))
     k_r = -Otter.N_r
     model = PlanarModel(
         Inertia.rigid(Otter.mass, Otter.inertia_z, Otter.x_g) + Inertia(*Otter.added),
@@ -350,20 +349,6 @@ def test_a_derivative_is_what_its_letters_say() -> None:
     assert [one.values[0].shape for one in bounds] == [zero.shape] * 2
 
 
-def test_thrusters_at_places_and_angles() -> None:
-    twin = Allocation.twin(0.3)
-    np.testing.assert_allclose(twin.matrix, [[1, 1], [0, 0], [0.3, -0.3]], atol=1e-15)
-    x, y, n = twin.forces([[5.0, 2.0], [3.0, 2.0]])
+def test_two_thrusters_push_ahead_and_turn() -> None:
+    x, y, n = twin_forces([[5.0, 2.0], [3.0, 2.0]], 0.3)
     np.testing.assert_allclose([x, y, n], [[8, 4], [0, 0], [0.6, 0]], atol=1e-15)
-    vectored = Allocation(
-        tuple(Thruster(f"{a}{b}", 0.2 * a, 0.15 * b, -a * b * np.pi / 4) for a in (1, -1) for b in (1, -1))
-    )
-    force = np.random.default_rng(0).normal(size=(4, 5, 6))
-    along, abeam, _ = vectored.matrix
-    arm = [one.x * b - one.y * a for one, a, b in zip(vectored.thrusters, along, abeam)]
-    np.testing.assert_allclose(vectored.forces(force)[2], np.einsum("t,tij->ij", arm, force), atol=1e-12)
-    assert np.linalg.matrix_rank(vectored.matrix) == 3
-    bow = Allocation((Thruster("bow", 0.5, 0.0, np.pi / 2),))
-    np.testing.assert_allclose(bow.forces([4.0]), [0.0, 4.0, 2.0], atol=1e-15)  # to starboard at the bow: clockwise
-    with pytest.raises(ModelError, match=r"thrust of shape \(3,\) for 2 thrusters \(port, starboard\)"):
-        twin.forces([1.0, 2.0, 3.0])

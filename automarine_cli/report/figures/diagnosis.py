@@ -11,14 +11,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Row, Variable, Where
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.planar_structure import PLACES
