@@ -157,8 +157,7 @@ def frequencies(highest: float, count: int, lowest: float = LOWEST) -> Floats:
 def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
     """Tell which of S closed loops are stable, by L (S, W) at frequencies times (1j - TILT).
 
-    `poles` (S or 1, n) are those of the vehicle, `integrators` how many the controller adds.
-    """
+    `poles` (S or 1, n) are those of the vehicle, `integrators` how many the controller adds."""
     curve = 1.0 + ratio
     turned = np.sum(np.angle(curve[:, 1:] / curve[:, :-1]), axis=1)
     origin = np.abs(poles) < LOWEST
@@ -214,8 +213,7 @@ ROUNDS, LAST = 5, 20  # looks at the space of gains, each nearer to the best; se
 EXACT, STEADY = 0.02, 0.05  # loops of the flights that are promised, and of those that gains are chosen by: see `paced`
 DEAREST = 2.0  # how much longer gains for all explanations may take to settle than gains for the right one alone
 LONG_DELAY = 0.14
-"""Spread of delays [s], between their quarters, from which on it is asked what knowing them would be worth: that of
-delays anywhere within 0.3 s."""
+"""Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
 SHARE = 0.95  # of the crowd that has to keep the margin, and to settle
 FIRST, NEAR, ELITE, FLOWN, MOST = 1500, 200, 8, 160, 40
 """Sets of gains: spread over their space, near the best so many, flown for a further explanation, found at last."""
@@ -253,6 +251,10 @@ class Setup:
     bend: Bend | None
     task: Task
     seed: int
+
+    def exact(self, vehicles: Vehicles) -> Target:
+        """The target as the flights that are promised have it."""
+        return paced(self.target, nominal_of(vehicles, self.task.step), EXACT)
 
 
 @dataclass(frozen=True)
@@ -395,8 +397,7 @@ def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task:
     """Fly sets of gains (C,) on some vehicles (V) and return their cost (C, V), and the scores (C V,).
 
     The cost is log settling + log largest error under load + 1/4 log what is left of it: half the time is worth as much
-    as half the error; and 4 for each share of the step by which it is overshot, beyond a tenth.
-    """
+    as half the error; and 4 for each share of the step by which it is overshot, beyond a tenth."""
     sets, count = len(next(iter(gains.values()))), len(vehicles)
     repeated: Gains = {name: np.repeat(value, count)[:, None] for name, value in gains.items()}
     many = vehicles.pick(np.tile(np.arange(count), sets))
@@ -418,8 +419,7 @@ def spread_numbers(count: int, size: int) -> Floats:
 
 
 def brief(problem: Problem) -> Problem:
-    """Shorten the flights to what it takes to tell good gains from bad: `LONG` times what the best of a few takes to
-    settle, on the first vehicle."""
+    """Shorten the flights to `LONG` times what the best of a few takes to settle, on the first vehicle."""
     target, task = problem.target, problem.task
     gains = target.propose(spread_numbers(FIRST // 5, target.numbers), problem.nominal)
     first = problem.crowds[0].vehicles.pick(slice(0, 1))
@@ -468,8 +468,7 @@ def design(setup: Setup, present: Mapping[str, float] | None, count: int = CROWD
     """Reach the verdict of a target on `count` vehicles; `present` gains by name, None where there are none.
 
     A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
-    margin and do not settle in time.
-    """
+    margin and do not settle in time."""
     known, task = setup.known, setup.task
     crowds = crowds_of(known, setup.full, setup.bend, setup.seed, count)
     nominal = nominal_of(crowds[0].vehicles, task.step)
@@ -567,8 +566,7 @@ def _leave(old: Outcome, task: Task) -> str:
 def _chosen(problem: Problem) -> dict[str, float] | None:
     """The best gains that all crowds can live with; looked for with more margin on the probes where that fails.
 
-    Of several sets it is the one whose cost is least for all but a tenth of the vehicles.
-    """
+    Of several sets it is the one whose cost is least for all but a tenth of the vehicles."""
     target, task, omega = problem.target, problem.task, problem.omega(FINE // 2)
     for more in (1.0, 1.12, 1.3):
         gains = searched(problem, more * task.margin, ROUNDS).gains

@@ -79,8 +79,7 @@ def read_knowledge(
     """Read the files; `delay` [s] is the longest that the logs cannot show, where the user knows better.
 
     Raises ModelError for a file that is none, for drag that drives, and for an effect that no controller can be
-    designed with.
-    """
+    designed with."""
     known = read_prior_results(model, diagnosis)
     file, judged = known.file, known.diagnosis
     assert file is not None
@@ -133,8 +132,7 @@ def read_knowledge(
 
 
 def _unsettled_thrust(known: PriorResults, file: ModelFile) -> tuple[str, str] | None:
-    """Why the thrust is not known well enough for promises: it scatters as no thruster does, or goes with the size of
-    the command as the model does not say."""
+    """Why the thrust is not known well enough for promises: its wild scatter, or a curve that the model lacks."""
     power = file.gain_exponent
     low, high = power.ci95 if power and power.ci95 else (0.0, 0.0)
     if low > CURVED or high < -CURVED:
@@ -150,8 +148,7 @@ def _unsettled_thrust(known: PriorResults, file: ModelFile) -> tuple[str, str] |
 
 
 def _idle(main: Explanation, judged: DiagnosisFile | None, largest: float) -> list[Explanation]:
-    """The model with the widest dead-band that the logs would not have shown, where its thrust is a curve: nearly flat
-    about rest, such a curve hides one."""
+    """The model with the widest dead-band that logs would not have shown, where a curve may hide one about rest."""
     names = {term.name for term in main.model.terms}
     if "thrust-exponent" not in names or "dead-band" in names:
         return []
@@ -245,8 +242,7 @@ def authority(
     given.
 
     Raises ModelError where the model's unit is none that the target can use, or the map contradicts the model, and
-    SettingError for a map of one direction.
-    """
+    SettingError for a map of one direction."""
     unit, source, dof = known.stored.moment_unit, known.stored.source, known.model.dof
     bend, most = (None, None) if drive is None else turning(*drive)
     if full is None and most is not None and unit != "nu":

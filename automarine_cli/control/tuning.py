@@ -12,20 +12,7 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.design import (
-    EXACT,
-    Crowd,
-    Designed,
-    Outcome,
-    Setup,
-    Task,
-    crowds_of,
-    design,
-    fly,
-    nominal_of,
-    paced,
-    step_scores,
-)
+from automarine_cli.control.design import Crowd, Designed, Outcome, Setup, Task, crowds_of, design, fly, step_scores
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_knowledge
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design, Gains, Target, present_gains
@@ -50,8 +37,7 @@ from automarine_cli.thrusters.propulsion import map_and_arm
 BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field's two degrees of heading, and 5 cm
 STEP_DEG, STEP_M = 90.0, 1.0
 WIDE, NARROW = 50.0, 10.0
-"""Half widths of intervals [%] at which nothing more is planned: where a tie alone is to be settled, and of an effect
-whose size is not known."""
+"""Half widths of intervals [%] at which planning ends: to settle a tie alone, and for an effect of unknown size."""
 QUANTILES = (0.025, 0.5, 0.975)
 SETTLES, LIMITS = "settles", "limits.toml"
 """Folder of the runs that settle what is open, within the folder of results, and the file of their limits."""
@@ -190,8 +176,7 @@ def make_tuning(
 ) -> Tuning:
     """Design gains by the settings of `set_up`; `present` is a file of the gains flown so far.
 
-    Runs that settle what is open are planned if results go into a folder `out`. Raises ModelError or SettingError.
-    """
+    Runs that settle what is open are planned if results go into a folder `out`. Raises ModelError or SettingError."""
     setup = set_up(**settings)
     designed = design(setup, present_gains(setup.target, present))
     settling, plan = _settling(settings, setup, designed), None
@@ -351,13 +336,12 @@ def check_tuning(
     """Compare logs that were flown with the gains of a `tuning.json` with what was promised of them.
 
     `phrase` says the verdict of a diagnosis. Raises ModelError for another file, LogError or RunError for logs without
-    a step.
-    """
+    a step."""
     setup, gains = _of_tuning(tuning)
     runs = load_runs(logs, given_columns(columns), dof=setup.known.model.dof, progress=progress).runs
     crowds = crowds_of(setup.known, setup.full, setup.bend, setup.seed)
-    target = paced(setup.target, nominal_of(crowds[0].vehicles, setup.task.step), EXACT)
-    promise = Promise(target, {name: np.full((1, 1), value) for name, value in gains.items()}, crowds, setup.task)
+    flown = {name: np.full((1, 1), value) for name, value in gains.items()}
+    promise = Promise(setup.exact(crowds[0].vehicles), flown, crowds, setup.task)
     steps = tuple(step for run in runs for step in _flown_steps(run, reference_of(run, reference), promise))
     dof = setup.known.model.dof
     if not steps:

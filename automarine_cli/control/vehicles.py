@@ -53,8 +53,7 @@ class Vehicles:
     `theta` (S, p) parameters of `model`; `full` the moment or force of the whole output; `gain` (S,) of the thrust,
     `late` (S,) [s] a delay beyond the model's, `volts` (S,) [V] of the supply, `at` (S,) the output about which its
     slope counts in margins; `bend` the map from output to moment where that is no straight line; `noise` of the
-    readings of position and velocity [base units].
-    """
+    readings of position and velocity [base units]."""
 
     model: YawModel
     theta: Floats
@@ -107,8 +106,7 @@ def crowd(
 def _drawn(model: YawModel, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
     """Parameters (count, p) about the model's; those of the sign-definite base on the logarithm, all within bounds.
 
-    What has no variance is exactly the model's: which law acts is a number that others are compared with.
-    """
+    What has no variance is exactly the model's: which law acts is a number that others are compared with."""
     theta, variance = model.theta, np.diagonal(covariance)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

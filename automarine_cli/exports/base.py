@@ -36,8 +36,7 @@ class Settings:
     `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] of a planar model its mass;
     `newton_metres_per_nu` the size of the logs' normalised moment unit; `mesh_torque` [N m] Stonefish's yaw drag of
     the mesh at 1 rad/s with a quadratic and with a viscous coefficient of 1; `n_max` the largest control signal; `lag`
-    [s] a propeller's time constant.
-    """
+    [s] a propeller's time constant."""
 
     rigid_inertia: float | None = None
     rigid_mass: float | None = None
@@ -76,8 +75,7 @@ class YawSubject:
     """A model to be written: already in the file's frame and moment unit, with what the target carries alone.
 
     `file` is what the model file holds, for a card; `logs` are name and hash of the logs it was fitted to, None where
-    that is not known.
-    """
+    that is not known."""
 
     origin: Origin
     model: YawModel
@@ -157,8 +155,7 @@ class Written:
 
 @dataclass(frozen=True)
 class Planar:
-    """What a target makes of surge, sway and yaw together: its forms by name with the ending of the file, its frames,
-    and what writes a `planar.PlanarSubject`."""
+    """What a target makes of surge, sway and yaw together: forms with endings, frames, writer of a `PlanarSubject`."""
 
     forms: Mapping[str, str]
     frames: tuple[str, ...]
@@ -173,8 +170,7 @@ class Target:
     effects it has terms for, `carries_with` what it carries where that hangs on the settings, `lacks` laws of them that
     it does not, and why; `varying` whether also effects that differ from run to run; `why` not, by effect, and
     `instead` the option that helps. `si` whether moments must be newton metres; `uses` the settings that mean
-    something; `motions` those whose models it takes, `planar` how it takes surge, sway and yaw together, if it does.
-    """
+    something; `motions` those whose models it takes, `planar` how it takes surge, sway and yaw together, if it does."""
 
     name: str
     says: str
@@ -246,11 +242,9 @@ def filled(template: str, fields: Mapping[str, object]) -> str:
     return text.format_map(fields)
 
 
-def commented(lines: Iterable[str], sign: str) -> str:
-    return "".join(f"{sign} {line}\n" for line in lines)
-
-
-def xml_comment(lines: Iterable[str]) -> str:
-    """One XML comment; two hyphens, which would end it, are set apart."""
+def comment(lines: Iterable[str], sign: str = "") -> str:
+    """Lines after a sign each, or in one comment of XML; two hyphens, which would end that, are set apart."""
+    if sign:
+        return "".join(f"{sign} {line}\n" for line in lines)
     inside = "".join(f"  {re.sub('-(?=-)', '- ', line)}\n" for line in lines)
     return f"<!--\n{inside}-->\n"

@@ -12,19 +12,8 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.exports.base import (
-    DRAG,
-    THRUSTER_MAP,
-    YAW_MODEL,
-    LeftOut,
-    MapSubject,
-    Origin,
-    Settings,
-    Target,
-    Written,
-    YawSubject,
-    mirrored,
-)
+from automarine_cli.exports import base
+from automarine_cli.exports.base import DRAG, LeftOut, MapSubject, Origin, Settings, Target, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.store import file_and_models, motion_of
@@ -128,7 +117,7 @@ def _(result: Targets) -> Sections:
 
 def _motions(target: Target) -> list[str]:
     together = [PLANAR.name] * (target.planar is not None)
-    return [*target.motions, *together] if target.takes == YAW_MODEL else []
+    return [*target.motions, *together] if target.takes == base.YAW_MODEL else []
 
 
 def export_targets() -> Targets:
@@ -143,8 +132,7 @@ def export_model(
 
     `number` is which of the file's models (by default the preferred one), `frame` ENU or NED (by default the target's
     own); the other settings are those of `exports.base.Settings`. Raises ModelError, SettingError or OutputError, for
-    an effect too that the target cannot represent, unless `allow_partial`.
-    """
+    an effect too that the target cannot represent, unless `allow_partial`."""
     target, chosen = targets.get(to), Settings(**settings)
     _refuse_unused(target, chosen)
     data = read_plain(model, "JSON", ModelError)
@@ -164,7 +152,7 @@ def export_model(
         planar = planar_from_json(data, origin.file).model
         subject = planar_subject(planar, origin, frame, form, chosen, target.name)
         unit, left_out, carried = "N m", subject.left_out, ("inertia", *(name for name, _, _ in subject.drags()))
-    elif target.takes == THRUSTER_MAP:
+    elif target.takes == base.THRUSTER_MAP:
         if kind != MAP.schema and "models" in data:
             wrong = f"{origin.file} is a {motion_of(data).name} model"
             raise SettingError(f"{wrong}; --to {target.name} takes the thrusters.json of a fit")
@@ -338,7 +326,7 @@ def in_enu(model: YawModel) -> YawModel:
     cos psi_enu and sin 2 psi = sin 2 psi_enu, cos 2 psi = -cos 2 psi_enu. Heave, positive down in NED and up in ENU,
     mirrors alike; surge is ahead in both. Raises ModelError for an effect whose mirror image is not written down here.
     """
-    if not mirrored(model.dof):
+    if not base.mirrored(model.dof):
         return model
     return replace(model, terms=tuple(_mirrored(term) for term in model.terms))
 

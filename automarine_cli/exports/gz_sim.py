@@ -10,18 +10,14 @@ since its pull request 1888 (2023); before, `<nRR>` meant that.
 The system makes nDotR r' from the last step's acceleration, so r' grows without bound where the added inertia is not
 below the rigid one: r_k+1 - r_k = -(added/rigid) (r_k - r_k-1).
 
-Gazebo Sim, motion in the plane: an SDF model with the Hydrodynamics system and the engine's fluid added mass.
-
-The system adds the forces sum_j (iJ + sum_k iJabsK |nu_k|) nu_j, i of x, y, n, J and K of U, V, R: derivatives by the
-velocity through the water, which are negative where drag resists. The engine makes the Coriolis and Munk forces
-of the fluid's inertia itself; the system's own added mass is off. Sources: gazebosim.org/api/sim/9, class
-Hydrodynamics, and src/systems/hydrodynamics/Hydrodynamics.cc; sdformat.org, element inertial/fluid_added_mass.
+In the plane the system adds the forces sum_j (iJ + sum_k iJabsK |nu_k|) nu_j, i of x, y, n, J and K of U, V, R. The
+engine makes the Coriolis and Munk forces of the fluid's inertia itself.
 """
 
 from collections.abc import Mapping
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, filled, head, number, xml_comment
+from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, comment, filled, head, number
 from automarine_cli.exports.planar import PlanarSubject, rigid_of
 from automarine_cli.models.planar import FORCES, VELOCITIES
 
@@ -67,7 +63,7 @@ def _sdf(lines: list[str], mass: float, moment: float, fluid: Mapping[str, float
     entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in fluid.items())
     added = f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" if fluid else ""
     told = "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in system.items())
-    fields = {"head": xml_comment(lines), "mass": number(mass), "moment": number(moment), "added": added, "told": told}
+    fields = {"head": comment(lines), "mass": number(mass), "moment": number(moment), "added": added, "told": told}
     return filled("gz-sim", fields)
 
 

@@ -4,7 +4,7 @@ The uncoupled model steps (Io + Ma) r' = tau - (linear_damping + quadratic_dampi
 labust_sim/config/model_example.yaml and labust_sim/src/labust_sim/RBModel.cpp of that package.
 """
 
-from automarine_cli.exports.base import Target, Written, YawSubject, at_place, commented, head, number, row
+from automarine_cli.exports.base import Target, Written, YawSubject, at_place, comment, head, number, row
 
 
 def write(subject: YawSubject) -> Written:
@@ -21,7 +21,7 @@ linear_damping: [{row(at_place(linear, index), ", ")}]
 quadratic_damping: [{row(at_place(quadratic, index), ", ")}]
 coupled: false
 """
-    return Written(commented(head(subject, equation, notes), "#") + text, notes)
+    return Written(comment(head(subject, equation, notes), "#") + text, notes)
 
 
 TARGET = Target(

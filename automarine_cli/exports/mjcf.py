@@ -12,18 +12,7 @@ import math
 from collections.abc import Mapping
 
 from automarine_cli.effects.coulomb_drag import CREEP
-from automarine_cli.exports.base import (
-    DRAG,
-    Target,
-    Written,
-    YawSubject,
-    filled,
-    head,
-    mirrored,
-    number,
-    row,
-    xml_comment,
-)
+from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, comment, filled, head, mirrored, number, row
 
 STEP = 0.001  # s; at 50 degrees/s a semi-implicit step is late by a twentieth of a degree
 AXES = ("1 0 0", "0 1 0", "0 0 1")
@@ -66,7 +55,7 @@ def write(subject: YawSubject) -> Written:
     notes += [STICKS] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
     fields = {
-        "head": xml_comment(head(subject, equation, notes)), "step": number(STEP), "mass": number(mass),
+        "head": comment(head(subject, equation, notes)), "step": number(STEP), "mass": number(mass),
         "moments": row([moment] * 3), "name": dof.name, "kind": kind, "axis": axis, "joint": _attributes(joint),
         "force": dof.words.force, "actuator": _attributes(_actuator(subject)), "position": dof.words.position,
         "rate": dof.words.rate.replace(" ", "_"),

@@ -5,25 +5,12 @@ hydrodynamic moment, so damping and added inertia are negative. Sources: Fossen 
 Hydrodynamics and Motion Control, sections 6.3 and 6.4; MSS, CRAFT/USV/models/otter.m (Nr, Nrdot); Norrbin (1971) for
 N_rrr.
 
-MSS: a MATLAB function with M, C and D of surge, sway and yaw, as the vessels of Fossen's toolbox have them.
-
-M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau. Sources: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion
-Control, section 6.5; MSS, CRAFT/USV/models/otter.m.
+In the plane a MATLAB function with M, C and D, as vessels of the toolbox have them (section 6.5 of the Handbook):
+M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau.
 """
 
 from automarine_cli import effects
-from automarine_cli.exports.base import (
-    DRAG,
-    Planar,
-    Target,
-    Written,
-    YawSubject,
-    commented,
-    filled,
-    head,
-    number,
-    plain,
-)
+from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, comment, filled, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.planar import VELOCITIES
 
@@ -56,7 +43,7 @@ def write(subject: YawSubject) -> Written:
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
     lines = "".join(f"{name} = {number(value)}{end}  {sign} {unit}, {told}\n" for name, value, unit, told in rows)
-    return Written(commented(head(subject, equation, notes), sign) + lines, notes)
+    return Written(comment(head(subject, equation, notes), sign) + lines, notes)
 
 
 def write_planar(subject: PlanarSubject) -> Written:
@@ -68,7 +55,7 @@ def write_planar(subject: PlanarSubject) -> Written:
         lines.append(f"{entry} = {entry} + {number(value)}{size};  % {name}, positive where it resists\n")
     rows = "; ".join(" ".join(number(one) for one in line) for line in subject.inertia)
     text = {
-        "head": commented(subject.head(), "%"),
+        "head": comment(subject.head(), "%"),
         "inertia": rows,
         "drag": "".join(lines),
         "constant": " ".join(number(one) for one in subject.constant),

@@ -25,8 +25,7 @@ class PlanarSubject:
     """A model to be written: M (3, 3), `linear` (3, 3) and `quadratic` (3, 3, 3) drag, and what always acts (3,).
 
     Force i is -linear[i, j] nu_j - quadratic[i, k, j] |nu_k| nu_j + constant[i]; all in the `frame`. `water` is the
-    current of the runs north and east [m/s].
-    """
+    current of the runs north and east [m/s]."""
 
     origin: Origin
     frame: str
@@ -40,8 +39,7 @@ class PlanarSubject:
     left_out: tuple[LeftOut, ...] = ()
 
     def drags(self) -> Iterator[tuple[str, tuple[int, ...], float]]:
-        """Every drag that there is: Fossen's letters (X_uu, N_vr), its places (force, along) or (force, size, along),
-        its value, positive where it resists."""
+        """Every drag: Fossen's letters (X_uu, N_vr), places (force, along) or (force, size, along), its value."""
         for places, value in (*np.ndenumerate(self.linear), *np.ndenumerate(self.quadratic)):
             if value:
                 yield f"{FORCES[places[0]]}_{''.join(VELOCITIES[j] for j in places[1:])}", places, float(value)
@@ -94,8 +92,7 @@ def planar_subject(
 def rigid_of(subject: PlanarSubject) -> Inertia:
     """The vehicle's own inertia: the mass and the yaw inertia that the user gave.
 
-    Raises SettingError where they are lacking, or are no part of the total.
-    """
+    Raises SettingError where they are lacking, or are no part of the total."""
     mass, turning = subject.settings.rigid_mass, subject.settings.rigid_inertia
     if mass is None or turning is None:
         raise SettingError(

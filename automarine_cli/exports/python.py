@@ -15,7 +15,7 @@ from automarine_cli import effects
 from automarine_cli.effects import base
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
-from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, filled, head, number, plain
+from automarine_cli.exports.base import Planar, Target, Written, YawSubject, comment, filled, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.planar import VELOCITIES
 from automarine_cli.models.yaw_model import Term
@@ -36,7 +36,7 @@ def write(subject: YawSubject) -> Written:
     equation = " ".join([motion, *map(subject.equation_of, moments)])
     text = {
         **dof.vocabulary,
-        "head": commented(head(subject, equation, ()), "#"),
+        "head": comment(head(subject, equation, ()), "#"),
         "inertia": inertia,
         "constants": f"{inertia} = {number(subject.model.inertia)}  # {subject.unit}: rigid and added together\n"
         + "".join(constants(subject, term) for term in terms),
@@ -157,10 +157,11 @@ def write_planar(subject: PlanarSubject) -> Written:
         if value:
             sums[i].append(f"- {'XYN'[i]}_0")
             constants.append(f"{'XYN'[i]}_0 = {number(value)}  # always acts")
-    drags = "\n".join(f"            {_sum(one)}," for one in sums)
+    # some terms bring their sign along
+    drags = "\n".join(f"            {' + '.join(terms).replace('+ - ', '- ') or '0.0'}," for terms in sums)
     north, east = subject.water or (0.0, 0.0)
     text = {
-        "head": commented(subject.head(), "#"),
+        "head": comment(subject.head(), "#"),
         "inertia": ", ".join(f"[{row}]" for row in rows),
         "current": f"({number(north)}, {number(east)})",
         "constants": "\n".join(constants) + "\n" * bool(constants),
@@ -171,10 +172,6 @@ def write_planar(subject: PlanarSubject) -> Written:
         "moved": MOVED[subject.frame],
     }
     return Written(filled("python_planar", text), subject.about_water())
-
-
-def _sum(parts: list[str]) -> str:
-    return " + ".join(parts).replace("+ - ", "- ") or "0.0"
 
 
 TARGET = Target(

@@ -13,7 +13,7 @@ Added inertia cannot be set: it is approximated from the geometry where physics=
 physics="floating", which is why the total stands in one place there.
 """
 
-from automarine_cli.exports.base import DRAG, Settings, Target, Written, YawSubject, head, number, xml_comment
+from automarine_cli.exports.base import DRAG, Settings, Target, Written, YawSubject, comment, head, number
 
 EQUATION = "I r' = tau - quadratic_drag_z Q |r| r - viscous_drag_z V r"
 HEAVE = (
@@ -50,7 +50,7 @@ def write(subject: YawSubject) -> Written:
         notes = (ADDED, HEAVE, told, POWER, OTHERS)
     return Written(
         f"""<?xml version="1.0"?>
-{xml_comment(head(subject, EQUATION, notes))}<base_link name="base_link" physics="floating">
+{comment(head(subject, EQUATION, notes))}<base_link name="base_link" physics="floating">
   <inertia xyz="{total} {total} {total}"/>
 {drag}</base_link>
 """,

@@ -19,18 +19,7 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import (
-    THRUSTER_MAP,
-    MapSubject,
-    Target,
-    Written,
-    commented,
-    filled,
-    head,
-    number,
-    row,
-    xml_comment,
-)
+from automarine_cli.exports.base import THRUSTER_MAP, MapSubject, Target, Written, comment, filled, head, number, row
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.map import Curve, ThrusterMap, thrust_both_ways
 
@@ -123,14 +112,13 @@ def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_ma
         "diameter": number(DIAMETER), "uuv_lag": uuv, "fish_lag": fish, "T_n": constant,
     }  # fmt: skip
     lines = head(subject, EQUATIONS[subject.form], notes)
-    own["head"] = commented(lines, "#") if subject.form == "constants" else xml_comment(lines)
+    own["head"] = comment(lines, "#" if subject.form == "constants" else "")
     return Written(filled(f"thrusters_{subject.form}", own), tuple(notes))
 
 
 @dataclass(frozen=True)
 class Side:
-    """One direction of a law F = k max(n^2 - d, 0) up to `limit`: k [N/n^2], d [n^2], limit [n]; k is 0 where the
-    direction was never measured."""
+    """One direction of F = k max(n^2 - d, 0) up to a `limit`: k [N/n^2], 0 where not measured; d [n^2], limit [n]."""
 
     k: float
     d: float
@@ -144,8 +132,7 @@ class Side:
 def largest_signal(subject: MapSubject) -> float:
     """The largest control signal: as given, else where the stronger direction reaches the full scale measured.
 
-    Raises SettingError where neither is told.
-    """
+    Raises SettingError where neither is told."""
     if subject.settings.n_max is not None:
         return subject.settings.n_max
     curves = [curve for curve in (subject.map.forward, subject.map.backward) if curve is not None]

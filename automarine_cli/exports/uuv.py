@@ -6,18 +6,7 @@ gazebo::HMFossen; uuv_gazebo_plugins/src/HydrodynamicModel.cc. Controllers: (izz
 quad_damping |r| r (uuv_control_interfaces/vehicle.py, which turns Gazebo's rates into SNAME's; odd drag is the same).
 """
 
-from automarine_cli.exports.base import (
-    Target,
-    Written,
-    YawSubject,
-    at_place,
-    commented,
-    filled,
-    head,
-    number,
-    row,
-    xml_comment,
-)
+from automarine_cli.exports.base import Target, Written, YawSubject, at_place, comment, filled, head, number, row
 
 
 def write(subject: YawSubject) -> Written:
@@ -34,13 +23,13 @@ def write(subject: YawSubject) -> Written:
     fields = {"inertia": inertia, "mass": mass}
     if subject.form == "controller":
         fields |= {
-            "head": commented(lines, "#") + ("" if turns else f"mass: {mass}\n"),
+            "head": comment(lines, "#") + ("" if turns else f"mass: {mass}\n"),
             "entries": "".join(f"- [{row(line, ', ')}]\n" for line in matrix),
             "linear": row(linear, ", "), "quadratic": row(quadratic, ", "),
         }  # fmt: skip
     else:
         fields |= {
-            "head": xml_comment(lines), "entries": "\n".join(f"            {row(line)}" for line in matrix),
+            "head": comment(lines), "entries": "\n".join(f"            {row(line)}" for line in matrix),
             "linear": row(linear), "quadratic": row(quadratic),
         }  # fmt: skip
     return Written(filled(f"uuv_{subject.form}", fields), notes)

@@ -209,8 +209,7 @@ class Collector:
         """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
 
         Raises SettingError for no contact, a wrong token, a refused campaign, an answer that makes no sense and a log
-        that is not what it was closed as, OutputError for a folder that cannot be written.
-        """
+        that is not what it was closed as, OutputError for a folder that cannot be written."""
         with one_sentence(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
         going = [one.id for one in self._until_done(self.client.state).campaigns if not one.over]

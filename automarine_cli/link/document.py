@@ -11,10 +11,10 @@ from typing import Literal
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping, told
-from automarine_cli.pipeline.result_files import PLAN, PlanFile
+from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
-from automarine_cli.simulation.specification import at_least_zero, between, positive
+from automarine_cli.simulation.specification import between, positive
 
 SCHEMA = "automarine/link-campaign/1"
 STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"
@@ -48,7 +48,7 @@ class PlannedRun:
             raise SettingError(f"name is {self.name!r}; expected at most 100 letters, digits and - + _ .")
         if self.name.endswith(ENDS[1:]):
             raise SettingError(f"name is {self.name!r}; expected another end, this one marks runs that were cut short")
-        at_least_zero(self, "wait_s")
+        positive(self, "wait_s", or_zero=True)
         if not 0 < len(self.commands) <= MOST_COMMANDS:
             raise SettingError(f"commands has {len(self.commands)} entries; expected 1 to {MOST_COMMANDS}")
         if min(seconds for _, seconds in self.commands) <= 0:
@@ -77,7 +77,7 @@ class Battery:
 
     def __post_init__(self) -> None:
         positive(self, "charge_Ah", "at_moment")
-        at_least_zero(self, "idle_A", "full_A")
+        positive(self, "idle_A", "full_A", or_zero=True)
         between(self, 0.0, 99.0, "reserve_percent")
 
     @property
@@ -210,8 +210,13 @@ def read_campaign(path: Path) -> LinkCampaign:
     file = path / PLAN.file if path.is_dir() else path
     data = read_plain(file, "JSON", SettingError, most=MOST_BYTES)
     where = printable(file.name)
-    is_plan = data.get("schema") == PLAN.schema
-    return campaign_of(_of_plan(PLAN.of(data, where, SettingError)) if is_plan else data, where)
+    if data.get("schema") == PLAN.schema:
+        plan = PLAN.of(data, where, SettingError)
+        battery = {**plan.battery, **plan.supply}
+        data = {"schema": SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": plan.rate_hz, "rest_s": plan.rest_s,
+                "runs": [{f.name: run[f.name] for f in fields(PlannedRun) if f.name in run} for run in plan.planned],
+                "battery": {f.name: battery[f.name] for f in fields(Battery) if f.name in battery}}  # fmt: skip
+    return campaign_of(data, where)
 
 
 def campaign_in(content: bytes) -> LinkCampaign:
@@ -221,10 +226,3 @@ def campaign_in(content: bytes) -> LinkCampaign:
 
 def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
     return Codec(where).read(LinkCampaign, data)
-
-
-def _of_plan(plan: PlanFile) -> dict[str, object]:
-    battery = {**plan.battery, **plan.supply}
-    return {"schema": SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": plan.rate_hz, "rest_s": plan.rest_s,
-            "runs": [{f.name: run[f.name] for f in fields(PlannedRun) if f.name in run} for run in plan.planned],
-            "battery": {f.name: battery[f.name] for f in fields(Battery) if f.name in battery}}  # fmt: skip

@@ -20,8 +20,7 @@ TICK_S = 0.1
 class Lease:
     """Whether the server that started this player still lives: it touches a file that holds its word.
 
-    Time is this process's own: a vehicle's wall clock may jump when it hears of the true time.
-    """
+    Time is this process's own: a vehicle's wall clock may jump when it hears of the true time."""
 
     def __init__(self, store: Store, word: str) -> None:
         self._file, self._word = store.lease, word

@@ -151,8 +151,7 @@ class Handler(BaseHTTPRequestHandler):
 class LinkServer(ThreadingHTTPServer):
     """Answers requests on one address, each in a thread; `tell` hears what it accepts and refuses.
 
-    Where the disk refuses to keep a stop, `silenced` says so, and nothing is driven any more.
-    """
+    Where the disk refuses to keep a stop, `silenced` says so, and nothing is driven any more."""
 
     daemon_threads = True
     request_queue_size = MOST_STRANGERS

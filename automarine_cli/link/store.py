@@ -18,21 +18,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.link.document import (
-    ENDS,
-    INTERRUPTED,
-    LOG_NAME,
-    RUNS_SCHEMA,
-    SHA256,
-    SHORT,
-    STATE_SCHEMA,
-    CampaignState,
-    LinkCampaign,
-    Listing,
-    Log,
-    State,
-    campaign_in,
-)
+from automarine_cli.link import document as wire
+from automarine_cli.link.document import CampaignState, LinkCampaign, Listing, Log, State
 from automarine_cli.pipeline.results_folder import write_whole
 from automarine_cli.pipeline.words import printable
 
@@ -79,19 +66,18 @@ class Store:
         """Keep a campaign whose document has the hash `name`; False where it is here already.
 
         For one caller at a time. Raises SettingError for another hash, a document that is none, a campaign that
-        the battery does not carry, and what `refuse` does; OutputError where there is no room for it.
-        """
+        the battery does not carry, and what `refuse` does; OutputError where there is no room for it."""
         if (found := hashlib.sha256(content).hexdigest()) != name:
             raise SettingError(f"the campaign has the SHA-256 {found[:12]}..., not {name[:12]}...; try again")
         there = [path.stem.rpartition("_")[2] for path in self.campaigns.glob("*.json")]
         if name in there:
             return False
-        campaign = campaign_in(content)
+        campaign = wire.campaign_in(content)
         if campaign.text.encode() != content:
             raise SettingError("the campaign is not written as `automarine collect` writes it; use that to send it")
         refuse(campaign)
         campaign.refuse_beyond_reserve()
-        if any(other[:SHORT] == name[:SHORT] for other in there):
+        if any(other[: wire.SHORT] == name[: wire.SHORT] for other in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
         write_whole(self._ready(campaign), " " * LONGEST_WHY)
         document = self.campaigns / f"{len(there) + 1:04d}_{name}.json"
@@ -104,8 +90,7 @@ class Store:
         """Mark every campaign here, or `only` those with some ids, as stopped, for good.
 
         That is a rename of a file that was made with the campaign. Raises OSError, OutputError where the disk refuses
-        even that.
-        """
+        even that."""
         for campaign in self.accepted():
             if (only is None or campaign.id in only) and not self.is_stopped(campaign):
                 ready, mark = self._ready(campaign), self._stop_mark(campaign)
@@ -164,8 +149,7 @@ class Store:
     def close(self, name: str, mark: str) -> None:
         """Close a run's log: its hash beside it, then its name, which nothing changes after that.
 
-        A run that was cut before its log had a line is forgotten: nothing was commanded. Raises OSError.
-        """
+        A run that was cut before its log had a line is forgotten: nothing was commanded. Raises OSError."""
         part, log = self.part(name), self.runs / f"{name}{mark}.csv"
         with _opened(part, os.O_RDWR) as file:
             content = file.read()
@@ -183,11 +167,10 @@ class Store:
     def close_leftovers(self) -> None:
         """Close what a player that was killed, or a power cut, left open; for who alone plays.
 
-        An empty log is put aside, and counts as a death.
-        """
+        An empty log is put aside, and counts as a death."""
         while (name := _playing(names := self._names())) is not None:
             if self.part(name).stat().st_size:
-                self.close(name, INTERRUPTED)
+                self.close(name, wire.INTERRUPTED)
             else:
                 self.part(name).replace(self.runs / f"{name}.died{_deaths(name, names) + 1}")
                 sync_folder(self.runs)
@@ -195,14 +178,14 @@ class Store:
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
         with suppress(OSError, SettingError):  # also a file that is too large for a log
-            if LOG_NAME.fullmatch(name) and stat.S_ISREG((found := (self.runs / name).lstat()).st_mode):
+            if wire.LOG_NAME.fullmatch(name) and stat.S_ISREG((found := (self.runs / name).lstat()).st_mode):
                 closed = name.endswith(".csv")
                 return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
         return None
 
     def listing(self) -> Listing:
         names = sorted(name for name in self._names() if name.endswith((".csv", ".part")))
-        return Listing(RUNS_SCHEMA, tuple(log for name in names if (log := self.log(name)) is not None))
+        return Listing(wire.RUNS_SCHEMA, tuple(log for name in names if (log := self.log(name)) is not None))
 
     def open_log(self, name: str) -> BinaryIO:
         return _opened(self.runs / name)
@@ -215,10 +198,10 @@ class Store:
         campaigns = (self._state_of(one) if isinstance(one, LinkCampaign) else one for one in documents)
         odd = [one for one in documents if isinstance(one, str)]
         for name, is_file in sorted(names.items()):
-            if name.endswith((".csv", ".part")) and not (is_file and LOG_NAME.fullmatch(name)):
+            if name.endswith((".csv", ".part")) and not (is_file and wire.LOG_NAME.fullmatch(name)):
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
         found = tuple(one for one in campaigns if isinstance(one, CampaignState))
-        return State(STATE_SCHEMA, found, _playing(names), tuple(odd))
+        return State(wire.STATE_SCHEMA, found, _playing(names), tuple(odd))
 
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
@@ -252,7 +235,7 @@ class Store:
         played = sum(end is not None for end in ends)
         over = played == len(ends) or (why is not None and not any(f"{log}.part" in names for log in logs))
         battery = round(campaign.left(played), 3) if played else campaign.battery.charge_Ah
-        return CampaignState(campaign.id, len(ends), played, ends.count(INTERRUPTED), over, battery, why)
+        return CampaignState(campaign.id, len(ends), played, ends.count(wire.INTERRUPTED), over, battery, why)
 
     def _names(self) -> dict[str, bool]:
         with os.scandir(self.runs) as entries:
@@ -271,7 +254,7 @@ class Store:
             text = ""
             with suppress(OSError), _opened(_hash_file(log)) as file:
                 text = file.read(64).decode("ascii", "replace")
-            if not SHA256.fullmatch(text):  # a log that somebody put there, or whose hash is damaged
+            if not wire.SHA256.fullmatch(text):  # a log that somebody put there, or whose hash is damaged
                 with _opened(log) as file:
                     text = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
             self._memory[key] = text
@@ -288,7 +271,7 @@ def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
     if stat.S_ISREG(status.st_mode):
         try:
             with _opened(path) as file:
-                campaign = campaign_in(file.read())
+                campaign = wire.campaign_in(file.read())
             if path.stem.endswith(f"_{campaign.id}"):
                 return campaign
             why = "its bytes are not those that it was accepted with"
@@ -299,7 +282,7 @@ def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
 
 def _end_of(name: str, names: Collection[str]) -> str | None:
     """How a run ended, its mark; None where it was not played, or is being played."""
-    return next((mark for mark in ENDS if f"{name}{mark}.csv" in names), None)
+    return next((mark for mark in wire.ENDS if f"{name}{mark}.csv" in names), None)
 
 
 def _deaths(name: str, names: Collection[str]) -> int:
@@ -307,7 +290,7 @@ def _deaths(name: str, names: Collection[str]) -> int:
 
 
 def _playing(names: Mapping[str, bool]) -> str | None:
-    parts = (name for name in sorted(names) if name.endswith(".part") and names[name] and LOG_NAME.fullmatch(name))
+    parts = (name for name in sorted(names) if name.endswith(".part") and names[name] and wire.LOG_NAME.fullmatch(name))
     return next((name.removesuffix(".part") for name in parts), None)
 
 
@@ -334,8 +317,7 @@ def _one_sentence(name: str) -> Iterator[None]:
 def _reserve(number: int, size: int) -> None:
     """Keep room on the disk for `size` bytes of an open file, whose length stays. Raises OSError where there is none.
 
-    Source: fallocate(2). Where the system or the disk cannot keep any, there must be so much now.
-    """
+    Source: fallocate(2). Where the system or the disk cannot keep any, there must be so much now."""
     if sys.platform == "linux":
         library = ctypes.CDLL(None, use_errno=True)
         allocate = getattr(library, "fallocate64", None) or library.fallocate
@@ -357,8 +339,7 @@ class HeldElsewhereError(Exception):
 def held(path: Path) -> Iterator[None]:
     """Hold the lock file `path`, which the system frees when its holder ends, however it ends.
 
-    Raises HeldElsewhereError at once, or OSError.
-    """
+    Raises HeldElsewhereError at once, or OSError."""
     with path.open("w") as file:
         if sys.platform != "win32":
             import fcntl

@@ -24,39 +24,10 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Document, Shown, Source, to_mapping
 from automarine_cli.pipeline.result_files import PLAN
-from automarine_cli.planning.candidates import (
-    POWER_LAW,
-    Candidate,
-    Limits,
-    Slot,
-    Supply,
-    allowance,
-    candidates,
-    costs,
-    full_step,
-    in_order,
-    mirrors,
-    paper_grid,
-    read_limits,
-    scheduled,
-)
-from automarine_cli.planning.information import (
-    NOISE_DEG,
-    SCATTER,
-    Fitting,
-    Intervals,
-    Logger,
-    PriorResults,
-    alike,
-    covariance_now,
-    information_now,
-    lacking,
-    moving,
-    read_prior_results,
-    reported_covariance,
-    stderr_along,
-    wanted_directions,
-)
+from automarine_cli.planning import candidates as pool
+from automarine_cli.planning import information as info
+from automarine_cli.planning.candidates import Candidate, Limits, Slot, Supply
+from automarine_cli.planning.information import Fitting, Intervals, Logger, PriorResults
 from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head_start, pairs_of, splits, with_effect
 from automarine_cli.planning.vehicle import Drive, consumption, drive_of
 from automarine_cli.quantities import Floats
@@ -134,9 +105,8 @@ def select(
     the information `before` (p, p) at hand. Raises SettingError where the limits allow no campaign.
 
     Runs that turn far are for splitting explanations only: to narrow an interval on water that turns along would be to
-    narrow it about the wrong value.
-    """
-    found = candidates(fitting.base, limits, largest)
+    narrow it about the wrong value."""
+    found = pool.candidates(fitting.base, limits, largest)
     most = FAR * np.deg2rad(limits.pool.turn_deg)
     furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, found))
     found = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(found, furthest))
@@ -146,14 +116,14 @@ def select(
         replace(run, start_heading=headings[i // 2 % len(headings)], clock=round(seconds * (7 * i % count) / count, 1))
         for i, run in enumerate(found)
     ]
-    check = full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
+    check = pool.full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
     fixed = np.array([2.0 * (check is not None and one.label == check.label) for one in found])
-    cost = costs(found, limits, supply)
-    room, most_alike = allowance(limits), np.full(count, float(limits.runs.most_alike))
+    cost = pool.costs(found, limits, supply)
+    room, most_alike = pool.allowance(limits), np.full(count, float(limits.runs.most_alike))
     with np.errstate(divide="ignore"):
         runs = np.floor(np.min(room / cost.min(axis=0)))  # that there can be at all
     of_one_size = float(max(2.0, np.ceil(runs * limits.runs.of_one_size_percent / 100.0)))
-    budget = PlanBudget(cost, room, fixed, most_alike, np.array(mirrors(found)), sizes_of(found), of_one_size)
+    budget = PlanBudget(cost, room, fixed, most_alike, np.array(pool.mirrors(found)), sizes_of(found), of_one_size)
     _refuse_too_little(budget, limits)
     progress("choosing runs", 0, 2)
     split = _split(pairs, spread, budget, limits) if pairs else fixed
@@ -324,8 +294,7 @@ class Campaign:
     `slots` are its runs in order; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
     of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of
     each pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and `grid` the precision against
-    minutes, `more` that of one run more of each kind.
-    """
+    minutes, `more` that of one run more of each kind."""
 
     fitting: Fitting
     limits: Limits
@@ -358,21 +327,20 @@ def plan_campaign(
 
     Doubts that a diagnosis left are split first, then the intervals of the `wanted` parameters (all by default) are
     narrowed; `seed` draws the order. A wanted parameter of an effect that the model lacks is planned for as if it were
-    there. Raises SettingError where the limits allow no campaign, ModelError for a parameter that there is not.
-    """
+    there. Raises SettingError where the limits allow no campaign, ModelError for a parameter that there is not."""
     for name in dict.fromkeys(parameter.partition(" ")[0] for parameter in wanted):
-        if name in effects.names() and name not in {term.name for term in known.model.terms} and not lacking(name):
+        if name in effects.names() and name not in {term.name for term in known.model.terms} and not info.lacking(name):
             start = with_effect(fitting_of(known, limits), known.model, name, largest)[0]
             known = replace(known, model=start.model)
     fitting = fitting_of(known, limits)
-    wanted_ones = wanted_directions(fitting, wanted)
-    earlier = covariance_now(fitting, known.now) if limits.goal.use_earlier_runs else None
-    before = information_now(fitting, earlier)
-    grid = scheduled(paper_grid(fitting.base, largest), limits, supply)
+    wanted_ones = info.wanted_directions(fitting, wanted)
+    earlier = info.covariance_now(fitting, known.now) if limits.goal.use_earlier_runs else None
+    before = info.information_now(fitting, earlier)
+    grid = pool.scheduled(pool.paper_grid(fitting.base, largest), limits, supply)
     grid_runs = [slot.candidate for slot in grid]
     pairs = pairs_of(known, fitting, grid_runs, largest)
     choice = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
-    slots = scheduled(in_order(choice.chosen, choice.check, seed), limits, supply)
+    slots = pool.scheduled(pool.in_order(choice.chosen, choice.check, seed), limits, supply)
     runs = [slot.candidate for slot in slots]
     outcome = splits(pairs, runs)[0]
     per_run, of_grid = fitting.information(runs), fitting.information(grid_runs)
@@ -391,7 +359,7 @@ def plan_campaign(
     )
     together: dict[str, Estimate] = {}
     if earlier is not None:
-        new = np.linalg.pinv(reported_covariance(moving(per_run)), hermitian=True)
+        new = np.linalg.pinv(info.reported_covariance(info.moving(per_run)), hermitian=True)
         dof = float(max(len(per_run) + known.used - 1, 1))
         covariance = np.asarray(np.linalg.inv(new + before))
         together = fitting.estimates(covariance, dict.fromkeys(fitting.directions, dof))
@@ -408,24 +376,19 @@ def plan_campaign(
 def fitting_of(known: PriorResults, limits: Limits) -> Fitting:
     """Say how the campaign will be fitted: by `diagnose` where the model holds effects, else by `fit-yaw`."""
     base = Fitting(known.model, "whole-runs", 1.0, 0.0).base
-    noise = limits.logger.noise_deg or known.noise_deg or NOISE_DEG
+    noise = limits.logger.noise_deg or known.noise_deg or info.NOISE_DEG
     rate_noise = limits.logger.rate_noise_deg_s or known.rate_noise_deg_s
     given = limits.logger.gain_scatter
     scatter = known.scatter if given is None else given
     names = (*(term.name for term in known.model.terms), *(doubt.rival for doubt in known.doubts))
     electric = limits.runs.voltages_V or any("voltage" in effects.get(name).needs for name in names)
+    random = known.random if given is None else {**known.random, "gain-scatter": given} if known.random else {}
     return Fitting(
-        known.model,
-        limits.runs.fit if known.model == base else "diagnosis",
-        float(np.deg2rad(noise)),
-        SCATTER if scatter is None else scatter,
-        limits.logger.rate_hz,
-        limits.runs.rest_before_s,
-        limits.battery.volts if electric else None,
-        base,
-        None if rate_noise is None else float(np.deg2rad(rate_noise)),
-        known.random if given is None else {**known.random, "gain-scatter": given} if known.random else {},
-    )
+        known.model, limits.runs.fit if known.model == base else "diagnosis", float(np.deg2rad(noise)),
+        info.SCATTER if scatter is None else scatter, limits.logger.rate_hz, limits.runs.rest_before_s,
+        limits.battery.volts if electric else None, base,
+        None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
+    )  # fmt: skip
 
 
 def curve_of(
@@ -446,7 +409,7 @@ def one_more(
     last = slots[-1].ends(limits.runs.rest_before_s) / 60.0
     motion = float(sum(slot.candidate.motion for slot in slots))
     points = []
-    for kind, places in alike(choice.candidates).items():
+    for kind, places in info.alike(choice.candidates).items():
         best = max(places, key=lambda place: np.linalg.slogdet(total + choice.each[place])[1])
         percent = {key: (value,) for key, value in _percent(fitting, total + choice.each[best]).items()}
         minutes = last + float(choice.cost[best, 0])
@@ -456,7 +419,7 @@ def one_more(
 
 def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
     covariance = np.asarray(np.linalg.inv(information))
-    return {name: 100.0 * stderr_along(covariance, axis) for name, axis in fitting.relative_directions.items()}
+    return {name: 100.0 * info.stderr_along(covariance, axis) for name, axis in fitting.relative_directions.items()}
 
 
 def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str]:
@@ -502,7 +465,7 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str
 def headings_of(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> list[Floats]:
     """Return the heading of the model in each run, less that at its start [rad]."""
     headings = [np.zeros(0)] * len(candidates)
-    for places in alike(candidates).values():
+    for places in info.alike(candidates).values():
         runs = [logger.run(candidates[place]) for place in places]
         rolled = roll(model, runs, np.zeros(len(runs)), np.zeros(len(runs))).position[0]
         for place, run, row in zip(places, runs, rolled):
@@ -515,8 +478,7 @@ def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
     first.
 
     Of all ways there, with whole turns or without, the one after which the tether is twisted by half a turn at most; of
-    two such ways the shorter.
-    """
+    two such ways the shorter."""
     back, twist = [0.0], 0.0
     for turn, heading in zip(turned[:-1], start_headings[1:]):
         twist += turn
@@ -613,13 +575,12 @@ def make_plan(
 
     `parameters` are those whose intervals are to shrink (all by default), `limits` say what the pool day allows;
     `thrusters` and `arm` [m] make control signals of moments, and with `thruster_tests` that logged a current or a
-    power the battery's use; `seed` draws the order. Raises ModelError, SettingError, LogError or RunError.
-    """
-    known = read_prior_results(model, diagnosis)
+    power the battery's use; `seed` draws the order. Raises ModelError, SettingError, LogError or RunError."""
+    known = info.read_prior_results(model, diagnosis)
     if not known.model.dof.wraps:
         source, motion = known.stored.source, known.model.dof.name
         raise ModelError(f"{source} is a model of {motion}; give a model of yaw, for no other campaigns are planned")
-    limits = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
+    limits = limits if isinstance(limits, Limits) else Limits() if limits is None else pool.read_limits(limits)
     names = given_columns(columns)
     drive = _drive(thrusters, arm, names, known, limits)
     largest = _largest_moment(known, limits, drive)
@@ -679,6 +640,6 @@ def _supply(
             "thruster tests give the current only with the thrusters' map; give --thrusters MAP.json and --arm METRES"
         )
     powers = zip(consumption(records, per_test, battery.volts)[1:], drive.forces(largest))
-    full = sum(c * force**POWER_LAW for c, force in powers) / battery.volts
+    full = sum(c * force**pool.POWER_LAW for c, force in powers) / battery.volts
     source = f"{stated}, as stated, and {full:.3g} A more at {largest:.4g} {unit}, from the thruster tests."
     return Supply(battery.idle_A, full, largest), source

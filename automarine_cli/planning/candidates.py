@@ -14,14 +14,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.pipeline.records import from_mapping, read_mapping
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.specification import (
-    Commands,
-    at_least_zero,
-    between,
-    moment_text,
-    positive,
-    time_to_turn,
-)
+from automarine_cli.simulation.specification import Commands, between, moment_text, positive, time_to_turn
 
 SCHEMA = "automarine/plan-limits/1"
 KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
@@ -42,7 +35,7 @@ class Pool:
     def __post_init__(self) -> None:
         positive(self, "minutes", "motion_s")
         between(self, 2, MOST_RUNS, "runs")
-        at_least_zero(self, "wait_s", "wait_after_long_turn_s")
+        positive(self, "wait_s", "wait_after_long_turn_s", or_zero=True)
         between(self, LEAST_TURN, 3600.0, "turn_deg")
         if not self.start_headings_deg:
             raise SettingError("start_headings_deg is an empty list; expected at least one heading")
@@ -90,7 +83,7 @@ class Logger:
     def __post_init__(self) -> None:
         between(self, 0.5, 1000.0, "rate_hz")
         positive(self, "noise_deg", "rate_noise_deg_s")
-        at_least_zero(self, "gain_scatter")
+        positive(self, "gain_scatter", or_zero=True)
 
 
 @dataclass(frozen=True)
@@ -103,7 +96,7 @@ class Battery:
 
     def __post_init__(self) -> None:
         positive(self, "volts", "charge_Ah")
-        at_least_zero(self, "idle_A", "full_A")
+        positive(self, "idle_A", "full_A", or_zero=True)
         between(self, 0.0, 95.0, "reserve_percent")
 
 
@@ -292,15 +285,7 @@ def _other_voltages(model: YawModel, limits: Limits, largest: float) -> Iterator
             yield replace(step, kind="other-voltage", label=f"{step.label}_{volts:g}V", voltage=volts)
 
 
-MAKERS = {
-    "step": _steps,
-    "coast-down": _coast_downs,
-    "reversal": _reversals,
-    "slow-ramp": _ramps,
-    "long-turn": _long_turns,
-    "rest": _rests,
-    "other-voltage": _other_voltages,
-}
+MAKERS = dict(zip(KINDS, (_steps, _coast_downs, _reversals, _ramps, _long_turns, _rests, _other_voltages)))
 
 
 @dataclass(frozen=True)

@@ -77,8 +77,7 @@ class Logger:
     def run(self, candidate: Candidate) -> Run:
         """Make the run that the logger would bring home; its heading, still to be measured, stands still.
 
-        A command shows from the first sample at or after its instant, as in simulated campaigns.
-        """
+        A command shows from the first sample at or after its instant, as in simulated campaigns."""
         lengths = [self.rest, *(seconds for _, seconds in candidate.commands)]
         ends = np.round(np.cumsum(lengths) * self.rate).astype(int)
         moment = np.zeros(int(ends[-1]))
@@ -109,8 +108,7 @@ class Fitting:
     each run, `voltage` [V] of the supply where the logs have that column. `frame` is the drag about which runs are laid
     out, by default the model's own: given, it is the same for models that are tried one after the other. `rate_noise`
     [per s] is that of a velocity sensor, None where the logs have none. Where something is `random` (disturbance, noise
-    of the thrust: by the names of driven fits, in base units), runs are fitted by the innovations of a filter.
-    """
+    of the thrust: by the names of driven fits, in base units), runs are fitted by the innovations of a filter."""
 
     model: YawModel
     fit: Fit
@@ -267,8 +265,7 @@ class Fitting:
     def information(self, candidates: Sequence[Candidate]) -> Floats:
         """Return the information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
 
-        Where a share of the runs is held out of the fit, each counts for what it tells on average.
-        """
+        Where a share of the runs is held out of the fit, each counts for what it tells on average."""
         free = np.flatnonzero(self.free)
         if self.random:
             return self.fitted * self._by_innovations(candidates, free)
@@ -377,8 +374,7 @@ def reported_covariance(per_run: Floats) -> Floats:
 
     From ENOUGH_RUNS on fits report the jackknife over runs: run i moves the solution by (A - A_i)^-1 g_i, and g_i at
     the solution has covariance A_i - A_i A^-1 A_i, so that on average it is  (R - 1)/R sum (A - A_i)^-1 A_i A^-1.
-    With fewer runs they report the larger of it and the likelihood's.
-    """
+    With fewer runs they report the larger of it and the likelihood's."""
     whole = per_run.sum(axis=0)
     inverse = linear_mixed.covariance_of(whole)
     runs = len(per_run)
@@ -409,8 +405,7 @@ class Intervals:
 
     `information` (K, p, p) of the candidates, `known` (p, p) beforehand, `wanted` (p, m) the directions whose
     intervals count. `goal` is the largest standard error of a wanted direction at which nothing more is wanted, or
-    None.
-    """
+    None."""
 
     information: Floats
     known: Floats
@@ -523,8 +518,7 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
     """Return the covariance (p, p) of the search's coordinates as the model's file tells it, without the offset; None
     where a parameter has no standard error.
 
-    Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
-    """
+    Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio."""
     names = [name for name in fitting.names if name != OFFSET]
     if any(name not in now or not now[name].stderr > 0 for name in names):
         return None
@@ -550,8 +544,7 @@ def information_now(fitting: Fitting, covariance: Floats | None) -> Floats:
 
 
 def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
-    """Return the directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every
-    parameter. Raises ModelError for another name."""
+    """Return the directions (p, m) whose intervals count, of `names` or all. Raises ModelError for another name."""
     known = fitting.relative_directions
     for name in names:
         if name not in known:

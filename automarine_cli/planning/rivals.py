@@ -52,8 +52,7 @@ class Contest:
     """Two explanations on K candidates: one is true, the other is fitted about its parameters there.
 
     `square` (K,) is the squared difference of the headings in units of their noise, `gradient` (K, p) and `hessian`
-    (K, p, p) what the other's parameters do to it; `ridge` (p, p) what is known of them beforehand.
-    """
+    (K, p, p) what the other's parameters do to it; `ridge` (p, p) what is known of them beforehand."""
 
     square: Floats
     gradient: Floats
@@ -87,8 +86,7 @@ class Splitting:
 def pairs_of(known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
     """Pair each doubt both ways, (true, other): the rival as it would look like the effect named on the runs of `grid`.
 
-    A rival that could imitate only by vanishing is asked for one way alone.
-    """
+    A rival that could imitate only by vanishing is asked for one way alone."""
     found: list[Pair] = []
     half = grid[: len(grid) // 2]
     for doubt in known.doubts:
@@ -150,8 +148,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     """Return `other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that
     stays.
 
-    Gauss-Newton within the parameters' bounds, steps halved until the misfit falls.
-    """
+    Gauss-Newton within the parameters' bounds, steps halved until the misfit falls."""
     free = np.flatnonzero(other.free)
     problem = other.problem(candidates[:1])
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
@@ -184,8 +181,7 @@ def _step(here: Contest, bounds: Floats) -> Floats:
 
 
 def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Contest, float]:
-    """The contest about `other`, and its misfit there as it stands, infinite where its simulation runs away; the
-    switches' common instant is left free."""
+    """The contest about `other`, its misfit as it stands (infinite where it runs away), the common instant free."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             here = contest(true, other, candidates)

@@ -32,8 +32,7 @@ class Drive:
     """Two equal thrusters `arm` [m] off the centre line, control signals up to `most`.
 
     With `equal_thrust` one pulls ahead as much as the other astern, so that the vehicle is not pushed ahead; else both
-    get the same size of signal. `unit` is one unit of the model's moment in N m.
-    """
+    get the same size of signal. `unit` is one unit of the model's moment in N m."""
 
     ahead: Curve
     astern: Curve
@@ -100,8 +99,7 @@ def consumption(records: Sequence[Series], per_test: int, volts: float) -> tuple
     over all rows with a power or a current, none below zero; `per_test` equal thrusters pulled together, `volts` of
     the supply where a current was logged without a voltage.
 
-    Raises RunError where no test has such a column, or too few rows.
-    """
+    Raises RunError where no test has such a column, or too few rows."""
     force, power = [], []
     for series in records:
         if "power_W" in series.extras:

@@ -30,8 +30,7 @@ class Channel:
     `dof` of the motion, its `velocity` or its position. `values` (R, N) [base units], zero where not `seen` (R, N).
 
     One that does not `count` stands in for a sensor that the log lacks (a heading summed up from a gyro): it is shown,
-    and no evidence.
-    """
+    and no evidence."""
 
     quantity: str
     dof: int
@@ -59,8 +58,7 @@ class Batch:
     held over the steps, (R, M).
 
     Where a constant force acts, a vehicle that stands still before its first change of command is held: on the
-    surface, by hand. Its clock begins with that change, and the steps before have no length.
-    """
+    surface, by hand. Its clock begins with that change, and the steps before have no length."""
 
     motion: Motion
     names: tuple[str, ...]
@@ -130,8 +128,7 @@ def make_batch(
     `motion` is by default that of the runs' one degree of freedom. `channels` names the quantities measured that are to
     be followed, by default the positions of the runs alone; `signals` the columns of `Run.extras` that effects need;
     without `hold` nobody holds a vehicle. Raises RunError for no runs, a run without a moment, runs with moments in
-    different units, or a missing signal.
-    """
+    different units, or a missing signal."""
     unit = unit_of(runs, signals)
     motion = motion or alone(runs[0].dof)
     commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
@@ -186,8 +183,7 @@ def without_noise(values: Floats) -> Floats:
     """A column of a run (N,), or its mean in every row where it scatters about that like white noise: a simulation
     sums up what it reads, and steep dependences would wander with the noise.
 
-    Von Neumann's ratio, below one by more than WHITE of its standard deviations where neighbours are alike.
-    """
+    Von Neumann's ratio, below one by more than WHITE of its standard deviations where neighbours are alike."""
     if len(values) < 2 or not np.ptp(values) > 0:
         return values
     alike = 1.0 - 0.5 * float(np.mean(np.diff(values) ** 2) / np.var(values))

@@ -24,17 +24,12 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
+from automarine_cli.simulation import specification as spec
 from automarine_cli.simulation.batch import WINDOW, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 from automarine_cli.simulation.specification import (
-    TOO_MANY_SAMPLES,
     AnySpecification,
-    Logger,
-    PlanarLogger,
-    PlanarRuns,
     PlanarSpecification,
-    RunGroup,
-    Sensor,
     Specification,
     normal,
     uniform,
@@ -58,13 +53,12 @@ class Plan:
 
     `samples` are logged; from sample `changes[j]` on `moments[j]` (in the plane X, Y and N) shows in the log, before
     the first nothing is commanded. `turn` counts the runs of the specification; `start` [s] is the campaign's clock at
-    the first sample.
-    """
+    the first sample."""
 
     key: str
     name: str
     file: str
-    group: RunGroup | PlanarRuns
+    group: spec.RunGroup | spec.PlanarRuns
     turn: int
     samples: int
     changes: tuple[int, ...]
@@ -124,8 +118,7 @@ def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: AnySpe
     """Indices of the runs that are simulated together: runs of one step, so that no run's numbers depend on
     the others; in the plane each by itself.
 
-    The whole campaign where there are effects, since an effect may look at all of it.
-    """
+    The whole campaign where there are effects, since an effect may look at all of it."""
     if specification.effects:
         return [list(range(len(plans)))] if plans else []
     chunk = 1 if specification.motion.turns else CHUNK
@@ -159,7 +152,9 @@ def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) 
         start = start[plan.turn % len(start)]
     inner = scatter.dof.inner
     gain = scatter.gain * float(normal(1, seed, key, "gain")[0])
-    drawn = Drawn(float(inner(start)), gain, switch_times(plan, specification.logger, seed))
+    share = uniform(len(plan.changes), seed, key, "switch")  # of the sample interval before a change shows
+    switches = np.asarray((np.array(plan.changes, dtype=float) - share) * specification.logger.period)
+    drawn = Drawn(float(inner(start)), gain, switches)
     if isinstance(specification, PlanarSpecification):
         disturbance, windows = specification.disturbance, int(time[-1] / WINDOW) + 2
         share, sizes = np.exp(-WINDOW / disturbance.time_s), zip(disturbance.sizes, PLANAR.dofs)
@@ -244,8 +239,7 @@ def _own_phases(model: YawModel, plans: Sequence[Plan], seed: int) -> dict[str, 
 def _knots(time: Floats, switches: Floats, held: bool) -> Floats:
     """Instants at which a run is simulated [s]: its samples, and close to both sides of each change of command.
 
-    They begin with the first sample; with the first change where that comes earlier or the vehicle is `held`.
-    """
+    They begin with the first sample; with the first change where that comes earlier or the vehicle is `held`."""
     first = time[0]
     if len(switches) and (held or switches[0] < first):
         first = switches[0]
@@ -257,8 +251,7 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
     """Plan all runs in the order in which they are made.
 
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
-    more than half a thousand million samples.
-    """
+    more than half a thousand million samples."""
     asked = sum(group.repeats for group in specification.runs)  # before any is made: it may be a thousand million
     plans = [] if asked > MOST_RUNS else list(islice(_listed(specification, seed), MOST_RUNS + 1))
     if max(asked, len(plans)) > MOST_RUNS:
@@ -266,7 +259,7 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
     if total > MOST_SAMPLES:
-        raise SettingError(f"{specification.source}: {TOO_MANY_SAMPLES.format(total, MOST_SAMPLES)}")
+        raise SettingError(f"{specification.source}: {spec.TOO_MANY_SAMPLES.format(total, MOST_SAMPLES)}")
     if specification.campaign.order == "random":
         plans.sort(key=lambda plan: float(uniform(1, seed, plan.key, "order")[0]))
     placed, clock = [], 0.0
@@ -324,7 +317,7 @@ def _refuse_clashes(plans: list[Plan], specification: AnySpecification) -> None:
         runs.add((file, plan.name))
 
 
-def sample_times(plan: Plan, logger: Logger | PlanarLogger, seed: int) -> Floats:
+def sample_times(plan: Plan, logger: spec.Logger | spec.PlanarLogger, seed: int) -> Floats:
     """Draw the instants of the samples since the run's nominal first one [s], shape (N,); never falling."""
     even = np.asarray(np.arange(plan.samples) * logger.period, dtype=np.float64)
     if logger.clock_jitter_s == 0:
@@ -333,14 +326,9 @@ def sample_times(plan: Plan, logger: Logger | PlanarLogger, seed: int) -> Floats
     return np.asarray(even + np.clip(off, -0.45 * logger.period, 0.45 * logger.period))
 
 
-def switch_times(plan: Plan, logger: Logger | PlanarLogger, seed: int) -> Floats:
-    share = uniform(len(plan.changes), seed, plan.key, "switch")
-    return np.asarray((np.array(plan.changes, dtype=float) - share) * logger.period)
-
-
 def commanded(time: Floats, switches: Floats, plan: Plan) -> Floats:
     """Return the command in force at each `time` [s], (N, D): nothing before the first switch."""
-    size = 3 if isinstance(plan.group, PlanarRuns) else 1
+    size = 3 if isinstance(plan.group, spec.PlanarRuns) else 1
     values = np.concatenate([np.zeros(size), np.ravel(plan.moments)]).reshape(-1, size)
     return values[np.searchsorted(switches, time, side="right")]
 
@@ -410,7 +398,7 @@ def lasting(drawn: Floats, share: float) -> Floats:
     return process
 
 
-def _sensed(sensor: Sensor, time: Floats, true: Floats, seed: int, key: str, name: str) -> Floats:
+def _sensed(sensor: spec.Sensor, time: Floats, true: Floats, seed: int, key: str, name: str) -> Floats:
     """What a sensor logs of the `true` values (N,): held between its readings, noisy, biased, rounded, wrapped."""
     count = len(time)
     read = true + (sensor.noise * normal(count, seed, key, name) + sensor.bias * normal(1, seed, key, name, "bias"))

@@ -37,8 +37,7 @@ class Start:
     that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in which
     it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in each
     window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run, `water` the
-    states of the water, (W, P, R), in the order of the model's terms.
-    """
+    states of the water, (W, P, R), in the order of the model's terms."""
 
     position: ArrayLike = 0.0
     velocity: ArrayLike = 0.0
@@ -61,8 +60,7 @@ class Trajectory:
     positions are north, east and heading, velocities those over ground in the vehicle's axes.
 
     `nodes` holds the three at all nodes of the simulation grid, (D, P, R, M + 1) each, and the W states of the water,
-    (W, P, R, M + 1); samples are picked when asked for.
-    """
+    (W, P, R, M + 1); samples are picked when asked for."""
 
     nodes: tuple[Floats, Floats, Floats, Floats] = field(repr=False)
     node: NDArray[np.int64] = field(repr=False)
@@ -109,8 +107,7 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
     """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own.
 
     Commands are held over each step; the order is actuators on the commands, sum of forces with water states, division
-    by inertia, sensors on the positions.
-    """
+    by inertia, sensors on the positions."""
     theta = np.atleast_2d(model.theta if theta is None else theta)
     start = start or Start()
     starts = map(np.shape, (start.position, start.velocity, start.log_gain))
@@ -151,8 +148,7 @@ def _integrate(
 
     Velocities and the states of the water are advanced step by step; positions only where something depends on them,
     else their increments are summed at the end: numpy's cost a call, not arithmetic, is what a step costs. In a
-    current the velocities that are advanced are those through the water.
-    """
+    current the velocities that are advanced are those through the water."""
     movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
     followed = model.motion.turns or any(term.effect.steered for term in movers)
     tau = _delivered(batch, commands, start, shape)
@@ -300,8 +296,7 @@ def turning_of(momentum: Sequence[Floats], velocity: Floats) -> tuple[Floats, Fl
 
     It is (-p_y r, p_x r, p_y u - p_x v): the axes turn with the vehicle (Fossen 2021, chapter 3 for the rigid body,
     chapter 6 for added mass). It does no work. The last entry holds (m_v - m_u) u v, the moment that keeps a vehicle on
-    an oblique course: the water's own, the Munk moment, is its opposite and turns it broadside.
-    """
+    an oblique course: the water's own, the Munk moment, is its opposite and turns it broadside."""
     along, abeam, _ = momentum
     u, v, r = velocity
     return -abeam * r, along * r, abeam * u - along * v
@@ -315,8 +310,7 @@ def in_earth_axes(velocity: Floats, heading: Floats) -> Floats:
 
 
 def in_body_axes(current: Floats, heading: Floats) -> Floats:
-    """A current (2, P, 1) north and east [m/s] in the vehicle's axes at `heading` (..., P, R): its part of the
-    velocities over ground, (3, ..., P, R)."""
+    """A current (2, P, 1) [m/s] in the vehicle's axes at `heading` (..., P, R), as velocities (3, ..., P, R)."""
     north, east = current
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.stack([cosine * north + sine * east, cosine * east - sine * north, np.zeros_like(heading)])

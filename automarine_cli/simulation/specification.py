@@ -3,20 +3,12 @@ of runs, and the streams of random numbers that are drawn for them.
 
 Keys that a motion calls its own way are templates, filled from its record; a new kind of runs is one class. An unknown
 key, a value that makes no sense and an effect that is not in the library are refused with the key's path. Motion in the
-plane has tables of its own:
-
-[vehicle]     motion = "planar", and parameters under the names that planar_model.json has: "surge.m_u", "sway.Y_vv"
-[hidden]      more of them, which a model may not know of: "yaw.N_v", "current.north", "yaw.dead-band.width"
-[disturbance] forces that nobody logs: Ornstein-Uhlenbeck processes, one for each degree of freedom
-[sensors]     a table for each column that is logged: its noise, its bias, and how often it reads
-[[runs]]      commands as [X, Y, N, seconds], or drawn at random
-"""
+plane has tables of its own, with parameters under the names that planar_model.json has: "surge.m_u", "sway.Y_vv"."""
 
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import pairwise
 from string import ascii_lowercase
 from typing import Any, ClassVar, Literal, TypeAlias
@@ -38,16 +30,13 @@ from automarine_cli.pipeline.result_files import PLANAR_MODEL
 from automarine_cli.quantities import Floats
 
 
-def positive(settings: Record, *names: str, zero: bool = False) -> None:
+def positive(settings: Record, *names: str, or_zero: bool = False) -> None:
     """Refuse a value that is not above zero, or is below it (None is fine)."""
     for name in names:
         value = getattr(settings, name)
-        if value is not None and (value < 0 or (value == 0 and not zero)):
-            expected = "0 or more" if zero else "more than 0"
+        if value is not None and (value < 0 or (value == 0 and not or_zero)):
+            expected = "0 or more" if or_zero else "more than 0"
             raise SettingError(f"{key_of(settings, name)} is {value:g}; expected {expected}")
-
-
-at_least_zero = partial(positive, zero=True)
 
 
 def between(settings: Record, low: float, high: float, *names: str) -> None:
@@ -135,8 +124,7 @@ class RunGroup:
 
     Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
     group go into the one file of that name, distinguished by a column `run`. `wait_after_s` takes the place of the
-    campaign's wait after each of these runs.
-    """
+    campaign's wait after each of these runs."""
 
     kind: str
     name: str = ""
@@ -151,7 +139,7 @@ class RunGroup:
 
     def __post_init__(self) -> None:
         positive(self, *(name for name in ABOVE_ZERO if name in self.__dataclass_fields__))
-        at_least_zero(self, "wait_after_s")
+        positive(self, "wait_after_s", or_zero=True)
         safe_path(self, "folder", "together", "suffix")
         if self.name:
             safe_path(self, "name")
@@ -182,8 +170,7 @@ def named(label: str, repeat: int, repeats: int, suffix: str | None = None) -> s
 @dataclass(frozen=True, kw_only=True)
 class StepRuns(RunGroup):
     """One constant moment or force, each of `levels`, held until the base vehicle has gone its `way` [unit of logs], or
-    for `duration_s`. In a file of yaw they are `moments` and `turn_deg`, of a translation `forces` and `travel_m`.
-    """
+    for `duration_s`. In a file of yaw they are `moments` and `turn_deg`, of a translation `forces` and `travel_m`."""
 
     kind: Literal["step"] = "step"
     levels: Levels = field(metadata=keyed("{forces}"))
@@ -389,8 +376,7 @@ class Vehicle:
     """The vehicle: inertia [force s², of a translation per metre], `quadratic` [force s²] and `linear` drag [force s].
 
     In a file they have the names of the motion: `I_r`, `k_rr` and `k_r`, or `m_u`, `X_uu` and `X_u`; the unit of force
-    is `moment_unit` or `force_unit`.
-    """
+    is `moment_unit` or `force_unit`."""
 
     inertia: float = field(metadata=keyed("{inertia_symbol}"))
     quadratic: float = field(default=0.0, metadata=keyed("{quadratic}"))
@@ -400,7 +386,7 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         positive(self, "inertia")
-        at_least_zero(self, "quadratic", "linear")
+        positive(self, "quadratic", "linear", or_zero=True)
         if self.force_unit not in self.dof.units.forces:
             units = ", ".join(map(repr, self.dof.units.forces))
             raise SettingError(f"{key_of(self, 'force_unit')}: expected one of {units}, found {told(self.force_unit)}")
@@ -423,8 +409,7 @@ class TranslatingVehicle(Vehicle):
     """A vehicle that moves along one of its axes: `motion` is which.
 
     `difference` is half the quadratic drag one way less that the other way, the positive way first; `constant_force`
-    [force] is weight less buoyancy where that acts, positive down.
-    """
+    [force] is weight less buoyancy where that acts, positive down."""
 
     motion: str = ""
     difference: float = field(default=0.0, metadata=keyed("{difference}"))
@@ -452,8 +437,7 @@ class Logger:
     `dropout` share of the samples lost; `clock_jitter_s` standard deviation of the sampling instants around
     an even clock (the stamps are right); `glitch` share of the samples that are off by `glitch_size` to either side;
     `wrap` of the position; `rate_noise` adds a column with the velocity, as a gyro reads it, and that noise;
-    `rate_bias` is the standard deviation of what it reads at standstill, drawn for each run.
-    """
+    `rate_bias` is the standard deviation of what it reads at standstill, drawn for each run."""
 
     rate_hz: float = 10.0
     noise: float = field(default=0.0, metadata=keyed("noise_{log_unit}"))
@@ -469,7 +453,9 @@ class Logger:
 
     def __post_init__(self) -> None:
         positive(self, "rate_hz")
-        at_least_zero(self, "noise", "quantisation", "clock_jitter_s", "glitch_size", "rate_noise", "rate_bias")
+        positive(
+            self, "noise", "quantisation", "clock_jitter_s", "glitch_size", "rate_noise", "rate_bias", or_zero=True
+        )
         between(self, 0.0, 0.9, "dropout", "glitch")
         if self.rate_noise is None and self.rate_bias is not None:
             bias, expected = key_of(self, "rate_bias"), f"expected {key_of(self, 'rate_noise')} with it (0 for none)"
@@ -492,8 +478,7 @@ class Scatter:
     `force_most` of the run's smallest command (who sees his vehicle go the wrong way makes the run
     again); `zero` [unit of logs] that of the sensor's zero; `start` one position, a list that the
     runs take in turn, or "random". In a file of yaw they are `moment`, `moment_most`, `heading_zero_deg` and
-    `start_heading_deg`.
-    """
+    `start_heading_deg`."""
 
     gain: float = 0.0
     force: float = field(default=0.0, metadata=keyed("{force}"))
@@ -505,7 +490,7 @@ class Scatter:
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "gain", "force", "zero")
+        positive(self, "gain", "force", "zero", or_zero=True)
         if self.force_most is not None:
             positive(self, "force_most")
         if self.start == ():
@@ -517,8 +502,7 @@ class Schedule:
     """How the campaign is run: one clock over all runs, which follow each other after `wait_between_s`.
 
     Each run has `rest_before_s` and `rest_after_s` without a command in its log. `held`: someone holds the vehicle
-    still until the first change of its command.
-    """
+    still until the first change of its command."""
 
     order: Literal["listed", "random"] = "listed"
     rest_before_s: float = 3.0
@@ -527,15 +511,14 @@ class Schedule:
     held: bool = False
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "rest_before_s", "rest_after_s", "wait_between_s")
+        positive(self, "rest_before_s", "rest_after_s", "wait_between_s", or_zero=True)
 
 
 @dataclass(frozen=True)
 class Bollard:
     """A bollard test: `thrusters_per_test` equal thrusters pull together, thrust a_f n² and -a_b n² each [N].
 
-    `levels` of the control signal, each measured `repeats` times with noise of `noise_N`, in random order.
-    """
+    `levels` of the control signal, each measured `repeats` times with noise of `noise_N`, in random order."""
 
     a_f: float
     a_b: float
@@ -549,7 +532,7 @@ class Bollard:
 
     def __post_init__(self) -> None:
         positive(self, "a_f", "a_b", "thrusters_per_test", "repeats")
-        at_least_zero(self, "noise_N")
+        positive(self, "noise_N", or_zero=True)
         safe_path(self, "folder", "name")
         levels_of(self.levels)
 
@@ -600,7 +583,7 @@ class Specification:
     source: str = "specification"
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "seed")
+        positive(self, "seed", or_zero=True)
 
     @property
     def motion(self) -> Motion:
@@ -634,7 +617,7 @@ class Sensor:
     every_s: float | None = None
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "noise", "bias")
+        positive(self, "noise", "bias", or_zero=True)
         positive(self, "every_s")
 
 
@@ -648,7 +631,7 @@ class Disturbance:
     time_s: float = 5.0
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "surge_N", "sway_N", "yaw_Nm")
+        positive(self, "surge_N", "sway_N", "yaw_Nm", or_zero=True)
         positive(self, "time_s")
 
     @property
@@ -670,7 +653,7 @@ class PlanarLogger:
 
     def __post_init__(self) -> None:
         positive(self, "rate_hz")
-        at_least_zero(self, "rest_before_s", "rest_after_s", "wait_between_s")
+        positive(self, "rest_before_s", "rest_after_s", "wait_between_s", or_zero=True)
 
     @property
     def period(self) -> float:
@@ -687,7 +670,7 @@ class PlanarScatter:
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "gain")
+        positive(self, "gain", or_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -707,7 +690,7 @@ class PlanarSpecification:
     bollard: ClassVar[None] = None
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "seed")
+        positive(self, "seed", or_zero=True)
         unknown = [name for name in self.sensors if name not in PLANAR_SENSORS]
         if unknown or not self.sensors:
             found = told(unknown[0]) if unknown else "none"

@@ -15,18 +15,8 @@ from scipy import special
 from automarine_cli.errors import FitError
 from automarine_cli.fits.stepwise import Chance, Judge, discover
 from automarine_cli.quantities import Floats
-from automarine_cli.thrusters.bollard_data import (
-    Ints,
-    Points,
-    ThrusterLogs,
-    flag_contradictions,
-    groups_of,
-    left_out,
-    levels_of,
-    reduce_series,
-    subtract_tare,
-    voltage_steps,
-)
+from automarine_cli.thrusters import bollard_data as bollard
+from automarine_cli.thrusters.bollard_data import Ints, Points, ThrusterLogs, left_out, levels_of
 from automarine_cli.thrusters.fit import OPPOSITE, Side, behind_of, best_curve, left_out_squares, sides_of, sums_of
 from automarine_cli.thrusters.map import FORMS, SIDES, Curve, Form, jacobian, thrust_both_ways
 
@@ -96,7 +86,7 @@ class BollardData:
             return {name: (np.flatnonzero(points.n * side.sign > 0), side) for name, side in sides.items()}
         size, thrust = np.abs(points.n), np.sign(points.n) * points.force
         stderr = np.nan_to_num(points.stderr)
-        side = Side("both", 1.0, size, thrust, points.weight, groups_of(size), None, stderr, self.tare_stderr)
+        side = Side("both", 1.0, size, thrust, points.weight, bollard.groups_of(size), None, stderr, self.tare_stderr)
         return {"both": (np.arange(len(points)), side)}
 
     def order_is_free(self) -> bool:
@@ -116,16 +106,16 @@ def bollard_data(
 ) -> BollardData:
     """Make bollard data of logs: plateaus of one thruster, contradictions flagged, tare off; those of `sides` with
     `min_levels` levels or more. Raises FitError where there is none, or thrust opposes the command."""
-    points = reduce_series(list(logs.records)).points.divided(thrusters)
-    step = voltage_steps(points.voltage)
-    points, tare = subtract_tare(flag_contradictions(points, step))
+    points = bollard.reduce_series(list(logs.records)).points.divided(thrusters)
+    step = bollard.voltage_steps(points.voltage)
+    points, tare = bollard.subtract_tare(bollard.flag_contradictions(points, step))
     order = np.arange(len(points), dtype=float) / max(len(points) - 1, 1)
     keep, group = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=np.int64)
     for offset, (name, sign) in zip((0, 1000), SIDES):  # groups of both directions are numbered apart
         mask = points.n * sign > 0
         if name in sides and len(np.unique(levels_of(points.n[mask]))) >= min_levels:
             keep |= mask
-            group[mask] = groups_of(np.abs(points.n[mask])) + offset
+            group[mask] = bollard.groups_of(np.abs(points.n[mask])) + offset
     if not np.any(keep):
         raise FitError(
             f"no direction of the map has {min_levels} different commands in the logs; a diagnosis needs a curve: "

@@ -10,18 +10,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.command_range import usual_neutral
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
-from automarine_cli.thrusters.map import (
-    FORMS,
-    HIGH,
-    LOW,
-    SIDES,
-    SQUARE,
-    Curve,
-    Form,
-    ThrusterMap,
-    fit_direction,
-    thrust_both_ways,
-)
+from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, Form, ThrusterMap, fit_direction, thrust_both_ways
 
 FEWEST_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
@@ -109,11 +98,7 @@ def square_law(side: Side, unit: str) -> Estimate:
 def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
     """Least-squares curve of a form, and the names of its parameters that ended at a bound."""
     fits = fit_direction(side.magnitude, side.thrust, side.weight[None, :], form)
-    amplitude, dead, power, top = map(float, fits.values[0])
-    ends = (fits.values[0] <= LOW + 1e-9) | (fits.values[0] >= HIGH - 1e-9)
-    at_bound = tuple(name for name, end in zip(("n_0", "p", "n_sat"), ends[1:]) if end and name in form.free)
-    a = amplitude / ((1.0 - dead) * fits.scale) ** power
-    return Curve(a, power, dead * fits.scale, None if top >= HIGH[3] else top * fits.scale), at_bound
+    return fits.curve, tuple(name for name, end in zip(form.free, fits.at_bound[form.mask]) if end and name != "a")
 
 
 def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str) -> dict[str, Parameter]:

@@ -65,8 +65,7 @@ FORMS: dict[str, Form] = {form.name: form for form in _ALL}
 
 @dataclass(frozen=True)
 class Curve:
-    """Thrust in one direction: amplitude a [N/n^p], exponent p [1], dead band n_0 and saturation n_sat [unit of n],
-    None where thrust never saturates."""
+    """Thrust in one direction: a [N/n^p], p [1], dead band n_0 and saturation n_sat [unit of n], None where none."""
 
     a: float
     p: float = SQUARE
@@ -108,6 +107,18 @@ class Fits:
 
     values: Floats
     scale: float
+
+    @property
+    def curve(self) -> Curve:
+        """The first fit."""
+        amplitude, dead, power, top = map(float, self.values[0])
+        a = amplitude / ((1.0 - dead) * self.scale) ** power
+        return Curve(a, power, dead * self.scale, None if top >= HIGH[3] else top * self.scale)
+
+    @property
+    def at_bound(self) -> np.ndarray:
+        """Which parameters of the first fit ended at a bound, (4,)."""
+        return np.asarray((self.values[0] <= LOW + 1e-9) | (self.values[0] >= HIGH - 1e-9))
 
     def thrust(self, magnitude: Floats) -> Floats:
         """Size of the thrust [N], shape (B, N), at |n| of shape (N,)."""

@@ -19,18 +19,8 @@ from automarine_cli.pipeline.result_files import THRUSTER_MAP
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import runs_json
-from automarine_cli.thrusters.bollard_data import (
-    Ints,
-    Points,
-    Reduction,
-    Tare,
-    ThrusterLogs,
-    flag_contradictions,
-    levels_of,
-    reduce_series,
-    subtract_tare,
-    voltage_steps,
-)
+from automarine_cli.thrusters import bollard_data as bollard
+from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
 from automarine_cli.thrusters.fit import FEWEST_LEVELS, Analysis, FormScore, Side, analyse, parameters_json
 from automarine_cli.thrusters.map import SIDES, ThrusterMap
 
@@ -328,13 +318,13 @@ def fit_records(
     """The map of one thruster from tests in which `thrusters` equal ones pulled; `form` None chooses by
     cross-validation, `n_unit` is the control signal's. Raises FitError where no direction can be fitted."""
     where = loaded.inputs[0].name if len(loaded.inputs) == 1 else f"{len(loaded.inputs)} logs"
-    reduction = reduce_series(list(loaded.records))
+    reduction = bollard.reduce_series(list(loaded.records))
     points = reduction.points.divided(thrusters)
-    step = voltage_steps(points.voltage)
+    step = bollard.voltage_steps(points.voltage)
     differ = _differ(loaded, points, thrusters, where)
     logged = points
     points, apart = (points, differ) if differ else _flagged(loaded, points, step)
-    points, tare = subtract_tare(points)
+    points, tare = bollard.subtract_tare(points)
     varied = step if step is not None and step.max() > 0 else None
     try:
         analysis, _ = analyse(points, varied, tare.thrust_stderr, n_unit, form, where)
@@ -397,13 +387,13 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
     """Points with contradictions flagged, each thruster's among themselves: where a column names thrusters and nobody
     asked for them, if that leaves fewer, which is then told."""
     if len(loaded.parts) < 2:
-        return flag_contradictions(points, step), ()
+        return bollard.flag_contradictions(points, step), ()
     names = ("", *loaded.parts)
     part = np.array([names.index(record.part) for record in loaded.records])[points.record]
-    apart = flag_contradictions(points, part if step is None else part * (int(step.max()) + 1) + step)
+    apart = bollard.flag_contradictions(points, part if step is None else part * (int(step.max()) + 1) + step)
     if loaded.asked:
         return apart, ()
-    pooled = flag_contradictions(points, step)
+    pooled = bollard.flag_contradictions(points, step)
     before, after = (int(np.count_nonzero(one.flag != "")) for one in (pooled, apart))
     if before <= after:
         return pooled, ()

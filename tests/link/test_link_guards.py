@@ -116,8 +116,8 @@ def test_finished_campaigns_are_read_once(tmp_path: Path, monkeypatch: pytest.Mo
     for one in campaigns:
         store.accept(one.text.encode(), one.id)
     Player(store, Simulated(MODEL, 1e9), 1e9, lambda: bool(store.accepted())).play()
-    fresh, parse, names = Store(tmp_path), store_module.campaign_in, Store._names
-    monkeypatch.setattr(store_module, "campaign_in", lambda content: [read.append(1), parse(content)][1])
+    fresh, parse, names = Store(tmp_path), store_module.wire.campaign_in, Store._names
+    monkeypatch.setattr(store_module.wire, "campaign_in", lambda content: [read.append(1), parse(content)][1])
     monkeypatch.setattr(Store, "_names", lambda self: [looked.append(1), names(self)][1])
     states = [fresh.state() for _ in range(20)]
     assert len(read) == 5 and {one.played for one in states[-1].campaigns} == {2} and states[0] == states[-1]

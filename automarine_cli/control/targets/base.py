@@ -150,8 +150,7 @@ def present_gains(target: Target, source: Source | None) -> Mapping[str, float] 
     """Read what a target flies with now: its defaults with the values of a file; None where it has neither.
 
     Lines are those of ground stations, NAME,VALUE or NAME VALUE. Raises SettingError with the line for a value that is
-    no number or lies outside the documented range.
-    """
+    no number or lies outside the documented range."""
     if source is None:
         return target.defaults if target.has_defaults else None
     name = printable(source.name)

@@ -37,6 +37,5 @@ def spread(number: Floats, low: float, high: float) -> Floats:
 
 
 def leads(number: Floats) -> Floats:
-    """Map a design number to the time of a derivative, in shares of all that is slow: none up to a fifth, then up to
-    one and a half times as long."""
+    """Map a design number to a derivative's time in shares of all that is slow: none up to 0.2, then up to 1.5."""
     return np.asarray(1.5 * np.maximum(number - 0.2, 0.0) / 0.8)

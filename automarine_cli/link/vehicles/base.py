@@ -24,8 +24,7 @@ class Vehicle(Protocol):
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log, header first; ends early when `halted`, after neutral.
 
-        Raises AutomarineError where the vehicle cannot be driven (any further): the campaign is then stopped.
-        """
+        Raises AutomarineError where the vehicle cannot be driven (any further): the campaign is then stopped."""
 
 
 def refuse_beyond(campaign: LinkCampaign, full: float) -> None:

@@ -209,8 +209,7 @@ class _Ear:
         return ",".join(self._values.values()) if any(self._values[name] for name in self._headings) else ""
 
     def listen(self, seconds: float, patience: float) -> None:
-        """Hear what there is for `seconds`, and for a first heading longer. Raises SettingError for a second sender and
-        where no compass speaks."""
+        """Hear for `seconds`, longer for a first heading. Raises SettingError for a second sender, a mute compass."""
         begun = time.monotonic()
         while (left := begun + (seconds if self.last else max(seconds, patience)) - time.monotonic()) > 0:
             self.heard(left)

@@ -39,8 +39,7 @@ class Simulated:
         """The preferred model of a file; it takes moments up to `full` in its unit, or where that is None up to what
         the model was fitted to, and 1 nu.
 
-        Raises ModelError, and SettingError where nothing says how large moments may be.
-        """
+        Raises ModelError, and SettingError where nothing says how large moments may be."""
         file, stored = file_and_models(read_plain(path, "JSON", ModelError), printable(path.name))
         if stored.dof is not YAW:
             raise ModelError(f"{stored.source} is a model of {stored.dof.name}; give a yaw model to the vehicle")

@@ -124,8 +124,7 @@ PARAMETERS = (
 
 @dataclass(frozen=True)
 class Need:
-    """What the rest of a campaign needs: the largest `output`, charge [Ah] of a battery that holds `charge` and must
-    keep `reserve`, and `depth_limit` [m]."""
+    """What the rest of a campaign needs: the largest `output`, `drawn` of `charge` less `reserve` [Ah], depth [m]."""
 
     output: float
     drawn: float
@@ -164,8 +163,7 @@ def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
 
 
 def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
-    """Yield a sentence for each rule that a vehicle breaks which was listened to for so long. Raises SettingError where
-    its frame does not tell the yaw output."""
+    """Yield a sentence for each rule broken in so many seconds. Raises SettingError where its frame is unclear."""
     known = heard.parameters
     if heard.armed:
         yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
@@ -221,8 +219,7 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
 def another_pilot(heard: Heard) -> str:
     """Return a sentence where somebody else sends sticks, or is a ground station under our number; else nothing.
 
-    The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone.
-    """
+    The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone."""
     for (system, component), what in heard.senders.items():
         remedy = "switch off the joystick there, or close that ground station, and try again"
         return f"somebody else sends {what} (system {system}, component {component}), and the last one wins; {remedy}"

@@ -1,5 +1,4 @@
-"""ArduSub as a vehicle that plays campaigns: each run is turned to its start heading in STABILIZE, driven in MANUAL,
-turned back, disarmed."""
+"""ArduSub plays campaigns: each run is turned to its heading in STABILIZE, driven in MANUAL, turned back, disarmed."""
 
 import math
 from collections.abc import Generator, Iterator
@@ -192,8 +191,7 @@ class Ride:
 
 @dataclass(frozen=True)
 class ArduSub:
-    """A vehicle with ArduSub at a MAVLink address. The whole output gives `full` in the campaign's unit, or what two
-    `thrusters` at an `arm` [m] do."""
+    """ArduSub at a MAVLink address; the whole output gives `full`, or what two `thrusters` at an `arm` [m] do."""
 
     address: str
     full: float | None = None
@@ -219,8 +217,7 @@ class ArduSub:
         """The lines of a run's log: the moment as the vehicle's outputs made it, and the outputs.
 
         Each run is a whole: the vehicle is checked, armed, driven, turned back and disarmed, then there is silence.
-        Raises SettingError where the vehicle must not be driven, or not any further.
-        """
+        Raises SettingError where the vehicle must not be driven, or not any further."""
         run, known = campaign.runs[number], self._authority(campaign)
         after = campaign.runs[min(number + 1, len(campaign.runs) - 1)]
         with closing(Link(self.address, halted, self.clock)) as link, suppress(Halt):
