@@ -170,8 +170,7 @@ def _beside(diagnosis: Diagnosis, noise: str) -> str:
         outlook = diagnosis.held_out_outlook
     if outlook is None or outlook.judged is None:
         return noise
-    score, _ = outlook.judged
-    rate, still = (f"{dof.shown(x):.2f}" for x in (score.constant_rate, score.constant))
+    rate, still = (f"{dof.shown(x):.2f}" for x in (outlook.judged[0].constant_rate, outlook.judged[0].constant))
     return (
         f"a constant {dof.words.speed} misses by {rate} and a constant {dof.words.position} by {still} "
         f"{dof.units.shown}, {noise}"
