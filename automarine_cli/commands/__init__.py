@@ -61,26 +61,27 @@ IN_PYTHON = {"run": "run_campaign", "slice": "slice_log"}
 
 
 def short_help(name: str) -> str:
-    """Return what the list of commands says of one."""
     return next(group[name] for group in COMMANDS.values() if name in group)
 
 
 def names() -> list[str]:
-    """List the names of all commands."""
     return [name for group in COMMANDS.values() for name in group]
 
 
 def load(name: str) -> "Command":
-    """Import the command of that name."""
     from automarine_cli.commands.command import Command
 
     module = import_module(f"{__name__}.{MODULES.get(name, name.replace('-', '_'))}")
     return next(value for value in vars(module).values() if isinstance(value, Command) and value.name == name)
 
 
+def python_name(name: str) -> str:
+    return IN_PYTHON.get(name, name.replace("-", "_"))
+
+
 def in_python() -> dict[str, str]:
     """Names of the commands by what they are called in Python."""
-    return {IN_PYTHON.get(name, name.replace("-", "_")): name for name in names()}
+    return {python_name(name): name for name in names()}
 
 
 class CommandGroup(click.Group):
@@ -132,7 +133,6 @@ class CommandGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def _refusal(self, ctx: click.Context, problem: Exception) -> click.ClickException:
-        """One sentence for what a command raised."""
         if isinstance(problem, AutomarineError):
             return Refusal(str(problem))
         if isinstance(problem, OSError) and problem.errno == errno.EPIPE:

@@ -76,7 +76,6 @@ class Campaign:
 
     @property
     def title(self) -> str:
-        """What the report is called."""
         title: str = self.sections[""].get("title") or self.sections["vehicle"].get("name") or self.path.stem
         return title
 
@@ -91,11 +90,9 @@ class Campaign:
         return {role: path for role, path in every.items() if path is not None}
 
     def has(self, step: "Step") -> bool:
-        """Whether the campaign has such a step."""
         return step.always or step.section in self.sections
 
     def every_log(self) -> "list[LogFile]":
-        """List the logs of all kinds and motions."""
         sections = ("logs", *TRANSLATIONS, PLANAR.name)
         return [log for section in sections for log in self.logs(section, *KINDS)]
 

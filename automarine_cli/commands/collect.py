@@ -59,8 +59,7 @@ def collect(
     Example:
       automarine collect http://192.168.2.2:8722 --token T --campaign out/plan -o out/pool --then run
     """
-    from automarine_cli.link.client import Client
-    from automarine_cli.link.collector import Collector
+    from automarine_cli.link.collector import Client, Collector
     from automarine_cli.link.document import read_campaign
 
     planned = None if campaign is None else read_campaign(campaign)
@@ -93,7 +92,6 @@ def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, pro
 
 
 def _finish(ctx: click.Context, result: "Collected") -> None:
-    """Say where the logs are; status 1 where a step was refused or the campaign ended early."""
     if not ctx.params["as_json"] and verbosity_level() >= 0:
         analysis = ", the analysis is in its folder analysis" if ctx.params["then"] else ""
         click.echo(f"The logs are in {ctx.params['out']}{analysis}.")

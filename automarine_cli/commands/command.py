@@ -14,12 +14,14 @@ from typing import Any, Literal
 import click
 from click.core import augment_usage_errors
 
+from automarine_cli.commands import python_name, short_help
 from automarine_cli.commands.terminal import echo_result, terminal_progress
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.progress import Progress, silent
 
 EXECUTION = ("out", "overwrite", "jobs", "cluster", "as_json")
 """Options that change no result."""
+IN_PROCESS = ("overwrite", "jobs", "cluster", "progress")
 HOLD_OUT = "hold_out"
 PNG = ("png",)
 
@@ -34,26 +36,20 @@ class Setting:
     its options; `seldom` where it is not the default.
     """
 
-    reads: Literal["", "logs", "file", "files", "folders"]
-    role: str
-    recorded: bool
-    seldom: bool
-
-    def describe(self, reads: Any = "", role: str = "", recorded: bool = True, seldom: bool = False) -> None:
-        """Set these."""
+    def __init__(
+        self, *args: Any, reads: Literal["", "logs", "file", "files", "folders"] = "", role: str = "",
+        recorded: bool = True, seldom: bool = False, **kwargs: Any,
+    ) -> None:  # fmt: skip
         self.reads, self.role, self.recorded, self.seldom = reads, role, recorded, seldom
-
-
-class _Option(click.Option, Setting):
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        self.describe(**{key: kwargs.pop(key) for key in Setting.__annotations__ if key in kwargs})
         super().__init__(*args, **kwargs)
 
 
-class _Argument(click.Argument, Setting):
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        self.describe(**{key: kwargs.pop(key) for key in Setting.__annotations__ if key in kwargs})
-        super().__init__(*args, **kwargs)
+class _Option(Setting, click.Option):
+    pass
+
+
+class _Argument(Setting, click.Argument):
+    pass
 
 
 def option(*names: str, **attributes: Any) -> Callable[[Function], Function]:
@@ -76,7 +72,7 @@ class Command(click.Command):
     """
 
     def __init__(
-        self, name: str, function: Function, report: str, *, saves: bool, figures: bool, by_effects: bool, python: str,
+        self, name: str, function: Function, report: str, *, saves: bool, figures: bool, by_effects: bool,
         **attributes: Any,
     ) -> None:  # fmt: skip
         super().__init__(name, help=inspect.getdoc(function), **attributes)
@@ -90,7 +86,7 @@ class Command(click.Command):
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
         self.folder_inputs: Callable[[Any], list[Any]] = lambda folders: []
         self.complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda settings: settings
-        self.__name__ = python or name.replace("-", "_")
+        self.__name__ = python_name(name)
         self.__doc__ = function.__doc__
         self.__signature__ = inspect.Signature([
             inspect.Parameter(str(param.name), inspect.Parameter.KEYWORD_ONLY if i else
@@ -98,15 +94,7 @@ class Command(click.Command):
         ])  # fmt: skip
 
     def __call__(
-        self,
-        *first: object,
-        out: str | Path | None = None,
-        overwrite: bool = False,
-        jobs: int = 1,
-        cluster: str | None = None,
-        progress: Progress = silent,
-        figure_formats: Sequence[str] = PNG,
-        **settings: object,
+        self, *first: object, out: str | Path | None = None, figure_formats: Sequence[str] = PNG, **settings: Any
     ) -> Any:
         """Carry it out from Python: places may be texts, a single log or a table stands for a list of logs, a result
         for the file that it would be."""
@@ -116,11 +104,10 @@ class Command(click.Command):
         if len(first) > 1:
             raise TypeError(f"{len(first)} arguments without a name; give {self.own[0].name} alone so, a list if many")
         settings = {str(self.own[0].name): one for one in first} | settings
+        execution: dict[str, Any] = {key: settings.pop(key) for key in IN_PROCESS if key in settings}
+        place = None if out is None else Path(out)
         try:
-            return self.run(
-                self.settings(settings), out=None if out is None else Path(out), overwrite=overwrite, jobs=jobs,
-                cluster=cluster, progress=progress, figure_formats=figure_formats,
-            )  # fmt: skip
+            return self.run(self.settings(settings), out=place, figure_formats=figure_formats, **execution)
         except click.UsageError as problem:
             raise SettingError(problem.format_message()) from problem
 
@@ -154,20 +141,12 @@ class Command(click.Command):
         return values
 
     def convert(self, name: str, value: object) -> Any:
-        """Convert one setting. Raises SettingError, which begins with its name for a value of the wrong kind."""
         return _converted(click.Context(self), next(param for param in self.own if param.name == name), value)
 
     def run(
-        self,
-        settings: Mapping[str, Any],
-        *,
-        out: Path | None = None,
-        overwrite: bool = False,
-        jobs: int = 1,
-        cluster: str | None = None,
-        progress: Progress = silent,
-        figure_formats: Sequence[str] = PNG,
-    ) -> Any:
+        self, settings: Mapping[str, Any], *, out: Path | None = None, overwrite: bool = False, jobs: int = 1,
+        cluster: str | None = None, progress: Progress = silent, figure_formats: Sequence[str] = PNG,
+    ) -> Any:  # fmt: skip
         """Make the result of complete settings; save it in the folder `out`, if one is given. Raises OutputError."""
         from automarine_cli.pipeline.parallel import lasting_map
 
@@ -200,7 +179,6 @@ class Command(click.Command):
         return result
 
     def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
-        """Say why the result in a folder is not what these settings would make; None if it is."""
         from automarine_cli.pipeline.manifest import why_made_again
 
         return why_made_again(
@@ -250,11 +228,9 @@ class Command(click.Command):
         return [*files, *(Input(path.name, path, "own_effect") for path in own)]
 
     def seed(self, settings: Mapping[str, Any]) -> int | None:
-        """Return the seed of everything random, None for a command that draws nothing."""
         return next((settings["seed"] for param in self.own if param.name == "seed" and param.recorded), None)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Carry it out as the terminal gave it, and print what it says."""
         given = {param.name: ctx.params[param.name] for param in self.own}
         execution = {key: ctx.params[key] for key in EXECUTION if key in ctx.params}
         as_json = execution.pop("as_json", False)
@@ -265,7 +241,6 @@ class Command(click.Command):
         return result
 
     def echo(self, result: Any, *, as_json: bool, out: Path | None) -> None:
-        """Print a result on the terminal."""
         tables: Sequence[Any] = ()
         files: Sequence[str] = ()
         if self.report:
@@ -274,24 +249,22 @@ class Command(click.Command):
             tables, files = (shown := sections(result)).printed, shown.listed
         echo_result(
             result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), tables=tables,
-            files=files, keep_hint="-o DIR" if self.saves else None,
+            files=files, saves=self.saves,
         )  # fmt: skip
 
 
 def command(
-    name: str, *, report: str = "", saves: bool = True, figures: bool = True, by_effects: bool = False, python: str = ""
+    name: str, *, report: str = "", saves: bool = True, figures: bool = True, by_effects: bool = False
 ) -> Callable[[Function], Command]:
     """Make a command of a function, whose decorators below this one are its options; see `Command`.
 
-    `figures`: its manifest records their formats; `by_effects`: effects of one's own are among its inputs; `python` is
-    its name in Python where it has another there.
+    `figures`: its manifest records their formats; `by_effects`: effects of one's own are among its inputs.
     """
-    from automarine_cli.commands import short_help
 
     def decorated(function: Function) -> Command:
         params = list(reversed(getattr(function, "__click_params__", [])))
         return Command(
-            name, function, report, saves=saves, figures=figures and saves, by_effects=by_effects, python=python,
+            name, function, report, saves=saves, figures=figures and saves, by_effects=by_effects,
             params=params, short_help=short_help(name),
         )  # fmt: skip
 
@@ -299,7 +272,6 @@ def command(
 
 
 def _default(ctx: click.Context, param: Any) -> Any:
-    """The value of a setting that is not given."""
     value = param.get_default(ctx)
     if isinstance(value, str | int | float | tuple):
         return param.type_cast_value(ctx, value)

@@ -60,11 +60,12 @@ def _of_a_motion(
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
     import hashlib
 
+    from automarine_cli.comparison.validation import usable_runs
     from automarine_cli.diagnosis.diagnose import MotionDiagnosis, diagnose_runs, expected_seconds
     from automarine_cli.models.store import load_yaw_models
     from automarine_cli.pipeline.progress import foretell
     from automarine_cli.runs.channels import wanted_channels
-    from automarine_cli.runs.checks import without_stuck, without_undriven
+    from automarine_cli.runs.checks import without_stuck
     from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
     from automarine_cli.runs.run import Run, SetAside, command_warnings
     from automarine_cli.thrusters.propulsion import moment_maker
@@ -78,18 +79,10 @@ def _of_a_motion(
     def usable(files: Sequence[Any]) -> list[Run]:
         """Runs that a diagnosis can use, with their moments, in the model's unit."""
         campaign = load_runs(files, names, dof=dof, strict=strict, progress=progress, jobs=jobs)
-        runs = campaign.runs if drive is None else [drive(run) for run in campaign.runs]
-        units = {run.moment_unit for run in runs if run.moment is not None}
-        if units - {stored.moment_unit}:
-            raise SettingError(
-                f"{stored.source} is a model of {dof.words.force}s in {stored.moment_unit}, the logs give "
-                f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
-                "--columns"
-            )
-        command_warnings(runs)  # refused where they cannot be of this map
-        driven, undriven = without_undriven(runs)
+        driven, left_out = usable_runs(campaign.runs, stored, drive)
+        command_warnings(driven)  # refused where they cannot be of this map
         moving, stuck = without_stuck(driven)
-        aside.extend((*campaign.set_aside, *undriven, *stuck))
+        aside.extend((*campaign.set_aside, *left_out, *stuck))
         if strict and aside:
             raise refused_by_strict(aside[0])
         return moving
@@ -152,7 +145,6 @@ def _of_a_map(
 
 
 def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
-    """Refuse what a kind of model has no use for."""
     from automarine_cli.pipeline.records import schema_in
     from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
     from automarine_cli.runs.channels import AUTO

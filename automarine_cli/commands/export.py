@@ -63,14 +63,12 @@ def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: An
 
 
 def _refuse_nothing(settings: dict[str, Any]) -> dict[str, Any]:
-    """Raise UsageError where there is nothing to export."""
     if not settings["show_list"] and (settings["model"] is None or settings["to"] is None):
         raise click.UsageError("give MODEL.json and --to NAME, or --list for the targets")
     return settings
 
 
 def _finish(ctx: click.Context, result: Any) -> None:
-    """Say where the file is, or print it."""
     if ctx.params["as_json"] or ctx.params["show_list"]:
         return
     if result.place is None:

@@ -78,7 +78,6 @@ def _fit(
     with_effects: tuple[str, ...], known: Any, strict: bool, jobs: int, progress: "Progress", thrusters: Any = None,
     arm: float | None = None, within: float | None = None, depths: tuple[float, float] | None = None,
 ) -> "YawFit":  # fmt: skip
-    """The fit of any motion; see `fits.identify.identify_turns`."""
     from automarine_cli import effects
     from automarine_cli.fits.driven import wanted_effects
     from automarine_cli.fits.identify import identify_turns
@@ -125,7 +124,6 @@ def _fit(
 
 
 def _trim(within: float | None, depths: tuple[float, float] | None) -> "Trim":
-    """How far a step is followed. Raises SettingError for no window."""
     from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 
     if depths is not None:
@@ -147,7 +145,6 @@ def _checked(place: str, dof: Dof, type: click.ParamType = click.STRING) -> opti
 
 
 def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
-    """The fit of a motion, with the options that are its own."""
     steps, unit = ("half-turns", "DEGREES") if dof is YAW else ("steps", "METRES")
     where = " enough runs have them" if dof is YAW else " there are enough"
     fit_to = option(

@@ -16,7 +16,7 @@ AUTO = "auto"
 
 
 def _forms() -> tuple[str, ...]:
-    from automarine_cli.thrusters.forms import FORMS
+    from automarine_cli.thrusters.map import FORMS
 
     return (AUTO, *FORMS)
 

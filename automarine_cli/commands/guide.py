@@ -19,7 +19,6 @@ MAX_WIDTH = 110  # columns, beyond which lines are tiring to read
 
 
 def topics(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Offer the shell the topics that begin so."""
     from automarine_cli import guide as pages
 
     return [CompletionItem(name) for name in (*pages.commands(), *pages.pages()) if name.startswith(begun)]
@@ -55,14 +54,12 @@ def _width() -> int:
 
 
 def _options(command: click.Command) -> str:
-    """The list of a command's options, as its --help has it."""
     formatter = click.HelpFormatter(width=_width())
     command.format_options(click.Context(command, help_option_names=["-h", "--help"]), formatter)
     return textwrap.dedent(formatter.getvalue().partition("\n")[2])
 
 
 def _show(ctx: click.Context, result: Any) -> None:
-    """Show the list of pages, or a page, in a pager on a terminal."""
     from automarine_cli.guide import Page
     from automarine_cli.guide.text import to_text
     from automarine_cli.report.tables import Table
@@ -73,7 +70,7 @@ def _show(ctx: click.Context, result: Any) -> None:
         lists = (("Commands", result.commands), ("More pages", result.pages))
         header = ("topic", "what it is about")
         tables = [Table(title, header, pages) for title, pages in lists]
-        echo_result(result, as_json=False, tables=(*tables, "automarine guide TOPIC shows a page."), keep_hint=None)
+        echo_result(result, as_json=False, tables=(*tables, "automarine guide TOPIC shows a page."), saves=False)
         return
     text = to_text(result.markdown, _width(), lambda line: coloured(line, sys.stdout, "cyan", bold=True))
     if width_of(sys.stdout) is None:

@@ -48,7 +48,7 @@ def init(
     from automarine_cli.logs import find_logs, given_columns
     from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
     from automarine_cli.report.campaign_file import answered, new_campaign
-    from automarine_cli.runs.survey import survey
+    from automarine_cli.runs.look import survey
 
     place = folder / NAME if out is None else out
     refuse_existing(place, overwrite=overwrite)
@@ -72,14 +72,12 @@ def _is_result(path: Path, folder: Path) -> bool:
 
 
 def _is_on_a_terminal() -> bool:
-    """Whether somebody at a terminal can answer questions."""
     ctx = click.get_current_context(silent=True)
     quiet = ctx is None or ctx.params.get("as_json") or verbosity_level() < 0
     return not quiet and sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _ask(key: str, comment: str) -> str:
-    """The answer to one question, "" to leave it open."""
     click.echo(folded(comment, width_of(sys.stdout)))
     answer: str = click.prompt(f"{key} (Enter: later)", default="", show_default=False)
     click.echo()
@@ -87,7 +85,6 @@ def _ask(key: str, comment: str) -> str:
 
 
 def _finish(ctx: click.Context, result: "NewCampaign") -> None:
-    """Say where the file is, and what comes next."""
     if not ctx.params["as_json"] and verbosity_level() >= 0:
         first = "Answer the questions in it, then: " if result.questions else "Next: "
         said = f"Written: {result.place}. {first}automarine run {result.place} -o results"

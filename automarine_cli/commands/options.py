@@ -42,8 +42,6 @@ class Checked(click.ParamType):
 
 
 class Names(click.ParamType):
-    """Names separated by commas."""
-
     name = "names"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:

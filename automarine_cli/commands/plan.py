@@ -9,12 +9,12 @@ from automarine_cli.commands.command import argument, command, option
 from automarine_cli.pipeline.progress import Progress
 
 if TYPE_CHECKING:
-    from automarine_cli.planning.plan import Plan
+    from automarine_cli.planning.campaign import Plan
 
 
 def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value and not ctx.resilient_parsing:
-        from automarine_cli.planning.limits import example_limits
+        from automarine_cli.planning.candidates import example_limits
 
         click.echo(example_limits(), nl=False)
         ctx.exit()
@@ -57,6 +57,6 @@ def plan(progress: Progress, **settings: Any) -> "Plan":
     Example:
       automarine plan out/yaw/yaw_model.json -o out/plan
     """
-    from automarine_cli.planning.plan import make_plan
+    from automarine_cli.planning.campaign import make_plan
 
     return make_plan(**settings, progress=progress)

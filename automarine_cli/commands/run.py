@@ -34,7 +34,7 @@ def _steps() -> tuple[str, ...]:
     return STEP_NAMES
 
 
-@command("run", report="campaign_run", saves=False, python="run_campaign")
+@command("run", report="campaign_run", saves=False)
 @argument(
     "campaigns", nargs=-1, required=True, metavar="CAMPAIGN.toml...", type=options.FILE, reads="files", role="campaign"
 )
@@ -89,7 +89,6 @@ def run_campaign(
 
 
 def _outcome(task: tuple[str, Path, Path], how: dict[str, Any]) -> "CampaignOutcome":
-    """What becomes of one of several campaigns; one that is refused does not stop the others."""
     from automarine_cli.report.campaign_run import CampaignOutcome
 
     name, campaign, out = task
@@ -194,7 +193,6 @@ def _do(
 
 
 def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
-    """The result file."""
     from automarine_cli.pipeline.manifest import MANIFEST, sha256
     from automarine_cli.pipeline.result_files import RUN, THRUSTER_MAP, RunFile, StepDone
     from automarine_cli.report.campaign_run import cautions
@@ -203,10 +201,8 @@ def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "
     for step, outcome in zip(steps, outcomes):
         if outcome.did in ("done", "kept"):
             entries.append(StepDone(step.name, step.folder, sha256(out / step.folder / MANIFEST)))
-        elif outcome.did == "skipped":
-            entries.append(StepDone(step.name, skipped=outcome.why.partition("; its former")[0]))
         else:
-            entries.append(StepDone(step.name, refused=outcome.why))
+            entries.append(StepDone(step.name, **{outcome.did: outcome.why.partition("; its former")[0]}))
     place = out / "thrusters" / THRUSTER_MAP.file
     tested = THRUSTER_MAP.read(place) if place.is_file() else None
     cautioned = tuple(cautions(tested, campaign.sections["vehicle"].get("supply_V")))
@@ -243,7 +239,6 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
 
 
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
-    """Results of another command or campaign are not replaced without --overwrite."""
     from automarine_cli.pipeline.manifest import manifest_of
 
     manifest = manifest_of(out)

@@ -98,7 +98,6 @@ def serve(
 
 
 def _refuse_halves(settings: dict[str, Any]) -> dict[str, Any]:
-    """Raise UsageError for options that miss another."""
     if bool(settings["campaign"]) != settings["dry_run"]:
         raise click.UsageError("--dry-run and --campaign go together; a campaign is handed over by automarine collect")
     kind = settings["kind"]
@@ -114,7 +113,6 @@ def _vehicle(
     *, kind: str, model: Any, recordings: Any, mavlink: Any, bus: Any, columns: Any, full: float | None, thrusters: Any,
     arm: float | None, depth_limit: float, heading_limit: float, speed: float,
 ) -> "Vehicle":  # fmt: skip
-    """What drives. Raises SettingError, ModelError."""
     if kind == "simulated":
         from automarine_cli.link.vehicles.simulated import Simulated
 
@@ -126,8 +124,7 @@ def _vehicle(
     if speed != 1.0:
         raise SettingError("a vehicle in the water goes by the clock; leave out --speed")
     if kind == "ardusub":
-        from automarine_cli.link.vehicles.ardusub.ride import Limits
-        from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+        from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
 
         return ArduSub(mavlink, full, thrusters, arm, Limits(depth_limit, heading_limit))
     from automarine_cli.link.vehicles.can import CanBus

@@ -42,7 +42,6 @@ def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> 
 
 
 def _with_seed(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings with the seed that is used, which the manifest records."""
     seed = settings["seed"]
     return settings | {"seed": _read(settings["specification"]).seed if seed is None else seed}
 

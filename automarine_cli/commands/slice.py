@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from automarine_cli.runs.slices import By
 
 
-@command("slice", report="slice_tables", figures=False, python="slice_log")
+@command("slice", report="slice_tables", figures=False)
 @options.logs
 @option(
     "--by", type=click.Choice(["mode", "arm", "moment"]), required=True,
@@ -85,7 +85,6 @@ def slice_log(
 def _cut(
     file: "LogFile", columns: "ColumnMap", by: "By", keep: tuple[str, ...], lead: float, shortest: float, form: str
 ) -> "SlicedLog | SetAside":
-    """The runs of one log as files, or why it was set aside."""
     from automarine_cli.logs import read_log
     from automarine_cli.logs.find import stem_of
     from automarine_cli.report.slice_tables import Between, Cut, SlicedLog
@@ -116,7 +115,7 @@ def _cut(
 
 def _content(table: "LogTable", first: int, stop: int, form: str, comment: str) -> bytes:
     from automarine_cli.logs.table import columns_of, csv_text
-    from automarine_cli.simulation.log_files import gzip_bytes, parquet_bytes
+    from automarine_cli.simulation.campaign import gzip_bytes, parquet_bytes
 
     columns = columns_of(table, first, stop)
     if form == "parquet":

@@ -80,7 +80,6 @@ class WrongUsage(click.UsageError):
 
     @classmethod
     def of(cls, error: click.UsageError) -> "WrongUsage":
-        """The same slip, to be told in our way."""
         return error if isinstance(error, cls) else cls(error.format_message(), error.ctx)
 
     def show(self, file: IO[Any] | None = None) -> None:
@@ -95,7 +94,6 @@ class WrongUsage(click.UsageError):
 
 
 def examples(command: click.Command) -> list[str]:
-    """The lines of a help text that may be copied."""
     tail = (command.help or "").partition("Example:")[2]
     lines = [line.strip() for line in tail.splitlines()]
     return [line for line in lines if line.startswith("automarine ")]
@@ -176,16 +174,15 @@ class Bar:
             self._drawn = now
 
     def clear(self) -> None:
-        """Take the bar away."""
         if self._drawn:
             click.echo("\r\x1b[K", err=True, nl=False)
             self._drawn = 0.0
 
 
-def terminal_progress(quiet: bool | None = None) -> Progress:
+def terminal_progress() -> Progress:
     """A bar if standard error is a terminal; with -v a line for each finished stage; else what will take minutes."""
     level = verbosity_level()
-    if quiet or (quiet is None and level < 0):
+    if level < 0:
         return silent
     if level > 0:
         return _stage_lines
@@ -244,24 +241,21 @@ def echo_warnings(warnings: Iterable[str]) -> None:
 
 
 def echo_result(
-    result: Any,
-    *,
-    as_json: bool,
-    out: Path | None = None,
-    tables: Sequence[Any] = (),
-    files: Sequence[str] = (),
-    keep_hint: str | None = "-o DIR",
-    warnings: Sequence[str] | None = None,
-) -> None:
+    result: Any, *, as_json: bool, out: Path | None = None, tables: Sequence[Any] = (), files: Sequence[str] = (),
+    saves: bool = True,
+) -> None:  # fmt: skip
     """The shared tail of all commands.
 
-    Runs set aside go to standard error, and `warnings` (None: those in the manifest in `out`). With `as_json` the
-    result file's content is all there is on standard output; otherwise `tables` (or sentences), then where `files`
-    are, or how to keep them (`keep_hint`; None where a command has nothing to write).
+    Runs set aside and the warnings in the manifest in `out` go to standard error. With `as_json` the result file's
+    content is all there is on standard output; otherwise `tables` (or sentences), then where `files` are, or how to
+    keep them, where a command `saves` them.
     """
+    from automarine_cli.pipeline.manifest import manifest_of
+
     content = result.to_json()
     echo_set_aside(content.get("runs", {}).get("set_aside", ()))
-    echo_warnings(_warnings_in(out) if warnings is None else warnings)
+    manifest = None if out is None else manifest_of(out)
+    echo_warnings(manifest.warnings if manifest else ())
     if as_json:
         from automarine_cli.pipeline.records import json_text
 
@@ -275,7 +269,7 @@ def echo_result(
             click.echo(folded(table, width))
         else:
             click.echo(painted(table.to_text(width).rstrip("\n"), sys.stdout))
-        last = i + 1 == len(tables) and out is None and keep_hint is None
+        last = i + 1 == len(tables) and out is None and not saves
         if not last and not (isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)):
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
@@ -284,16 +278,8 @@ def echo_result(
         there = [n for n in files if not told or " " in n or any(out.glob(n.replace("RUN", "*").rstrip("/")))]
         listed = f": {', '.join(there)}" if there else ""
         click.echo(folded(f"Results are in {out}{listed}", width))
-    elif keep_hint is not None:
-        click.echo(f"No files were written; use {keep_hint} to save the results.")
-
-
-def _warnings_in(out: Path | None) -> Sequence[str]:
-    """What the manifest of a folder of results warns of."""
-    from automarine_cli.pipeline.manifest import manifest_of
-
-    manifest = None if out is None else manifest_of(out)
-    return () if manifest is None else manifest.warnings
+    elif saves:
+        click.echo("No files were written; use -o DIR to save the results.")
 
 
 def end_with(ctx: click.Context, refusals: list[str]) -> None:

@@ -10,8 +10,7 @@ from automarine_cli.commands.command import argument, command, option
 from automarine_cli.pipeline.progress import Progress
 
 if TYPE_CHECKING:
-    from automarine_cli.control.flown import TuningCheck
-    from automarine_cli.control.tuning import Tuning
+    from automarine_cli.control.tuning import Tuning, TuningCheck
 
 POSITIVE = options.Finite(positive=True)
 
@@ -72,7 +71,7 @@ def tune(
       automarine tune out/yaw/yaw_model.json --for ardusub --full 1.2 --delay 0.1 -o out/tuning
     """
     if check:
-        from automarine_cli.control.flown import check_tuning
+        from automarine_cli.control.tuning import check_tuning
         from automarine_cli.report.diagnosis_report import verdict_sentence
 
         return check_tuning(settings["model"], check, reference, settings["columns"], verdict_sentence, progress)

@@ -9,8 +9,7 @@ from automarine_cli.commands.command import command, option
 from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
-    from automarine_cli.comparison.planar import PlanarValidation
-    from automarine_cli.comparison.validation import Validation
+    from automarine_cli.comparison.validation import PlanarValidation, Validation
 
 
 @command("validate", report="validation_report", by_effects=True)
@@ -37,8 +36,14 @@ def validate(
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
     """
-    from automarine_cli.comparison import planar
-    from automarine_cli.comparison.validation import Validation, ahead_of, compare, usable_runs
+    from automarine_cli.comparison.validation import (
+        PlanarValidation,
+        Validation,
+        ahead_of,
+        compare,
+        planar_scored,
+        usable_runs,
+    )
     from automarine_cli.logs import given_columns
     from automarine_cli.models.planar_store import load_planar_model
     from automarine_cli.models.store import load_yaw_models
@@ -60,7 +65,7 @@ def validate(
         whole = load_planar_model(model)
         campaign = load_planar(logs, names, thrusters, arm, **execution)
         command_warnings(campaign.runs)  # refused where they cannot be of this map
-        return planar.PlanarValidation(whole, planar.free_runs(whole.model, campaign.runs), campaign.set_aside)
+        return PlanarValidation(whole, planar_scored(whole.model, campaign.runs, seed), campaign.set_aside)
     stored = load_yaw_models(model)
     if stored.dof.levered or arm is not None:
         _refuse_half_a_drive(thrusters, arm, columns)

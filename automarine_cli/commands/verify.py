@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -52,7 +52,6 @@ verify.finish = _finish
 
 
 def _inside(folder: Path, inputs: Sequence[Path]) -> list["FolderVerified"]:
-    """Verify every result in the folder and below it."""
     try:
         manifests = list(manifests_in(folder))
     except OSError as problem:
@@ -88,11 +87,10 @@ def _verified(
     sought = list(_find_inputs(manifest.inputs, inputs or _likely(folder)))
     where = f"under {', '.join(str(place) for place in inputs)}" if inputs else "here or beside the results"
     bad = []
-    for recorded_input in sought:
-        name = recorded_input.entry.file
-        if recorded_input.changed is not None:
-            bad.append(Change(name, "changed", f"changed; {recorded_input.changed} has other content"))
-        elif recorded_input.path is None:
+    for name, there, changed in sought:
+        if changed is not None:
+            bad.append(Change(name, "changed", f"changed; {changed} has other content"))
+        elif there is None:
             bad.append(Change(name, "missing" if inputs else "not-found", f"not found {where}"))
     return FolderVerified(
         str(folder), manifest.command, len(recorded), tuple(changes),
@@ -100,16 +98,9 @@ def _verified(
     )  # fmt: skip
 
 
-class Sought(NamedTuple):
-    """A recorded input: `path` holds what was read then; else `changed` is a file of that whole name, if any."""
-
-    entry: Entry
-    path: Path | None
-    changed: Path | None
-
-
-def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[Sought]:
-    """Yield where each recorded input is under the folders, hidden ones left out, by its name and content."""
+def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[tuple[str, Path | None, Path | None]]:
+    """Yield of each recorded input its name, the file under the folders (hidden ones left out) that holds what was read
+    then, and where there is none one of that whole name."""
     named: dict[str, list[Path]] = {}
     for here, inside, files in (at for one in folders for at in os.walk(one if one.is_dir() else one.parent)):
         inside[:] = sorted(name for name in inside if not name.startswith("."))
@@ -119,7 +110,7 @@ def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[
         paths = named.get(PurePosixPath(entry.file).name, [])
         alike = [path for path in paths if printable(path.resolve().as_posix()).endswith(f"/{entry.file}")]
         same = next((path for path in [*alike, *paths] if entry.sha256 in (None, sha256_if_readable(path))), None)
-        yield Sought(entry, same, alike[0] if alike and same is None else None)
+        yield entry.file, same, alike[0] if alike and same is None else None
 
 
 def _likely(folder: Path) -> list[Path]:

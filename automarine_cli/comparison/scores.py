@@ -1,14 +1,15 @@
 """Scores of simulated runs: sums a run, so that runs pool and resample exactly; intervals over runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.comparison.rollouts import State
 from automarine_cli.comparison.simulated_runs import FreeRun
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity
 from automarine_cli.runs.clean import GAP_IN_PERIODS
@@ -18,10 +19,38 @@ from automarine_cli.runs.run import Run
 SMOOTHED = 1.0  # s over which a position is smoothed for its rate
 FEWEST_RUNS = 3  # for an interval over runs
 DRAWS = 2000  # bootstrap resamples
-SCORES = ("rmse", "max_abs", "fit_percent", "restarted_rmse", "rate_rmse")
-"""The scores; `score_key` says what they are called in files."""
+NOTHING = np.zeros(0)
+RMS, MAX, FIT = "rms", "max", "fit"
 
-SUMMED = ("rmse", "restarted_rmse", "rate_rmse")  # those that are roots of mean squares
+
+class Score(NamedTuple):
+    """The size of errors of a kind, and what that means."""
+
+    errors: str
+    size: str
+    meaning: str
+
+
+FREE = "free run: measured less simulated {position} from the start of each run to its end"
+ANEW = "{position} error with the state set anew from the smoothed measured {position} at each restart"
+SCORES = {
+    "rmse": Score("position", RMS, FREE),
+    "max_abs": Score("position", MAX, "free run: the largest {position} error"),
+    "fit_percent": Score("position", FIT, "free run: 100 (1 - |error| / |measured - its mean|)"),
+    "restarted_rmse": Score("restarted", RMS, ANEW),
+    "rate_rmse": Score("rate", RMS, "free run: measured less simulated {rate}"),
+}
+"""The scores of one degree of freedom; `score_key` says what they are called in files."""
+PLANAR_SCORES = {
+    "heading_rmse_deg": Score("heading", RMS, YAW.fill(FREE)),
+    "heading_max_abs_deg": Score("heading", MAX, "free run: the largest heading error"),
+    "position_rmse_m": Score("position", RMS, "free run: distance between measured and simulated position"),
+    "position_max_abs_m": Score("position", MAX, "free run: the largest such distance"),
+    "surge_rmse_m_s": Score("surge", RMS, "free run: measured less simulated surge speed"),
+    "sway_rmse_m_s": Score("sway", RMS, "free run: measured less simulated sway speed"),
+    "yaw_rate_rmse_deg_s": Score("yaw_rate", RMS, "free run: measured less simulated yaw rate"),
+}
+KNOWN = {**SCORES, **PLANAR_SCORES}
 
 
 def score_key(score: str, dof: Dof) -> str:
@@ -33,29 +62,26 @@ def score_key(score: str, dof: Dof) -> str:
 
 @dataclass(frozen=True)
 class RunScore:
-    """One run under one model: sums of squares, in the unit that people see, with their numbers of samples.
+    """Errors (n,) of one run under one model by kind, in the unit that people see, none at all where the simulation
+    diverges; `spread` is the sum of squares of the measured position about its mean."""
 
-    `spread` is the sum of squares of the measured position about its mean, `worst` the largest error. All
-    are 0 where the simulation `diverged`; a count of 0 says that the run has no such score.
-    """
+    errors: Mapping[str, Floats]
+    spread: float = 0.0
 
-    start: State
-    diverged: bool
-    worst: float
-    squares: Mapping[str, float]
-    counts: Mapping[str, int]
-    spread: float
+    @property
+    def diverged(self) -> bool:
+        return not self.errors
 
     def value(self, name: str) -> float | None:
-        """The score of that name (see SCORES), None where there is none."""
-        if self.diverged:
+        """The score of that name, None where there is none."""
+        score = KNOWN[name]
+        error = self.errors.get(score.errors, NOTHING)
+        if not len(error):
             return None
-        if name == "max_abs":
-            return self.worst
-        if name == "fit_percent":
-            return fit_percent(self.squares["rmse"], self.spread)
-        count = self.counts[name]
-        return float(np.sqrt(self.squares[name] / count)) if count else None
+        if score.size == MAX:
+            return float(np.abs(error).max())
+        square = float(error @ error)
+        return fit_percent(square, self.spread) if score.size == FIT else float(np.sqrt(square / len(error)))
 
 
 def fit_percent(square: float, spread: float) -> float | None:
@@ -66,22 +92,24 @@ def fit_percent(square: float, spread: float) -> float | None:
 def score(free: FreeRun, restarted: Floats) -> RunScore:
     """Score a free run and its restarted errors (N,) [rad or m]; no restarted score where a restart diverges."""
     if free.diverged:
-        nothing = dict.fromkeys(SUMMED, 0)
-        return RunScore(free.start, True, 0.0, nothing, nothing, 0.0)
+        return RunScore({})
     dof = free.run.dof
-    error = dof.shown(free.error)
-    again = dof.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
+    again = dof.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else NOTHING
     measured = dof.shown(free.run.position)
-    rate = rate_error(free)
-    columns = dict(zip(SUMMED, (error, again, rate)))
-    return RunScore(
-        start=free.start,
-        diverged=False,
-        worst=float(np.abs(error).max()),
-        squares={name: float(column @ column) for name, column in columns.items()},
-        counts={name: len(column) for name, column in columns.items()},
-        spread=float(np.sum((measured - measured.mean()) ** 2)),
-    )
+    errors = {"position": dof.shown(free.error), "restarted": again, "rate": rate_error(free)}
+    return RunScore(errors, float(np.sum((measured - measured.mean()) ** 2)))
+
+
+def planar_score(free: FreeRun) -> RunScore:
+    """Score a free run in the plane by what its log holds."""
+    if free.diverged:
+        return RunScore({})
+    names = (YAW.position, *(dof.velocity for dof in PLANAR.dofs))
+    errors = {"position": free.distance} | {name: free.error_of(name) for name in names}
+    scale = {name: YAW.logged(1.0) for name in (YAW.position, YAW.velocity)}
+    return RunScore({
+        name: scale.get(name, 1.0) * error[np.isfinite(error)] for name, error in errors.items() if error is not None
+    })  # fmt: skip
 
 
 def rate_source(run: Run) -> str:
@@ -125,9 +153,7 @@ def noise_floor(run: Run) -> float:
 
 def pooled_floor(runs: Sequence[Run]) -> float:
     """Noise level of all runs together, weighted as a pooled rmse is."""
-    sizes = np.array([len(run) for run in runs])
-    floors = np.array([noise_floor(run) for run in runs])
-    return float(np.sqrt(sizes @ floors**2 / sizes.sum()))
+    return float(np.sqrt(np.average([noise_floor(run) ** 2 for run in runs], weights=[len(run) for run in runs])))
 
 
 @dataclass(frozen=True)
@@ -144,33 +170,43 @@ def resamples(runs: int, seed: int) -> NDArray[np.int64]:
     return generator.multinomial(runs, np.full(runs, 1.0 / runs), size=DRAWS)
 
 
-def overall(scores: Sequence[RunScore], drawn: NDArray[np.int64]) -> dict[str, Overall]:
+def overall(
+    scores: Sequence[RunScore], drawn: NDArray[np.int64], names: Iterable[str] = SCORES
+) -> dict[str, Overall]:  # fmt: skip
     """Every score over all runs: all samples pooled, the largest error of all.
 
     `drawn` as from `resamples`. Nothing is scored under a model that diverged in any run.
     """
     if any(one.diverged for one in scores):
-        return {name: Overall(None) for name in SCORES}
-    found = {"max_abs": Overall(max(one.worst for one in scores))}
-    for name in SUMMED:
-        squares = np.array([one.squares[name] for one in scores])
-        counts = np.array([one.counts[name] for one in scores], dtype=float)
-        found[name] = _ratio(squares, counts, drawn)
-    squares = np.array([one.squares["rmse"] for one in scores])
-    shares = _ratio(squares, np.array([one.spread for one in scores]), drawn)
-    found["fit_percent"] = Overall(
-        None if shares.value is None else 100.0 * (1.0 - shares.value),
-        None if shares.ci95 is None else (100.0 * (1.0 - shares.ci95[1]), 100.0 * (1.0 - shares.ci95[0])),
-    )
-    return {name: found[name] for name in SCORES}
+        return {name: Overall(None) for name in names}
+    found = {}
+    for name in names:
+        kind, size, _ = KNOWN[name]
+        squares, counts = _sums(scores, kind)
+        if size == RMS:
+            found[name] = _ratio(squares, counts, drawn)
+        elif size == MAX:
+            found[name] = Overall(max((x for one in scores if (x := one.value(name)) is not None), default=None))
+        else:
+            share = _ratio(squares, np.array([one.spread for one in scores]), drawn)
+            found[name] = Overall(
+                None if share.value is None else 100.0 * (1.0 - share.value),
+                None if share.ci95 is None else (100.0 * (1.0 - share.ci95[1]), 100.0 * (1.0 - share.ci95[0])),
+            )
+    return found
+
+
+def _sums(scores: Sequence[RunScore], kind: str) -> tuple[Floats, Floats]:
+    """Sums of squares of the errors of each run, and their numbers."""
+    errors = [one.errors.get(kind, NOTHING) for one in scores]
+    return np.array([error @ error for error in errors]), np.array([len(error) for error in errors], dtype=float)
 
 
 def lead(better: Sequence[RunScore], worse: Sequence[RunScore], drawn: NDArray[np.int64]) -> Overall:
     """By how much the pooled free-run rmse of one model is below another's, over the same resamples."""
-    counts = np.array([one.counts["rmse"] for one in better], dtype=float)
     roots = []
     for scores in (worse, better):
-        squares = np.array([one.squares["rmse"] for one in scores])
+        squares, counts = _sums(scores, SCORES["rmse"].errors)
         roots.append((np.sqrt(squares.sum() / counts.sum()), np.sqrt(drawn @ squares / (drawn @ counts))))
     (first, many_first), (second, many_second) = roots
     return Overall(float(first - second), _interval(many_first - many_second, len(better)))

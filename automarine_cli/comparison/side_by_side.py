@@ -74,14 +74,9 @@ class Difference:
 
     def to_json(self) -> dict[str, object]:
         return {
-            "parameter": self.parameter,
-            "of": self.of,
-            "less": self.base,
-            "difference": self.difference.to_json(),
-            "relative_percent": None if self.relative is None else list(self.relative),
-            "p_value": self.p_value,
-            "verdict": self.verdict,
-        }
+            "parameter": self.parameter, "of": self.of, "less": self.base, "difference": self.difference.to_json(),
+            "relative_percent": self.relative and list(self.relative), "p_value": self.p_value, "verdict": self.verdict,
+        }  # fmt: skip
 
 
 def difference(one: Estimate, other: Estimate) -> Estimate:
@@ -101,9 +96,9 @@ def difference(one: Estimate, other: Estimate) -> Estimate:
 
 def comparable(one: Estimate, other: Estimate) -> bool:
     """Whether a difference has an interval: means over runs need two in common."""
-    if not (isinstance(one, OverRuns) and isinstance(other, OverRuns)):
-        return True
-    return len(set(one.by_run) & set(other.by_run)) > 1
+    if isinstance(one, OverRuns) and isinstance(other, OverRuns):
+        return len(set(one.by_run) & set(other.by_run)) > 1
+    return True
 
 
 def p_value(apart: Estimate) -> float | None:
@@ -167,41 +162,35 @@ def of_model(file: ModelFile, models: Sequence[str]) -> Contents:
     """What the file of a fit says, of the models in `models`. Raises ModelError for a number without an interval."""
     dof, own = file.dof, file.dof.symbols
     names = {
-        "quadratic": own.quadratic_print,
-        "linear": own.linear,
-        "inertia": own.inertia,
-        "ratio": f"{own.inertia}/{own.quadratic_print}",
-        "constant": "constant force",
+        "quadratic": own.quadratic_print, "linear": own.linear, "inertia": own.inertia,
+        "ratio": f"{own.inertia}/{own.quadratic_print}", "constant": "constant force",
         "difference": "half the difference of drag",
+    }  # fmt: skip
+    parameters = {
+        f"{label}{f', model {number}' * (len(models) > 1)}": given.known(
+            f"models.{number}.{dof.parameters.get(role, dof.ratio_key)}"
+        )
+        for number in models
+        for role, label in names.items()
+        if (given := getattr(file.models[number], role, None)) is not None
     }
-    parameters = {}
-    for number_ in models:
-        beside = f", model {number_}" if len(models) > 1 else ""
-        for name, told in names.items():
-            given: Given | None = getattr(file.models[number_], name, None)
-            if given is not None:
-                parameters[f"{told}{beside}"] = given.known(
-                    f"models.{number_}.{dof.parameters.get(name, dof.ratio_key)}"
-                )
     if file.gain_scatter is not None:
         parameters["scatter of thrust"] = file.gain_scatter.known("gain_scatter")
-    facts = {"preferred model": file.preferred}
-    if file.noise is not None:
-        facts[f"{dof.words.position} noise [{dof.units.shown}]"] = _short(file.noise)
-    return parameters, facts
+    noise = {} if file.noise is None else {f"{dof.words.position} noise [{dof.units.shown}]": _short(file.noise)}
+    return parameters, {"preferred model": file.preferred, **noise}
 
 
 def of_thrusters(file: ThrusterFile, models: Sequence[str]) -> Contents:
     """What a thruster map says. Raises ModelError for a number without an interval."""
     parameters, facts = dict[str, Estimate](), {"form": file.form}
-    if file.chosen is not None and file.chosen.rmse_percent_of_full_scale is not None:
-        facts["error of it [% of full scale]"] = _short(file.chosen.rmse_percent_of_full_scale)
-    sides = (("forward", file.forward, file.parameters.forward), ("backward", file.backward, file.parameters.backward))
-    for side, square, curve in sides:
-        if square.a is not None:
-            parameters[f"a {side}, square law"] = square.a.known(f"{side}.a")
-        for name, value in (curve.named if curve and file.form != "square" else {}).items():
-            if value.estimate or value.at_bound:  # else the form fixes it
+    if file.rmse_percent is not None:
+        facts["error of it [% of full scale]"] = _short(file.rmse_percent)
+    for side in ("forward", "backward"):
+        square, curve = getattr(file, f"a_{side}"), getattr(file.parameters, side)
+        if square is not None:
+            parameters[f"a {side}, square law"] = square.known(f"{side}.a")
+        for name, value in vars(curve).items() if curve and file.form != "square" else ():
+            if value and (value.estimate or value.at_bound):  # else the form fixes it
                 _place(f"{name} {side}, form {file.form}", value, parameters, facts)
     return parameters, facts
 
@@ -215,22 +204,20 @@ def _place(name: str, value: Given, parameters: dict[str, Estimate], facts: dict
 
 
 def of_validation(file: ValidationFile, models: Sequence[str]) -> Contents:
-    """What a validation says of the model that the fit preferred: its errors, to be compared run by run."""
-    number_ = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
-    unit, each = file.dof.units.shown, file.models[number_].runs
+    number = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
+    each = file.models[number].runs
     samples = {run: f"{run} ({log['samples']} samples)" for run, log in file.logs.items()}
-    found: dict[str, Mapping[str, float | None]] = {
-        "free run rmse": {run: one.rmse for run, one in each.items()},
-        "restarted rmse": {run: one.restarted for run, one in each.items()},
+    errors: dict[str, Mapping[str, float | None]] = {
+        "free run rmse": {run: score.rmse for run, score in each.items()},
+        "restarted rmse": {run: score.restarted for run, score in each.items()},
+        **{f"error {ahead.horizon_s:g} s ahead": ahead.runs for ahead in file.prediction.get(number, ())},
     }
-    for ahead in file.prediction.get(number_, ()):
-        found[f"error {ahead.horizon_s:g} s ahead"] = ahead.runs
-    parameters = {}
-    for name, by_run in found.items():
-        told = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
-        if len(told) > 1:
-            parameters[name] = OverRuns.of(told, unit)
-    return dict(parameters), {"preferred model": number_}
+    parameters = dict[str, Estimate]()
+    for name, by_run in errors.items():
+        known = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
+        if len(known) > 1:
+            parameters[name] = OverRuns.of(known, file.dof.units.shown)
+    return parameters, {"preferred model": number}
 
 
 def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Contents:
@@ -243,12 +230,10 @@ def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Contents:
             if value.stderr != 0:  # a choice of law has no interval
                 _place(f"{effect.name}: {name}", value, parameters, facts)
     for name, moved in file.base.items():
-        told = own.quadratic_print if name == own.quadratic else name
-        parameters[f"{told} with what was missing"] = moved.after.known(f"base.{name}.after")
-    gap = file.gap.fitted_runs
-    for size, name in ((gap.before, "gap before"), (gap.after, "gap after"), (gap.noise_floor, "noise")):
-        facts[f"{name} [{file.unit}]"] = _short(size)
-    return parameters, facts
+        label = own.quadratic_print if name == own.quadratic else name
+        parameters[f"{label} with what was missing"] = moved.after.known(f"base.{name}.after")
+    sizes = {"gap before": file.before, "gap after": file.after, "noise": file.noise_floor}
+    return parameters, facts | {f"{name} [{file.unit}]": _short(size) for name, size in sizes.items()}
 
 
 def _short(value: float) -> str:
@@ -357,11 +342,9 @@ def _shared_logs(sides: Sequence[Side], places: Mapping[str, Path]) -> list[str]
         for name, path in places.items()
         if is_manifest(manifest := path.with_name(MANIFEST))
     }
-    notes = []
-    for a, b in combinations(logs, 2):
-        if count := len(logs[a] & logs[b]):
-            notes.append(
-                f"{a} and {b} share {count} log{'s' * (count != 1)}: the intervals of their differences, "
-                "which assume independent results, tend to be too wide."
-            )
-    return notes
+    return [
+        f"{a} and {b} share {count} log{'s' * (count != 1)}: the intervals of their differences, which assume "
+        "independent results, tend to be too wide."
+        for a, b in combinations(logs, 2)
+        if (count := len(logs[a] & logs[b]))
+    ]

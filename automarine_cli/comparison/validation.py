@@ -7,27 +7,39 @@ fitted on these very runs, for no file knows the weather of their day.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import (
+    PLANAR_SCORES,
     SCORES,
     Overall,
     RunScore,
     lead,
     noise_floor,
     overall,
+    planar_score,
     pooled_floor,
     rate_source,
     resamples,
     score,
     score_key,
 )
-from automarine_cli.comparison.simulated_runs import FreeRun, Restarts, find_restarts, free_runs, restarted_errors
+from automarine_cli.comparison.simulated_runs import (
+    FreeRun,
+    Restarts,
+    State,
+    find_restarts,
+    free_runs,
+    needed_signals,
+    planar_free_runs,
+    restarted_errors,
+)
 from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError
 from automarine_cli.filters.course import make_course
@@ -36,6 +48,8 @@ from automarine_cli.fits.driven import STEPS, ForecastScore, base_starts, distur
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.models.planar import PlanarModel
+from automarine_cli.models.planar_store import StoredPlanar
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
@@ -46,13 +60,7 @@ from automarine_cli.runs.checks import without_undriven
 from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 
-MEANING = {
-    "rmse": "free run: measured less simulated {position} from the start of each run to its end",
-    "max_abs": "free run: the largest {position} error",
-    "fit_percent": "free run: 100 (1 - |error| / |measured - its mean|)",
-    "restarted_rmse": "{position} error with the state set anew from the smoothed measured {position} at each restart",
-    "rate_rmse": "free run: measured less simulated {rate}",
-}
+START = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_rad_s")
 
 
 @dataclass(frozen=True)
@@ -66,6 +74,11 @@ class Scored:
     @property
     def diverged(self) -> tuple[str, ...]:
         return tuple(one.run.name for one in self.free if one.diverged)
+
+    @property
+    def values(self) -> list[dict[str, float | None]]:
+        """The scores of each run by name."""
+        return [{name: score.value(name) for name in self.overall} for score in self.scores]
 
 
 @dataclass(frozen=True)
@@ -94,15 +107,16 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     drawn = resamples(len(runs), seed)
     models: dict[str, Scored] = {}
     for number, model in stored.models.items():
-        stage = f"simulating model {number}"
-        found = free_runs(model, runs, stored.switch_offset)
-        free = list(counted(progress, stage, found, len(runs)))
+        simulated = free_runs(model, runs, stored.switch_offset)
+        free = list(counted(progress, f"simulating model {number}", simulated, len(runs)))
         again = restarted_errors(model, free, restarts, stored.switch_offset)
         scores = tuple(score(one, errors) for one, errors in zip(free, again))
         models[number] = Scored(tuple(free), scores, overall(scores, drawn))
-    sizes = {number: len(model.theta) for number, model in stored.models.items()}
-    values = {number: one.overall["rmse"].value for number, one in models.items()}
-    ranked = sorted((value, sizes[number], number) for number, value in values.items() if value is not None)
+    ranked = sorted(
+        (value, len(stored.models[number].theta), number)
+        for number, scored in models.items()
+        if (value := scored.overall["rmse"].value) is not None
+    )
     best = ranked[0][2] if ranked else None
     leads = {
         number: lead(models[best].scores, models[number].scores, drawn)
@@ -146,51 +160,50 @@ def _digits(gap: float | None) -> str:
 
 @dataclass(frozen=True)
 class Ahead:
-    """What each model, by its number, is worth by horizon; `preferred` is the number of the one that the fit preferred:
-    who has no more logs than these cannot know which does best on them. `by_run` are the errors of each model by
-    horizon and run."""
+    """What each model, by its number, predicts from the filtered states of the `runs`; `preferred` is the one that the
+    fit preferred: who has no more logs than these cannot know which does best on them."""
 
-    worth: Mapping[str, tuple[ForecastScore, ...]]
+    predicted: Mapping[str, tuple[Predicted, ...]]
     preferred: str
+    runs: tuple[str, ...]
     dof: Dof
-    by_run: Mapping[str, Mapping[float, Mapping[str, float]]]
+
+    @cached_property
+    def worth(self) -> dict[str, tuple[ForecastScore, ...]]:
+        """What the models are worth by horizon."""
+        return {number: worth_of(predicted) for number, predicted in self.predicted.items()}
 
     @property
     def of_use(self) -> bool:
         """Whether the preferred model predicts better than constants do; what cannot be judged counts as of use."""
-        one = judged_of(self.worth.get(self.preferred, ()))
-        return one is None or one.of_use
+        judged = judged_of(self.worth[self.preferred])
+        return judged is None or judged.of_use
 
     @property
     def sentence(self) -> str:
-        judged = {number: one for number, worth in self.worth.items() if (one := judged_of(worth)) is not None}
-        if self.preferred not in judged:
+        if (judged := judged_of(self.worth[self.preferred])) is None:
             return "These runs are driven and disturbed, and too short to judge predictions."
-        one = judged[self.preferred]
-        which = f"odel {self.preferred}" + ", which the fit preferred," * (len(self.worth) > 1)
-        if one.of_use:
-            return f"M{which} predicts {one.beside(self.dof)}."
-        none = "The model is of no use" if len(judged) == 1 else "No model is of use"
-        if any(other.of_use for other in judged.values()):
-            none = f"M{which} is of no use"
-            which = "it"
-        else:
-            which = f"m{which}"
+        model = f"Model {self.preferred}" + ", which the fit preferred," * (len(self.worth) > 1)
+        if judged.of_use:
+            return f"{model} predicts {judged.beside(self.dof)}."
         return (
-            f"{none} on these runs: {which} predicts {one.beside(self.dof)}. Do not simulate or "
-            "control with it; `automarine diagnose` looks for what it lacks."
+            f"{model} is not usable on these runs: it predicts {judged.beside(self.dof)}. Do not simulate or control "
+            "with it; `automarine diagnose` looks for what it lacks."
         )
 
     def to_json(self) -> dict[str, list[dict[str, object]]]:
         """By model and horizon, in the unit in which people see positions."""
-        dof = self.dof
+
+        def by_run(ahead: Predicted) -> dict[str, float]:
+            sizes = self.dof.shown(np.sqrt(ahead.by_run(ahead.error, len(self.runs))))
+            return {run: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
+
         return {
             number: [
-                one.to_json(dof)
-                | {"runs": {run: float(dof.shown(error)) for run, error in self.by_run[number][one.horizon].items()}}
-                for one in worth
+                score.to_json(self.dof) | {"runs": by_run(ahead)}
+                for score, ahead in zip(self.worth[number], (ahead for ahead in predicted if len(ahead.error)))
             ]
-            for number, worth in self.worth.items()
+            for number, predicted in self.predicted.items()
         }
 
 
@@ -198,7 +211,6 @@ def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...
     """Predictions of every model of a file from the filtered states of `runs`; None where the runs are not driven, or
     no filter follows them. `channels` names the quantities that count, None for positions."""
     at_rest = np.array([starts_at_rest(run) for run in runs])
-    worth, by_run = {}, {}
     try:
         rough = rough_model("2", make_batch(runs, STEPS[0]))  # what runs are does not hang on the model to be judged
     except FitError:
@@ -206,18 +218,10 @@ def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...
     try:
         if not disturbed(runs, rough, at_rest, channels):
             return None
-        for number, model in stored.models.items():
-            ahead = _predicted(model, runs, at_rest, channels)
-            worth[number] = worth_of(ahead)
-            by_run[number] = {one.horizon: _by_run(one, runs) for one in ahead}
+        predicted = {number: _predicted(model, runs, at_rest, channels) for number, model in stored.models.items()}
     except FitError:  # what the free runs say has to do
         return None
-    return Ahead(worth, stored.preferred, stored.dof, by_run)
-
-
-def _by_run(ahead: Predicted, runs: Sequence[Run]) -> dict[str, float]:
-    sizes = np.sqrt(ahead.by_run(ahead.error, len(runs)))
-    return {run.name: float(size) for run, size in zip(runs, sizes) if np.isfinite(size)}
+    return Ahead(predicted, stored.preferred, tuple(run.name for run in runs), stored.dof)
 
 
 def _predicted(
@@ -246,10 +250,18 @@ class Validation(Shown):
     def to_json(self) -> dict[str, object]:
         compared, dof, ahead = self.comparison, self.stored.dof, self.ahead
         use = {} if ahead is None else {"of_use": ahead.of_use, "says": ahead.sentence}
+
+        def start(state: State) -> dict[str, object]:
+            position, rate = f"{dof.words.position}_{dof.units.key}", f"{dof.words.speed}_{dof.units.rate_key}"
+            return {position: float(dof.shown(state.position)), rate: float(dof.shown(state.rate)), "how": state.how}
+
         return {
             "schema": VALIDATION.schema,
             **({} if dof.wraps else {"motion": dof.name}),
-            "models": {number: self._model_json(scored) for number, scored in compared.models.items()},
+            "models": {
+                number: scored_json(scored, lambda name: score_key(name, dof), start)
+                for number, scored in compared.models.items()
+            },
             f"noise_floor_{dof.units.key}": compared.floor,
             "best": compared.best,
             "best_because": compared.because,
@@ -259,12 +271,10 @@ class Validation(Shown):
             "switch_offset": self.stored.switch_offset,
             **channels_json(self.channels, measured_noises(compared.runs, dof)),
             **({} if ahead is None else {"prediction": ahead.to_json(), "use": use}),
-            "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
+            "scores": {score_key(name, dof): dof.fill(score.meaning) for name, score in SCORES.items()},
             "logs": {
                 run.name: {
-                    "file": run.source,
-                    "samples": len(run),
-                    "duration_s": float(run.time[-1] - run.time[0]),
+                    **log_json(run),
                     f"noise_floor_{dof.units.key}": floor,
                     "restarts": len(restarts.states),
                     "restarted_at": restarts.rule,
@@ -276,27 +286,26 @@ class Validation(Shown):
             "runs": runs_json(len(compared.runs), self.set_aside, compared.runs),
         }
 
-    def _model_json(self, scored: Scored) -> dict[str, object]:
-        dof, data = self.stored.dof, dict[str, object]()
-        for name in SCORES:
-            key, over_all = score_key(name, dof), scored.overall[name]
-            data[key] = over_all.value
-            if over_all.ci95 is not None:
-                data[f"{key}_ci95"] = list(over_all.ci95)
-        data["diverged"] = list(scored.diverged)
-        names = (run.name for run in self.comparison.runs)
-        data["runs"] = {name: _score_json(score, dof) for name, score in zip(names, scored.scores)}
-        return data
 
-
-def _score_json(score: RunScore, dof: Dof) -> dict[str, object]:
-    words, units = dof.words, dof.units
-    start = {
-        f"{words.position}_{units.key}": float(dof.shown(score.start.position)),
-        f"{words.speed}_{units.rate_key}": float(dof.shown(score.start.rate)),
-        "how": score.start.how,
+def scored_json(
+    scored: Scored, key: Callable[[str], str], start: Callable[[State], Mapping[str, object]]
+) -> dict[str, object]:
+    """What a file says of one model, by the keys of the scores."""
+    data = dict[str, object]()
+    for name, whole in scored.overall.items():
+        data[key(name)] = whole.value
+        if whole.ci95 is not None:
+            data[f"{key(name)}_ci95"] = list(whole.ci95)
+    runs = {
+        free.run.name: {key(name): value for name, value in values.items()}
+        | {"diverged": free.diverged, "start": start(free.start)}
+        for free, values in zip(scored.free, scored.values)
     }
-    return {**{score_key(name, dof): score.value(name) for name in SCORES}, "diverged": score.diverged, "start": start}
+    return {**data, "diverged": list(scored.diverged), "runs": runs}
+
+
+def log_json(run: Run) -> dict[str, object]:
+    return {"file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0])}
 
 
 def usable_runs(
@@ -321,7 +330,7 @@ def usable_runs(
         if run.moment_unit != stored.moment_unit:
             raise ModelError(
                 f"{stored.source} was fitted to {stored.dof.words.force}s in {stored.moment_unit}, {run.source} "
-                f"gives them in {run.moment_unit}; there is no factor between the two. Validate with logs in "
+                f"gives them in {run.moment_unit}; there is no factor between the two. Give logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
     return usable, [*aside, *undriven]
@@ -338,3 +347,34 @@ def _refuse_incomplete(run: Run, signals: Sequence[str]) -> None:
                 f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "
                 "validate a model without that effect"
             )
+
+
+def planar_scored(model: PlanarModel, runs: Sequence[Run], seed: int = 0) -> Scored:
+    free = tuple(planar_free_runs(model, runs))
+    scores = tuple(map(planar_score, free))
+    return Scored(free, scores, overall(scores, resamples(len(runs), seed), PLANAR_SCORES))
+
+
+@dataclass(frozen=True, repr=False)
+class PlanarValidation(Shown):
+    """A planar model, every run simulated by it, and the runs left out."""
+
+    stored: StoredPlanar
+    scored: Scored
+    set_aside: tuple[SetAside, ...]
+
+    def to_json(self) -> dict[str, object]:
+        runs, name = [free.run for free in self.scored.free], PLANAR.name
+
+        def start(state: State) -> dict[str, object]:
+            return dict(zip(START, [*state.position.tolist(), *state.rate.tolist()]))
+
+        return {
+            "schema": VALIDATION.schema,
+            "motion": name,
+            "models": {name: scored_json(self.scored, str, start)},
+            "best": name,
+            "scores": {name: score.meaning for name, score in PLANAR_SCORES.items()},
+            "logs": {run.name: log_json(run) for run in runs},
+            "runs": runs_json(len(runs), self.set_aside, runs),
+        }

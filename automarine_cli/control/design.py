@@ -1,11 +1,19 @@
-"""Gains as fast and as stiff as the margin allows to all vehicles that a model allows, and the verdict on them.
+"""Flights of vehicles under a controller, how far its loops are from oscillating, gains as fast and as stiff as the
+margin allows to all vehicles that a model allows, and the verdict on them.
+
+A formula for margins is satisfied by loops that are unstable already: what is unstable is found first, by counting how
+often 1 + L goes round the origin along a line slightly to the left of the imaginary axis (Nyquist's criterion, which
+thus calls what rings on and on unstable too), and has no margin.
 
 First design numbers are spread over the space of gains and their disk margins worked out on three vehicles of every
 explanation; all that keep the margin are flown, for no figure of a linear loop says how soon a step settles. The best
 are looked at again nearby, ever nearer, and the last few are judged on the whole crowd.
+
+Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IEEE Control Systems 40(5):78; Nyquist
+(1932), Bell System Technical Journal 11:126.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -15,23 +23,190 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.control import vehicles as plant
-from automarine_cli.control.closed_loop import (
-    TILT,
-    Flight,
-    Margins,
-    Scores,
-    disk_margin,
-    frequencies,
-    margins,
-    scores,
-    stable_along,
-    step_and_load,
-)
 from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.targets.base import Gains, Nominal, Target
-from automarine_cli.control.vehicles import Bend, Vehicles, crowd, dead_time, lag_of, output_slope, sensor_lag
+from automarine_cli.control.vehicles import Bend, Vehicles, dead_time, lag_of
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Complexes, Floats
+
+LONGEST_STEP = 0.01  # longest step [s] of a vehicle between two loops of its controller
+READ = 0.1  # readings are as far off as they are for so long [s]: the pace of logs, of which their noise is known
+TWO = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
+"""The two flights: one with the step of the reference, one with the load."""
+Loop = Callable[[Complexes], Complexes]
+TILT = 0.02  # damping ratio below which a closed loop counts as unstable
+LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
+
+
+@dataclass(frozen=True)
+class Flight:
+    """`time` (N,) [s], `position` and `output` (S, R, N) of S sets in R flights."""
+
+    time: Floats
+    position: Floats
+    output: Floats
+
+
+def fly(
+    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1,
+    longest: float = LONGEST_STEP,
+) -> Flight:  # fmt: skip
+    """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
+    moment against the vehicle all along; kept `every` so many seconds, the vehicle in steps of `longest` [s] at most.
+    Readings have the vehicles' noise, the same in every call."""
+    vehicles = target.straightened(vehicles)
+    step, loops = target.period, reference.shape[2]
+    parts = max(1, int(np.ceil(step / longest - 1e-9)))
+    flights = reference.shape[1]
+    hull, drive = plant.Body(vehicles, flights), plant.Actuators(vehicles, flights, step / parts)
+    rest = plant.holding(vehicles)[:, None]
+    drive.begin(rest + np.zeros((1, flights)))
+    gains = target.prepared(gains)
+    state = target.start(gains, hull.position[0], rest)
+    lag, shown = plant.sensor_lag(vehicles)[:, None], hull.position[0]
+    late = np.exp(-step / np.maximum(lag, 1e-9))
+    stride, pace = max(1, round(every / step)), max(1, round(READ / step))
+    random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
+    wrong = sizes * np.zeros((2, len(vehicles), flights))
+    kept: list[Floats] = []
+    outputs: list[Floats] = []
+    with np.errstate(over="ignore", invalid="ignore"):  # an unstable set of gains may run away
+        for k in range(loops):
+            position = hull.position[0]
+            shown = position + late * (shown - position)
+            if k % pace == 0 and any(vehicles.noise):
+                wrong = sizes * random.standard_normal(wrong.shape)
+            read = shown + wrong[0], hull.velocity[0] + wrong[1]
+            state, output = target.step(state, gains, reference[:, :, k], *read)
+            if k % stride == 0:
+                kept.append(position)
+                outputs.append(output)
+            for _ in range(parts):
+                hull.advance(drive.deliver(output) - load, step / parts)
+    time = stride * step * np.arange(len(kept), dtype=np.float64)
+    return Flight(time, np.stack(kept, axis=2), np.stack(outputs, axis=2))
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (infinite where it never does), `rms`
+    from then on and `error` of the load [base units], and `end` what is left of the latter at the end."""
+
+    overshoot: Floats
+    settling: Floats
+    rms: Floats
+    error: Floats
+    end: Floats
+
+    @property
+    def settles(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.settling)
+
+
+def step_and_load(
+    target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float, every: float = 0.1,
+    longest: float = LONGEST_STEP,
+) -> Flight:  # fmt: skip
+    """Fly every set twice: a step of the reference, and a load in shares of the whole output from rest."""
+    loops = max(2, round(seconds / target.period))
+    reference = np.repeat((step * TWO[0])[:, :, None], loops, axis=2)
+    return fly(target, gains, vehicles, reference, load * vehicles.full * TWO[1], every=every, longest=longest)
+
+
+def scores(flight: Flight, step: float, band: float) -> Scores:
+    overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
+    pushed = np.abs(np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6))
+    return Scores(overshoot, settling, rms, pushed.max(axis=1), pushed[:, -1])
+
+
+def step_scores(time: Floats, position: Floats, step: float, band: float) -> tuple[Floats, Floats, Floats]:
+    """Return overshoot in shares of a `step`, when positions (S, N) settle in a `band` [s], and the rms from then."""
+    way, left = position / step, np.abs(position - step)
+    with np.errstate(invalid="ignore"):
+        outside = ~(left <= band)
+    last = len(time) - 1 - np.argmax(outside[:, ::-1], axis=1)
+    never = last > 0.9 * len(time)
+    settling = np.where(never, np.inf, time[np.minimum(last + 1, len(time) - 1)])
+    settled = time[None, :] >= np.where(never, 0.75 * time[-1], settling)[:, None]
+    square = np.where(settled, np.nan_to_num(left, nan=1e6, posinf=1e6) ** 2, 0.0)
+    rms = np.sqrt(square.sum(axis=1) / np.maximum(settled.sum(axis=1), 1))
+    overshoot = np.maximum(np.nan_to_num(way, nan=1e6, posinf=1e6).max(axis=1) - 1.0, 0.0)
+    return overshoot, settling, rms
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Of S loops, (S,) each: `disk` (balanced, the diameter alpha), `gain` [dB], the smaller way, `phase` [deg],
+    `delay` [s], and `stable`; zero where a loop is not."""
+
+    disk: Floats
+    gain: Floats
+    phase: Floats
+    delay: Floats
+    stable: NDArray[np.bool_]
+
+
+def frequencies(highest: float, count: int, lowest: float = LOWEST) -> Floats:
+    """Return frequencies [rad/s] up to `highest`, denser where loops cross over."""
+    few, start = max(count // 6, 8), highest * 1e-4
+    if lowest >= start:
+        return np.geomspace(lowest, highest, count)
+    return np.concatenate([np.geomspace(lowest, start, few, endpoint=False), np.geomspace(start, highest, count - few)])
+
+
+def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
+    """Tell which of S closed loops are stable, by L (S, W) at frequencies times (1j - TILT).
+
+    `poles` (S or 1, n) are those of the vehicle, `integrators` how many the controller adds.
+    """
+    curve = 1.0 + ratio
+    turned = np.sum(np.angle(curve[:, 1:] / curve[:, :-1]), axis=1)
+    origin = np.abs(poles) < LOWEST
+    ahead = (np.abs(np.angle(poles)) < np.pi / 2 + np.arctan(TILT)) & ~origin
+    count = integrators + origin.sum(axis=1)
+    expected = count * (np.pi / 2 + np.arctan(TILT)) + np.pi * ahead.sum(axis=1)
+    right = np.round((expected - turned) / np.pi)
+    return np.asarray((right == 0) & (np.abs(ratio[:, -1]) < 1.0) & np.all(np.isfinite(ratio), axis=1))
+
+
+def disk_margin(ratio: Complexes) -> Floats:
+    """Return 2 / max |S - T| of loops L (S, W), (S,)."""
+    return np.asarray(2.0 / np.max(np.abs((1.0 - ratio) / (1.0 + ratio)), axis=1))
+
+
+def margins(loop: Loop, omega: Floats, poles: Complexes, integrators: int) -> Margins:
+    """Return all margins of S loops, where `loop` gives L (S, W) at s (W,); see `stable_along` for the rest."""
+    good = stable_along(loop(omega * (1j - TILT)), poles, integrators)
+    ratio = loop(1j * omega)
+    disk, gain = disk_margin(ratio), _gain_margin(ratio)
+    phase, delay = _phase_margin(ratio, omega)
+    disk, gain, phase, delay = (np.where(good, margin, 0.0) for margin in (disk, gain, phase, delay))
+    return Margins(disk, gain, phase, delay, good)
+
+
+def _gain_margin(ratio: Complexes) -> Floats:
+    """Smallest change of gain, up or down [dB], that brings a loop to -1."""
+    side, real = ratio.imag, ratio.real
+    crosses = side[:, 1:] * side[:, :-1] < 0
+    share = np.where(crosses, side[:, :-1] / np.where(crosses, side[:, :-1] - side[:, 1:], 1.0), 0.0)
+    at = real[:, :-1] + share * (real[:, 1:] - real[:, :-1])
+    with np.errstate(divide="ignore"):
+        size = np.where(crosses & (at < 0), np.abs(20.0 * np.log10(np.abs(np.where(at < 0, at, 1.0)))), np.inf)
+    return np.asarray(np.min(size, axis=1))
+
+
+def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
+    """Smallest phase [deg], and smallest delay [s], that brings a loop to -1."""
+    size, turn = np.log(np.maximum(np.abs(ratio), np.finfo(float).tiny)), np.unwrap(np.angle(ratio), axis=1)
+    crosses = size[:, 1:] * size[:, :-1] < 0
+    share = np.where(crosses, size[:, :-1] / np.where(crosses, size[:, :-1] - size[:, 1:], 1.0), 0.0)
+    angle = turn[:, :-1] + share * np.diff(turn, axis=1) + np.pi
+    at = np.exp(np.log(omega[:-1]) + share * np.diff(np.log(omega)))
+    both = np.abs((angle + np.pi) % (2.0 * np.pi) - np.pi)
+    phase = np.where(crosses, both, np.inf)
+    delay = np.where(crosses, (angle % (2.0 * np.pi)) / at, np.inf)
+    return np.rad2deg(np.min(phase, axis=1)), np.asarray(np.min(delay, axis=1))
+
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
 CROWD, PRESENT, JUDGED = 180, 60, 12
@@ -93,7 +268,7 @@ class Crowd:
     @cached_property
     def probes(self) -> Vehicles:
         """The first, one that is late and lively, and one that is sluggish."""
-        reach = output_slope(self.vehicles) / self.vehicles.theta[:, 0]
+        reach = plant.output_slope(self.vehicles) / self.vehicles.theta[:, 0]
         late = dead_time(self.vehicles) + lag_of(self.vehicles) + 1e-3
         lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
         place = int(SHARE * (len(reach) - 1))
@@ -112,7 +287,6 @@ class Candidates:
         return Candidates(self.numbers[places], select(self.gains, places), self.cost[places])
 
     def first(self, count: int) -> "Candidates":
-        """Keep the cheapest, in order."""
         return self.pick(np.argsort(self.cost, kind="stable")[:count])
 
 
@@ -138,13 +312,8 @@ class Problem:
     nominal: Nominal
     crowds: tuple[Crowd, ...]
 
-    @property
-    def rough(self) -> Target:
-        return paced(self.target, self.nominal, ROUGH)
-
-    @property
-    def exact(self) -> Target:
-        return paced(self.target, self.nominal, EXACT)
+    def paced(self, share: float) -> Target:
+        return paced(self.target, self.nominal, share)
 
     def omega(self, count: int) -> Floats:
         return grid_for(self.target, self.crowds, count)
@@ -168,19 +337,17 @@ def nominal_of(vehicles: Vehicles, step: float) -> Nominal:
     """Describe the first of several vehicles as a designer sees it, for a `step` of the reference [base unit]."""
     first, full, dof = vehicles.pick(slice(0, 1)), vehicles.full, vehicles.model.dof
     linear, quadratic = vehicles.model.with_theta(first.theta[0]).drag()
-    lag = float((dead_time(first) + lag_of(first) + sensor_lag(first))[0])
+    lag = float((dead_time(first) + lag_of(first) + plant.sensor_lag(first))[0])
     fastest = float(steady_rate(full, linear, max(quadratic, 1e-9 * full)))
-    return Nominal(
-        dof, float(first.theta[0, 0]) / full, linear / full, quadratic / full, lag, fastest, step, full,
-        vehicles.model.moment_unit, vehicles.bend,
-    )  # fmt: skip
+    inertia, unit = float(first.theta[0, 0]) / full, vehicles.model.moment_unit
+    return Nominal(dof, inertia, linear / full, quadratic / full, lag, fastest, step, full, unit, vehicles.bend)
 
 
 def crowds_of(known: Knowledge, full: float, bend: Bend | None, seed: int, count: int = CROWD) -> tuple[Crowd, ...]:
     """Draw vehicles of every explanation, the same count of each."""
     rng, size = np.random.default_rng(seed), max(count // len(known.explanations), FEW)
     return tuple(
-        Crowd(e.name, crowd(e.model, replace(known.spread, covariance=e.covariance), full, bend, size, rng))
+        Crowd(e.name, plant.crowd(e.model, replace(known.spread, covariance=e.covariance), full, bend, size, rng))
         for e in known.explanations
     )
 
@@ -190,9 +357,8 @@ def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats
 
 
 def paced(target: Target, nominal: Nominal, share: float) -> Target:
-    """Give the same stack fewer loops a second, where those of the firmware are far shorter than all that is slow:
-    `share` of it, 0.02 s at most."""
-    slow = nominal.lag + target.own_lag({})
+    """Give the same stack fewer loops a second, a `share` of all that is slow long, 0.02 s at most."""
+    slow = nominal.lag + target.own_lag
     return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
 
 
@@ -202,16 +368,12 @@ def grid_for(target: Target, crowds: Sequence[Crowd], count: int) -> Floats:
     return frequencies(min(np.pi / target.period, 60.0 / max(late, 1e-3)), count)
 
 
-def _unbent(target: Target, vehicles: Vehicles) -> Vehicles:
-    return replace(vehicles, bend=None) if target.linear else vehicles
-
-
 def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats) -> Margins:
     """Return margins of every vehicle (S,) under gains (S, 1), or the same for all (1, 1), from frequencies (W,)."""
 
     def loop(s: Complexes) -> Complexes:
         of_position, of_velocity = target.paths(gains, s)
-        position, velocity = plant.response(_unbent(target, vehicles), s)
+        position, velocity = plant.response(target.straightened(vehicles), s)
         return of_position * position + of_velocity * velocity
 
     return margins(loop, omega, plant.poles(vehicles), 1)
@@ -219,7 +381,7 @@ def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats)
 
 def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> Floats:
     """Return disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable."""
-    linear, columns = _unbent(target, vehicles), {name: value[:, None] for name, value in gains.items()}
+    linear, columns = target.straightened(vehicles), {name: value[:, None] for name, value in gains.items()}
     poles, lines = plant.poles(linear), (omega * (1j - TILT), 1j * omega)
     paths = [(*target.paths(columns, s), *plant.response(linear, s)) for s in lines]
     disk = np.zeros((len(next(iter(gains.values()))), len(linear)))
@@ -264,7 +426,7 @@ def brief(problem: Problem) -> Problem:
     good = np.flatnonzero(screened(target, gains, first, problem.omega(COARSE))[:, 0] >= task.margin)
     if not len(good):
         return problem
-    settling = flown(problem.rough, select(gains, good), first, task)[1].settling.min()
+    settling = flown(problem.paced(ROUGH), select(gains, good), first, task)[1].settling.min()
     return replace(problem, task=replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds))))
 
 
@@ -287,7 +449,7 @@ def searched(problem: Problem, margin: float, rounds: int) -> Candidates:
 
 
 def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> Candidates:
-    target, quick = problem.target, problem.rough
+    target, quick = problem.target, problem.paced(ROUGH)
     sets = Candidates(numbers, target.propose(numbers, problem.nominal), np.zeros(len(numbers)))
     for part in problem.crowds:
         disk = screened(target, sets.gains, part.probes, omega)
@@ -369,11 +531,12 @@ def _judged(problem: Problem, known: Knowledge, present: Mapping[str, float] | N
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
-    """Work out what gains do over all crowds."""
     arrays: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega, task, vehicles = problem.omega(FINE), problem.task, [part.vehicles for part in problem.crowds]
     parts = [all_margins(problem.target, arrays, some, omega) for some in vehicles]
-    flights = [step_and_load(problem.exact, arrays, some, task.step, task.load, task.seconds) for some in vehicles]
+    flights = [
+        step_and_load(problem.paced(EXACT), arrays, some, task.step, task.load, task.seconds) for some in vehicles
+    ]
     joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
     flight = Flight(flights[0].time, *joined)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
@@ -388,12 +551,12 @@ def _keeps(result: Outcome, problem: Problem) -> bool:
 
 
 def _no_worse(old: Outcome, new: Outcome, task: Task) -> bool:
-    def figures(result: Outcome) -> list[float]:
-        s = result.scores
-        least = [-result.share_with(task.margin), -float(s.settles.mean()), -float(np.median(result.margins.disk))]
-        return [*least, *(float(np.median(x)) for x in (s.overshoot, s.settling, s.rms, s.error))]
+    def figures(result: Outcome) -> Floats:
+        s, least = result.scores, [-result.share_with(task.margin), -result.scores.settles.mean()]
+        medians = [np.median(x) for x in (-result.margins.disk, s.overshoot, s.settling, s.rms, s.error)]
+        return np.array([*least, *medians])
 
-    return all(before <= after for before, after in zip(figures(old), figures(new)))
+    return bool(np.all(figures(old) <= figures(new)))
 
 
 def _leave(old: Outcome, task: Task) -> str:
@@ -412,7 +575,7 @@ def _chosen(problem: Problem) -> dict[str, float] | None:
         good = [screened(target, gains, part.vehicles, omega) >= task.margin for part in problem.crowds]
         able = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
         if len(able):
-            gains, quick = select(gains, able), paced(target, problem.nominal, STEADY)
+            gains, quick = select(gains, able), problem.paced(STEADY)
             costs = [flown(quick, gains, part.vehicles.pick(slice(0, JUDGED)), task)[0] for part in problem.crowds]
             best = int(np.argmin(np.quantile(np.concatenate(costs, axis=1), 0.9, axis=1)))
             return {name: float(value[best]) for name, value in gains.items()}
@@ -432,10 +595,9 @@ def _price(problem: Problem, known: Knowledge, chosen: Mapping[str, float] | Non
         alone = searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
         if not len(alone.cost):
             continue
-        both = {
-            name: np.append(value[:1], [] if chosen is None else [chosen[name]]) for name, value in alone.gains.items()
-        }
-        settling = flown(problem.rough, both, part.vehicles.pick(slice(0, 1)), problem.task)[1].settling
+        known_best = [] if chosen is None else [chosen]
+        both = {name: np.append(value[:1], [best[name] for best in known_best]) for name, value in alone.gains.items()}
+        settling = flown(problem.paced(ROUGH), both, part.vehicles.pick(slice(0, 1)), problem.task)[1].settling
         mine, ours = settling[0], np.inf if chosen is None else settling[1]
         if ours > DEAREST * mine:
             settled = effect or next((e.instead for e in known.explanations if e.instead), "input-delay")

@@ -15,10 +15,9 @@ from automarine_cli.pipeline.records import Source
 from automarine_cli.pipeline.result_files import DiagnosisFile, ModelFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
-from automarine_cli.planning.candidates import paper_grid
-from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import NO_RIVALS, NOISE_DEG, SCATTER, PriorResults, read_prior_results
-from automarine_cli.planning.rivals import closest, with_effect
+from automarine_cli.planning.candidates import Limits, paper_grid
+from automarine_cli.planning.information import NO_RIVALS, NOISE_DEG, SCATTER, PriorResults, read_prior_results
+from automarine_cli.planning.rivals import closest, with_effect, without
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -27,8 +26,7 @@ WILD, CURVED = 0.25, 0.1
 """Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
 not known: fits take no more than 0.3 for scatter."""
 IDLE = 0.1
-"""Share of the whole output below which thrusters give nothing where nobody looked: Blue Robotics T200 performance data
-(2019), 7 to 10 %."""
+"""Share of the whole output below which thrusters may give nothing: Blue Robotics T200 data (2019), 7 to 10 %."""
 CURVE = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
 OWN_LAWS = 0.03
 """Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
@@ -95,7 +93,7 @@ def read_knowledge(
             )
     main = Explanation(known.model, _covariance(known, known.model), "the model as it was named")
     bare = known.stored.models[known.stored.preferred]
-    force = file.valid_range.force if file.valid_range else None
+    force = file.force_range
     largest = max(map(abs, force)) if force else None
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     named = {term.name for term in known.model.terms}
@@ -124,12 +122,11 @@ def read_knowledge(
     notes = (note for note in (*known.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
     have = named | ({LATE[0]} if delay is not None else set())
     proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
+    settled = _unsettled_thrust(known, file) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
     if proposed:
         asks = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
         why = f"The fit's own evidence asks for {asks}, which the model lacks. Fit it with --with {','.join(proposed)}"
-        settled: tuple[str, str] | None = f"{why}, and tune that model.", next(iter(proposed))
-    else:
-        settled = _unsettled_thrust(known, file) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
+        settled = f"{why}, and tune that model.", next(iter(proposed))
     rivals = (rival for effect in (judged.effects if judged else ()) for rival in effect.rivals)
     splits = {rival.name: rival.split_by for rival in rivals}
     return Knowledge(known.stored, (main, *others), spread, largest, splits, (*without, *notes), settled)
@@ -147,8 +144,8 @@ def _unsettled_thrust(known: PriorResults, file: ModelFile) -> tuple[str, str] |
     else:
         return None
     named = {term.name for term in known.model.terms}
-    effect = next((name for name in CURVE if name not in named), CURVE[0])
     remedy = "diagnose its logs, with runs of small commands among them."
+    effect = next((name for name in CURVE if name not in named), CURVE[0])
     return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
 
 
@@ -176,8 +173,7 @@ def _moved(main: Explanation, model: YawModel, names: Sequence[str]) -> Floats:
 def _covariance(known: PriorResults, model: YawModel) -> Floats:
     """Covariance of theta (p, p): the file's own, and standard errors where it says no more."""
     covariance = np.diag([_error(known, model, k) ** 2 for k in range(len(model.theta))])
-    likeliest = known.file.chosen.output_error if known.file else None
-    if likeliest is not None and (stored := likeliest.covariance) is not None:
+    if known.file is not None and (stored := known.file.chosen.covariance) is not None:
         there = [k for k, name in enumerate(model.short_names) if name in stored.parameters]
         rows = [stored.parameters.index(model.short_names[k]) for k in there]
         covariance[np.ix_(there, there)] = np.array(stored.matrix)[np.ix_(rows, rows)]
@@ -200,31 +196,23 @@ def _faint(judged: DiagnosisFile | None) -> float:
 
 
 def _error(known: PriorResults, model: YawModel, place: int) -> float:
-    value = float(model.theta[place])
-    label = model.parameter_names[place].partition(".")[2]
-    effect = model.parameter_names[place].partition(".")[0]
+    effect, _, label = model.parameter_names[place].partition(".")
     estimate = known.now.get(label) or known.now.get(f"{effect} {label}")
     if estimate is not None and estimate.stderr >= 0:
         return estimate.stderr
-    return UNKNOWN * abs(value) if place < 3 and effect == model.dof.name else 0.0
+    return UNKNOWN * abs(float(model.theta[place])) if place < 3 and effect == model.dof.name else 0.0
 
 
 def _rival(known: PriorResults, main: Explanation, effect: str, rival: str, largest: float) -> Explanation:
     """The model with another effect in the place of the one that was named, as like it as it can be."""
     fitting = fitting_of(known, Limits())
     grid = paper_grid(fitting.base, largest)[:24:3]
-    bare = replace(known.model, terms=tuple(term for term in known.model.terms if term.name != effect))
-    nearest, _ = closest(replace(fitting, fit="diagnosis"), with_effect(fitting, bare, rival, largest), grid)
+    starts = with_effect(fitting, without(known.model, effect), rival, largest)
+    nearest, _ = closest(replace(fitting, fit="diagnosis"), starts, grid)
     model, names = nearest.model, [n for n in main.model.parameter_names if not n.startswith(f"{effect}.")]
     covariance = _moved(main, model, names)
-    shares = [
-        error / size
-        for name, size, error in zip(
-            main.model.parameter_names, _sizes(main.model), np.sqrt(np.diagonal(main.covariance))
-        )
-        if name not in names and error * size > 0
-    ]
-    share = min([*shares, FAINT])
+    errors = zip(main.model.parameter_names, _sizes(main.model), np.sqrt(np.diagonal(main.covariance)))
+    share = min([FAINT, *(error / size for name, size, error in errors if name not in names and error * size > 0)])
     new = [name not in names for name in model.parameter_names]
     covariance += np.diag(np.where(new, (share * _sizes(model)) ** 2, 0.0))
     return Explanation(model, covariance, f"{rival} in the place of {effect}", rival)

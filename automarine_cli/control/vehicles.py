@@ -92,7 +92,6 @@ class Spread:
 def crowd(
     model: YawModel, spread: Spread, full: float, bend: Bend | None, count: int, rng: np.random.Generator
 ) -> Vehicles:
-    """Draw `count` vehicles, the first of them as the model says."""
     theta = _drawn(model, spread.covariance, count, rng)
     logged, low, high = spread.volts
     volts = np.append(logged, rng.uniform(low, high, count - 1))

@@ -28,8 +28,7 @@ from automarine_cli.runs.run import SetAside, runs_json
 from automarine_cli.thrusters import family
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
 from automarine_cli.thrusters.fit import Parameter, parameters, parameters_json, sums_of
-from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, ThrusterMap
 
 WELL_ABOVE = 1.5
 """Residual over the noise level from which a map may lack something; the floor itself is known to some 20 %."""

@@ -119,7 +119,6 @@ class Limits:
     spike: float = 0.1
     end_spike: float = 0.35
     jump: float = 0.25
-    large_step: float = inf  # three of them from sample to sample stay below half of what wraps
     acceleration: float = 20.0  # what none reaches: twice that of a free fall
     far: float = 5000.0  # what none gets to: ten minutes at the speed of a small boat
     fast: float = 15.0

@@ -37,7 +37,7 @@ YAW = Dof(
     ),
     limits=Limits(
         trim=pi, least=60 * DEGREE, still=5 * DEGREE, start=10 * DEGREE, plausible=(0.05, 3.0), spike=6 * DEGREE,
-        end_spike=20 * DEGREE, jump=15 * DEGREE, large_step=0.35, far=1000 * 2 * pi, fast=8 * pi,
+        end_spike=20 * DEGREE, jump=15 * DEGREE, far=1000 * 2 * pi, fast=8 * pi,
         acceleration=60.0,  # a small vehicle: a moment of 10 N m on 0.2 kg m²
         least_noise=0.2 * DEGREE, long=4.0 * pi,
     ),

@@ -16,8 +16,7 @@ __all__ = ["Target", "get", "names"]
 
 @cache
 def _targets() -> dict[str, Target]:
-    modules = sorted(module.name for module in pkgutil.iter_modules(__path__))
-    loaded = (importlib.import_module(f"{__name__}.{name}") for name in modules)
+    loaded = (importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__))
     return {module.TARGET.name: module.TARGET for module in loaded if hasattr(module, "TARGET")}
 
 

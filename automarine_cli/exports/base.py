@@ -22,10 +22,7 @@ from automarine_cli.pipeline.result_files import ModelFile
 from automarine_cli.thrusters.map import ThrusterMap
 
 FRAMES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
-TURNS = {
-    "NED": "from north, positive clockwise seen from above",
-    "ENU": "from east, positive anticlockwise seen from above",
-}
+TURNS = {"NED": "from north, positive clockwise", "ENU": "from east, positive anticlockwise"}
 DRAG = ("linear-drag", "quadratic-drag")
 YAW_MODEL, THRUSTER_MAP = "yaw model", "thruster map"
 FORCES, PLACES = "XYZKMN", ("first", "second", "third", "fourth", "fifth", "last")
@@ -54,8 +51,6 @@ class Settings:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An effect that the file does not have, and why."""
-
     name: str
     why: str
 
@@ -127,15 +122,12 @@ class YawSubject:
         return plain(self.dof.unit_of("inertia", self.model.moment_unit))
 
     def about_inertia(self) -> str:
-        rigid, added = self.inertias
-        word = self.dof.words.inertia
+        (rigid, added), word = self.inertias, self.dof.words.inertia
         total = f"{word.capitalize()}: {self.dof.symbols.inertia} = {number(self.model.inertia)} {self.unit}"
         if self.settings.rigid_inertia is not None:
             return f"{total} = {number(rigid)} rigid (given) + {number(added)} added."
-        return (
-            f"{total} is the identified total of rigid and added {word} and stands in one place, as rigid; no added "
-            f"{word} beside it."
-        )
+        place = f"stands in one place, as rigid; no added {word} beside it."
+        return f"{total} is the identified total of rigid and added {word} and {place}"
 
     def about_entries(self) -> str:
         """The sentence on what was not identified, for vectors and matrices of all six motions."""
@@ -159,8 +151,6 @@ class MapSubject:
 
 @dataclass(frozen=True)
 class Written:
-    """The text of a file, and what its reader must be told."""
-
     text: str
     notes: tuple[str, ...] = ()
 
@@ -226,7 +216,7 @@ def at_place(value: float, index: int) -> list[float]:
 def frame_in_words(frame: str, dof: Dof) -> str:
     """A frame, and which way the motion is positive in it."""
     to = dof.words.to_ways[mirrored(dof) and frame == "ENU"]
-    return f"{FRAMES[frame]}: {dof.name} {TURNS[frame] if dof.wraps else f'positive {to}'}"
+    return f"{FRAMES[frame]}: {dof.name} {f'{TURNS[frame]} seen from above' if dof.wraps else f'positive {to}'}"
 
 
 def mirrored(dof: Dof) -> bool:
@@ -236,16 +226,12 @@ def mirrored(dof: Dof) -> bool:
 
 def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) -> list[str]:
     """What every file begins with: where it came from, equation, frame, units, notes; letters of ASCII only."""
-    lines = [f"Equation: {equation}"]
+    dof = subject.dof if isinstance(subject, YawSubject) else YAW
+    lines = [f"Equation: {equation}", f"Frame: {frame_in_words(subject.frame, dof)}."]
     if isinstance(subject, YawSubject):
         unit, words = subject.model.moment_unit, subject.dof.words
-        lines += [
-            f"Frame: {frame_in_words(subject.frame, subject.dof)}.",
-            f"Units: {words.force} {unit}, {words.speed} {subject.rate_unit}, {words.inertia} {subject.unit}.",
-            *map(str, subject.left_out),
-        ]
-    else:
-        lines.append(f"Frame: {frame_in_words(subject.frame, YAW)}.")
+        units = f"{words.force} {unit}, {words.speed} {subject.rate_unit}, {words.inertia} {subject.unit}"
+        lines += [f"Units: {units}.", *map(str, subject.left_out)]
     return headed(subject.origin, (*lines, *notes))
 
 
@@ -256,7 +242,6 @@ def headed(origin: Origin, lines: Iterable[str]) -> list[str]:
 
 
 def filled(template: str, fields: Mapping[str, object]) -> str:
-    """Return the text of a file of `templates` with its fields filled."""
     text = files("automarine_cli.exports").joinpath("templates", f"{template}.txt").read_text(encoding="utf-8")
     return text.format_map(fields)
 

@@ -12,7 +12,7 @@ from automarine_cli.estimate import Given
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
 from automarine_cli.exports.export import in_enu, in_newton_metres
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.pipeline.result_files import AddedEffect, Covariance, ModelEntry, Parent, ValidRange
+from automarine_cli.pipeline.result_files import AddedEffect, Covariance, ModelEntry, ModelFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
 
@@ -34,13 +34,13 @@ def write(subject: YawSubject) -> Written:
         "## Parameters\n",
         Table("", HEADER, tuple(_rows(subject, entry, file.effects))).to_markdown(),
         "## Covariance\n",
-        _covariance(subject, entry.output_error.covariance if entry.output_error else None),
+        _covariance(subject, entry.covariance),
         "## Valid range\n",
-        _range(subject, file.valid_range or ValidRange()),
+        _range(subject, file),
         "## Effects\n",
         _effects(subject),
         "## Data\n",
-        _logs(subject, file.parent),
+        _logs(subject, file),
     ]
     if file.warnings:
         parts += ["## Warnings\n", "".join(f"- {printable(one)}\n" for one in file.warnings)]
@@ -104,26 +104,25 @@ def _covariance(subject: YawSubject, told: Covariance | None) -> str:
     names, lines = (told.parameters, told.matrix) if told else ((), ())
     if not lines or any(len(line) != len(names) for line in lines):
         return "The file does not tell it; fit again with this version of automarine.\n"
-    rows = tuple((name, *(number(x) for x in line)) for name, line in zip(names, lines))
-    force = subject.dof.words.force
-    note = f"As in the file: its own unit of {force}, in NED; in the products of the parameters' units."
+    rows = tuple((name, *map(number, line)) for name, line in zip(names, lines))
+    unit = f"its own unit of {subject.dof.words.force}"
+    note = f"As in the file: {unit}, in NED; in the products of the parameters' units."
     return Table("", ("", *names), rows, notes=(note,)).to_markdown()
 
 
-def _range(subject: YawSubject, told: ValidRange) -> str:
+def _range(subject: YawSubject, file: ModelFile) -> str:
     dof, words = subject.dof, subject.dof.words
-    if told.force is None:
+    if file.force_range is None:
         return f"{dof.fill(NO_RANGE)}\n"
     factor = subject.settings.newton_metres_per_nu or 1.0
     sign = -1.0 if subject.frame == "ENU" and mirrored(dof) else 1.0
-    low, high = sorted(sign * factor * x for x in told.force)
-    lines = [f"- {words.force}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
-    if told.velocity is not None:
-        low, high = sorted(sign * x for x in told.velocity)
-        lines.append(
-            f"- {words.speed}: {number(low)} to {number(high)} {subject.rate_unit}, steady under each {words.force}"
-        )
-    return "\n".join(lines) + "\n\nBeyond it the model was never compared with a vehicle.\n"
+    low, high = sorted(sign * factor * x for x in file.force_range)
+    lines = f"- {words.force}: {number(low)} to {number(high)} {subject.model.moment_unit}\n"
+    if file.velocity_range is not None:
+        low, high = sorted(sign * x for x in file.velocity_range)
+        reached = f"{number(low)} to {number(high)} {subject.rate_unit}"
+        lines += f"- {words.speed}: {reached}, steady under each {words.force}\n"
+    return f"{lines}\nBeyond it the model was never compared with a vehicle.\n"
 
 
 def _effects(subject: YawSubject) -> str:
@@ -133,9 +132,8 @@ def _effects(subject: YawSubject) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _logs(subject: YawSubject, parent: Parent | None) -> str:
-    """Hashes of the logs, and of the model that this one grew from."""
-    grew = f"Grew from {_code(parent.file)}, SHA-256 {_code(parent.sha256)}.\n\n" if parent else ""
+def _logs(subject: YawSubject, file: ModelFile) -> str:
+    grew = f"Grew from {_code(file.parent_file)}, SHA-256 {_code(file.parent_sha256)}.\n\n" if file.parent_file else ""
     if subject.logs is None:
         return f"{grew}{NO_LOGS}\n"
     return grew + Table("", ("log", "SHA-256"), subject.logs).to_markdown()

@@ -45,6 +45,7 @@ WHY = {
     "moment": "the target's equation has no such term",
     "water": "the target's water has no state of its own",
 }
+IN_NEWTONS = "{} is in {} already; --newton-metres-per-nu is for the unit nu, so leave it out"
 Values = tuple[float, ...]
 MIXED: dict[str, Callable[[Values], Values]] = {
     # reading: pi/2 - (psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi)
@@ -102,8 +103,6 @@ def _(result: Exported) -> Sections:
 
 @dataclass(frozen=True)
 class Targets:
-    """All targets, for the list."""
-
     targets: tuple[Target, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -137,16 +136,9 @@ def export_targets() -> Targets:
 
 
 def export_model(
-    model: Source,
-    to: str,
-    *,
-    form: str | None = None,
-    number: str | None = None,
-    frame: str | None = None,
-    out: Path | None = None,
-    overwrite: bool = False,
-    **settings: Any,
-) -> Exported:
+    model: Source, to: str, *, form: str | None = None, number: str | None = None, frame: str | None = None,
+    out: Path | None = None, overwrite: bool = False, **settings: Any,
+) -> Exported:  # fmt: skip
     """Write the model in a file `model` for the target `to`, into the file `out` if that is given.
 
     `number` is which of the file's models (by default the preferred one), `frame` ENU or NED (by default the target's
@@ -205,9 +197,7 @@ def _refuse_plane(target: Target, origin: Origin, settings: Settings) -> None:
             f"{' or '.join(takers)}, or a model of one motion"
         )
     if settings.newton_metres_per_nu is not None:
-        raise SettingError(
-            f"{origin.file} is in newtons already; --newton-metres-per-nu is for the unit nu, so leave it out"
-        )
+        raise SettingError(IN_NEWTONS.format(origin.file, "newtons"))
 
 
 def _yaw_subject(
@@ -216,12 +206,11 @@ def _yaw_subject(
 ) -> YawSubject:  # fmt: skip
     """A model of one motion with what the target carries, in its frame and unit. Raises SettingError, ModelError."""
     if data.get("schema") == MAP.schema:
-        raise SettingError(f"{origin.file} is a thruster map; --to {target.name} takes a yaw model, as --to thrusters "
-                           "takes a map")  # fmt: skip
+        takes = f"--to {target.name} takes a yaw model, as --to thrusters takes a map"
+        raise SettingError(f"{origin.file} is a thruster map; {takes}")
     if (motion := motion_of(data).name) not in target.motions:
-        raise SettingError(
-            f"{origin.file} is a model of {motion}; --to {target.name} takes models of {listed(target.motions)}"
-        )
+        takes = f"--to {target.name} takes models of {listed(target.motions)}"
+        raise SettingError(f"{origin.file} is a model of {motion}; {takes}")
     file, stored = file_and_models(data, origin.file)
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
@@ -243,9 +232,7 @@ def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin)
     unit, force = dof.units.forces[1], dof.words.force
     full = "newton metres" if dof.levered else "newtons"
     if model.moment_unit == unit and factor is not None:
-        raise SettingError(
-            f"{origin.file} is in {full} already; --newton-metres-per-nu is for the unit nu, so leave it out"
-        )
+        raise SettingError(IN_NEWTONS.format(origin.file, full))
     if model.moment_unit == "nu" and target.si and factor is None:
         raise SettingError(
             f"{origin.file}: its {force}s are normalised (nu) and {target.name} needs {full}; give "
@@ -260,10 +247,8 @@ def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Te
     dof = model.dof
     live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
     reasons = [(term, _why_not(target, term, dof, settings)) for term in live]
-    return (
-        tuple(term for term, why in reasons if not why),
-        tuple(LeftOut(term.name, why) for term, why in reasons if why),
-    )
+    left_out = tuple(LeftOut(term.name, why) for term, why in reasons if why)
+    return tuple(term for term, why in reasons if not why), left_out
 
 
 def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
@@ -337,7 +322,6 @@ def _refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:
 
 
 def _refuse_unused(target: Target, settings: Settings) -> None:
-    """Raise SettingError for a setting that the target does not use."""
     for name, value in vars(settings).items():
         if value not in (None, False) and name not in target.uses and name != "allow_partial":
             users = [one for one in targets.names() if name in targets.get(one).uses]
@@ -371,15 +355,15 @@ def _mirrored(term: Term) -> Term:
 
 
 def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
-    """The same motion under moments in N m (forces in N): inertia and drag times the factor, other effects by their
-    units."""
+    """The same motion under moments in N m (forces in N): inertia, drag times the factor, others by their units."""
+
+    factor, unit = newton_metres_per_nu, model.dof.units.forces[1]
 
     def scaled(term: Term) -> Term:
         pairs = zip(effects.get(term.name).parameters, term.values)
-        return replace(term, values=tuple(parameter.scaled(value, newton_metres_per_nu) for parameter, value in pairs))
+        return replace(term, values=tuple(parameter.scaled(value, factor) for parameter, value in pairs))
 
-    inertia, unit = model.inertia * newton_metres_per_nu, model.dof.units.forces[1]
-    return replace(model, inertia=inertia, terms=tuple(map(scaled, model.terms)), moment_unit=unit)
+    return replace(model, inertia=factor * model.inertia, terms=tuple(map(scaled, model.terms)), moment_unit=unit)
 
 
 def _logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:

@@ -56,20 +56,16 @@ def write(subject: YawSubject) -> Written:
     drag = f"{linear} {r} + {linear}abs{rate} |{r}| {r} + {linear}{rate} {r}^2 + {dot} {r}'"
     equation = f"({own} + {entry}) {r}' = {subject.force} + {drag}"
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
-    fluid = {entry: added} if added and subject.form == FLUID else None
+    fluid = {entry: added} if added and subject.form == FLUID else {}
     system = {"disable_added_mass": "false" if tags[dot] else "true"}
     system |= {tag: number(value) for i, (tag, value) in enumerate(tags.items()) if value or i < 2}
     return Written(_sdf(head(subject, equation, notes), mass, moment, fluid, system), notes)
 
 
-def _sdf(
-    lines: list[str], mass: float, moment: float, fluid: Mapping[str, float] | None, system: Mapping[str, str]
-) -> str:
+def _sdf(lines: list[str], mass: float, moment: float, fluid: Mapping[str, float], system: Mapping[str, str]) -> str:
     """The file: the link's own inertia, that of the fluid with it, and what the system is told."""
-    added = ""
-    if fluid is not None:
-        entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in fluid.items())
-        added = f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n"
+    entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in fluid.items())
+    added = f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" if fluid else ""
     told = "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in system.items())
     fields = {"head": xml_comment(lines), "mass": number(mass), "moment": number(moment), "added": added, "told": told}
     return filled("gz-sim", fields)
@@ -81,9 +77,8 @@ ENTRIES = (("xx", 0, 0), ("xy", 0, 1), ("xr", 0, 2), ("yy", 1, 1), ("yr", 1, 2),
 def write_planar(subject: PlanarSubject) -> Written:
     """The SDF text. Raises SettingError where the vehicle's own mass is not given, or a force always acts."""
     if subject.constant.any():
-        raise SettingError(
-            f"{subject.origin.file}: gz-sim cannot represent a force that always acts; take --to python, which can"
-        )
+        wrong = "gz-sim cannot represent a force that always acts; take --to python, which can"
+        raise SettingError(f"{subject.origin.file}: {wrong}")
     rigid = rigid_of(subject)
     added = subject.inertia - rigid.matrix
     fluid = {tag: added[i, j] for tag, i, j in ENTRIES if added[i, j]}

@@ -58,16 +58,10 @@ def write(subject: YawSubject) -> Written:
     damping = [subject.value(name) for name in (*DRAG, "cubic-drag")]
     spring = subject.values.get("tether-spring", (0.0, 0.0, 0.0, 0.0))
     stiffness = [spring[0], 0.0, spring[3] if spring[1] == HARDENING else 0.0]
-    joint = {
-        "damping": row(damping),
-        "armature": number(added) if added else "",
-        **_friction(subject),
-        "stiffness": row(stiffness) if any(stiffness) else "",
-    }
-    v = dof.symbols.velocity
-    equation = (
-        f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - (d0 + d1 |{v}| + d2 {v}^2) {v}, d of damping"
-    )
+    joint = {"damping": row(damping), "armature": number(added) if added else "", **_friction(subject),
+             "stiffness": row(stiffness) if any(stiffness) else ""}  # fmt: skip
+    v, drag = dof.symbols.velocity, "(d0 + d1 |{0}| + d2 {0}^2) {0}, d of damping"
+    equation = f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - {drag.format(v)}"
     notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
     notes += [STICKS] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
@@ -88,15 +82,11 @@ def _friction(subject: YawSubject) -> dict[str, str]:
     if not size:
         return {}
     damping = size / (math.pi / math.sqrt(6) * CREEP * subject.model.inertia)
-    return {
-        "frictionloss": number(size),
-        "solreffriction": row([-SOFTEST, -damping]),
-        "solimpfriction": row([SOFTEST, SOFTEST, 0.001, 0.5, 2.0]),
-    }
+    soft = {"solreffriction": row([-SOFTEST, -damping]), "solimpfriction": row([SOFTEST, SOFTEST, 0.001, 0.5, 2.0])}
+    return {"frictionloss": number(size), **soft}
 
 
 def _actuator(subject: YawSubject) -> dict[str, str]:
-    """What the actuator makes of its control, as attributes."""
     lag, delay = subject.value("thruster-lag"), subject.value("input-delay")
     most, constant = subject.values.get("saturation", (math.inf,))[0], subject.value("bias-moment")
     attributes = {"dyntype": "filterexact", "dynprm": number(lag), "actearly": "true"} if lag else {}

@@ -64,9 +64,8 @@ def write_planar(subject: PlanarSubject) -> Written:
     for name, places, value in subject.drags():
         i, j = places[0], places[-1]
         size = f" * abs({VELOCITIES[places[1]]})" if len(places) == 3 else ""
-        lines.append(
-            f"D({i + 1},{j + 1}) = D({i + 1},{j + 1}) + {number(value)}{size};  % {name}, positive where it resists\n"
-        )
+        entry = f"D({i + 1},{j + 1})"
+        lines.append(f"{entry} = {entry} + {number(value)}{size};  % {name}, positive where it resists\n")
     rows = "; ".join(" ".join(number(one) for one in line) for line in subject.inertia)
     text = {
         "head": commented(subject.head(), "%"),

@@ -42,12 +42,9 @@ class PlanarSubject:
     def drags(self) -> Iterator[tuple[str, tuple[int, ...], float]]:
         """Every drag that there is: Fossen's letters (X_uu, N_vr), its places (force, along) or (force, size, along),
         its value, positive where it resists."""
-        for (i, j), value in np.ndenumerate(self.linear):
+        for places, value in (*np.ndenumerate(self.linear), *np.ndenumerate(self.quadratic)):
             if value:
-                yield f"{FORCES[i]}_{VELOCITIES[j]}", (i, j), float(value)
-        for (i, k, j), value in np.ndenumerate(self.quadratic):
-            if value:
-                yield f"{FORCES[i]}_{VELOCITIES[k]}{VELOCITIES[j]}", (i, k, j), float(value)
+                yield f"{FORCES[places[0]]}_{''.join(VELOCITIES[j] for j in places[1:])}", places, float(value)
 
     def head(self) -> list[str]:
         lines = (
@@ -59,7 +56,6 @@ class PlanarSubject:
         return headed(self.origin, lines)
 
     def about_water(self) -> tuple[str, ...]:
-        """The note on the current of the runs, which is no part of the vehicle."""
         if self.water is None:
             return ()
         north, east = (number(one) for one in self.water)
@@ -69,8 +65,7 @@ class PlanarSubject:
 def planar_subject(
     model: PlanarModel, origin: Origin, frame: str, form: str, settings: Settings, target: str
 ) -> PlanarSubject:
-    """The model in matrices of the frame. Raises SettingError for terms that they cannot hold, unless a part is
-    allowed."""
+    """The model in matrices of the frame. Raises SettingError for terms they cannot hold, unless allowed."""
     linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
     left: list[LeftOut] = []
     for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
@@ -86,9 +81,8 @@ def planar_subject(
         (linear if len(along) == 1 else quadratic)[FORCES.index(force), *along] += term.values[0]
     if left and not settings.allow_partial:
         terms_left = "; ".join(f"{term.name} ({term.why})" for term in left)
-        raise SettingError(
-            f"{origin.file}: {target} cannot represent {terms_left}; give --allow-partial to write the file without"
-        )
+        remedy = "give --allow-partial to write the file without"
+        raise SettingError(f"{origin.file}: {target} cannot represent {terms_left}; {remedy}")
     side = SIDES if frame == "ENU" else np.ones(3)
     both = np.outer(side, side)
     return PlanarSubject(

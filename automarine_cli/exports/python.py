@@ -32,9 +32,8 @@ def write(subject: YawSubject) -> Written:
     inertia = symbols.inertia.upper()  # I_R, M_U, M_W
     logged = [name for term in terms for name in effects.get(term.name).needs]
     moments = (term.name for term in terms if effects.get(term.name).place.value == "moment")
-    equation = " ".join(
-        [f"{symbols.inertia} {symbols.velocity}' = {subject.force}", *map(subject.equation_of, moments)]
-    )
+    motion = f"{symbols.inertia} {symbols.velocity}' = {subject.force}"
+    equation = " ".join([motion, *map(subject.equation_of, moments)])
     text = {
         **dof.vocabulary,
         "head": commented(head(subject, equation, ()), "#"),
@@ -175,7 +174,6 @@ def write_planar(subject: PlanarSubject) -> Written:
 
 
 def _sum(parts: list[str]) -> str:
-    """A sum of terms, some of which bring their sign along."""
     return " + ".join(parts).replace("+ - ", "- ") or "0.0"
 
 

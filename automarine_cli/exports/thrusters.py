@@ -32,8 +32,7 @@ from automarine_cli.exports.base import (
     xml_comment,
 )
 from automarine_cli.quantities import Floats
-from automarine_cli.thrusters.forms import Curve, thrust_both_ways
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap, thrust_both_ways
 
 GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
@@ -63,10 +62,8 @@ def write(subject: MapSubject) -> Written:
                 )
             notes.append(f"Left out: {name} was never measured and gives nothing here.")
         elif curve.n_0 >= n_max:
-            raise SettingError(
-                f"{subject.origin.file}: {name} gives nothing up to n = {n_max:.4g}, which is within its dead band of "
-                f"{curve.n_0:.4g}; give a larger --n-max"
-            )
+            within = f"which is within its dead band of {curve.n_0:.4g}; give a larger --n-max"
+            raise SettingError(f"{subject.origin.file}: {name} gives nothing up to n = {n_max:.4g}, {within}")
     if subject.form != "constants":
         notes.append(NAMES)
     if subject.form.endswith("table"):
@@ -157,12 +154,7 @@ def largest_signal(subject: MapSubject) -> float:
         if limits:
             return max(limits)
         raise SettingError(f"{subject.origin.file} does not tell how far the thruster was driven; give --n-max")
-    return min(_signal(curve, subject.full_scale) for curve in curves)
-
-
-def _signal(curve: Curve, force: float) -> float:
-    n = curve.n_0 + (force / curve.a) ** (1.0 / curve.p)
-    return float(n if curve.n_sat is None else min(n, curve.n_sat))
+    return min(min(curve.signal(subject.full_scale), curve.n_sat or np.inf) for curve in curves)
 
 
 def square_side(curve: Curve | None, n_max: float, *, with_dead_band: bool) -> Side:

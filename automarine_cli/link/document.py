@@ -4,7 +4,7 @@ answers, its state and its list of logs; plain data, and checked."""
 import hashlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -14,7 +14,7 @@ from automarine_cli.pipeline.records import Codec, Document, Source, json_text, 
 from automarine_cli.pipeline.result_files import PLAN, PlanFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
-from automarine_cli.simulation.checks import at_least_zero, between, positive
+from automarine_cli.simulation.specification import at_least_zero, between, positive
 
 SCHEMA = "automarine/link-campaign/1"
 STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"
@@ -224,7 +224,7 @@ def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
 
 
 def _of_plan(plan: PlanFile) -> dict[str, object]:
-    limits, runs = plan.limits, [to_mapping(run) for run in plan.planned]
-    battery = to_mapping(limits.battery) | to_mapping(plan.supply)
-    return {"schema": SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": limits.logger.rate_hz,
-            "rest_s": limits.runs.rest_before_s, "battery": battery, "runs": runs}  # fmt: skip
+    battery = {**plan.battery, **plan.supply}
+    return {"schema": SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": plan.rate_hz, "rest_s": plan.rest_s,
+            "runs": [{f.name: run[f.name] for f in fields(PlannedRun) if f.name in run} for run in plan.planned],
+            "battery": {f.name: battery[f.name] for f in fields(Battery) if f.name in battery}}  # fmt: skip

@@ -42,8 +42,6 @@ STOP = re.compile(r"/stop(?:/([0-9a-f]{64}(?:,[0-9a-f]{64})*))?")
 
 
 class Handler(BaseHTTPRequestHandler):
-    """One request of a client that knows the token."""
-
     protocol_version = "HTTP/1.1"
     server_version = "automarine"
     sys_version = ""
@@ -160,13 +158,9 @@ class LinkServer(ThreadingHTTPServer):
     request_queue_size = MOST_STRANGERS
 
     def __init__(
-        self,
-        address: tuple[str, int],
-        store: Store,
-        vehicle: Vehicle,
-        token: str,
+        self, address: tuple[str, int], store: Store, vehicle: Vehicle, token: str,
         tell: Callable[[str], object] = lambda _: None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         super().__init__(address, Handler)
         self.store, self.vehicle, self.token, self.silenced = store, vehicle, token, ""
@@ -246,8 +240,6 @@ class LinkServer(ThreadingHTTPServer):
 
 @dataclass(frozen=True)
 class Serving:
-    """Where the server can be reached, and the word that it wants to hear."""
-
     url: str
     token: str
 
@@ -268,10 +260,8 @@ def token_of(folder: Path) -> str:
     if not stat.S_ISREG(mode):
         raise SettingError(f"{file} is a link or a folder; delete it, and a new token is made")
     if os.name != "nt" and mode & 0o077:
-        raise SettingError(
-            f"others may read or change {file} (mode {mode & 0o777:o}); delete it, and a new token is made, or "
-            f"`chmod 600` it"
-        )
+        remedy = "delete it, and a new token is made, or `chmod 600` it"
+        raise SettingError(f"others may read or change {file} (mode {mode & 0o777:o}); {remedy}")
     token = file.read_text(encoding="utf-8", errors="replace").strip()
     if not token or not token.isascii() or not token.isprintable():
         raise SettingError(f"{file} holds no token; delete it, and a new one is made")
@@ -304,9 +294,8 @@ def _serve(
     try:
         server = LinkServer(address, store, vehicle, token, tell)
     except OSError as problem:
-        raise SettingError(
-            f"cannot listen on {address[0]}:{address[1]} ({problem.strerror}); give another --address"
-        ) from None
+        where = f"{address[0]}:{address[1]}"
+        raise SettingError(f"cannot listen on {where} ({problem.strerror}); give another --address") from None
     threading.Thread(target=server.serve_forever, daemon=True).start()
     host = f"[{address[0]}]" if ":" in address[0] else address[0]
     old = {one.id for one in server.state().campaigns if one.over}

@@ -47,8 +47,6 @@ KEEP_SIZE = 1  # Linux, linux/falloc.h
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of campaigns and runs."""
-
     folder: Path
     _memory: dict[tuple[str, int, int], Any] = field(default_factory=dict, compare=False, repr=False)
     """What files of that name, time and size were read as: they never change."""
@@ -69,8 +67,8 @@ class Store:
 
     def prepare(self) -> None:
         try:
-            for folder in (self.runs, self.campaigns):
-                folder.mkdir(parents=True, exist_ok=True)
+            self.runs.mkdir(parents=True, exist_ok=True)
+            self.campaigns.mkdir(exist_ok=True)
         except OSError as problem:
             raise OutputError(f"{self.folder} cannot be written to ({problem.strerror}); give another folder") from None
 
@@ -85,15 +83,15 @@ class Store:
         """
         if (found := hashlib.sha256(content).hexdigest()) != name:
             raise SettingError(f"the campaign has the SHA-256 {found[:12]}..., not {name[:12]}...; try again")
-        there = sorted(self.campaigns.glob("*.json"))
-        if any(path.stem.endswith(f"_{name}") for path in there):
+        there = [path.stem.rpartition("_")[2] for path in self.campaigns.glob("*.json")]
+        if name in there:
             return False
         campaign = campaign_in(content)
         if campaign.text.encode() != content:
             raise SettingError("the campaign is not written as `automarine collect` writes it; use that to send it")
         refuse(campaign)
         campaign.refuse_beyond_reserve()
-        if any(path.stem.partition("_")[2][:SHORT] == name[:SHORT] for path in there):
+        if any(other[:SHORT] == name[:SHORT] for other in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
         write_whole(self._ready(campaign), " " * LONGEST_WHY)
         document = self.campaigns / f"{len(there) + 1:04d}_{name}.json"
@@ -126,9 +124,8 @@ class Store:
 
     def next_run(self, campaign: LinkCampaign) -> int | None:
         """Which run is the first without a closed log; None after the last."""
-        names = self._names()
-        played = (_end_of(campaign.log_name(run), names) is not None for run in campaign.runs)
-        return next((number for number, is_played in enumerate(played) if not is_played), None)
+        names, logs = self._names(), enumerate(map(campaign.log_name, campaign.runs))
+        return next((number for number, log in logs if _end_of(log, names) is None), None)
 
     def waiting(self) -> Iterator[tuple[LinkCampaign, int]]:
         """Campaign and number of the run that is to be played next, as long as there is something."""
@@ -253,15 +250,9 @@ class Store:
         logs = [campaign.log_name(run) for run in campaign.runs]
         ends = [_end_of(log, names) for log in logs]
         played = sum(end is not None for end in ends)
-        return CampaignState(
-            campaign.id,
-            len(ends),
-            played,
-            ends.count(INTERRUPTED),
-            over=played == len(ends) or (why is not None and not any(f"{log}.part" in names for log in logs)),
-            battery_left_Ah=round(campaign.left(played), 3) if played else campaign.battery.charge_Ah,
-            why_stopped=why,
-        )
+        over = played == len(ends) or (why is not None and not any(f"{log}.part" in names for log in logs))
+        battery = round(campaign.left(played), 3) if played else campaign.battery.charge_Ah
+        return CampaignState(campaign.id, len(ends), played, ends.count(INTERRUPTED), over, battery, why)
 
     def _names(self) -> dict[str, bool]:
         with os.scandir(self.runs) as entries:
@@ -281,11 +272,8 @@ class Store:
             with suppress(OSError), _opened(_hash_file(log)) as file:
                 text = file.read(64).decode("ascii", "replace")
             if not SHA256.fullmatch(text):  # a log that somebody put there, or whose hash is damaged
-                digest = hashlib.sha256()
                 with _opened(log) as file:
-                    while block := file.read(1 << 20):
-                        digest.update(block)
-                text = digest.hexdigest()
+                    text = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
             self._memory[key] = text
         return str(self._memory[key])
 
@@ -315,7 +303,7 @@ def _end_of(name: str, names: Collection[str]) -> str | None:
 
 
 def _deaths(name: str, names: Collection[str]) -> int:
-    return sum(one.startswith(f"{name}.died") for one in names)
+    return sum(other.startswith(f"{name}.died") for other in names)
 
 
 def _playing(names: Mapping[str, bool]) -> str | None:
@@ -362,7 +350,7 @@ def _reserve(number: int, size: int) -> None:
 
 
 class HeldElsewhereError(Exception):
-    """Somebody else holds the lock."""
+    pass
 
 
 @contextmanager
@@ -384,10 +372,9 @@ def held(path: Path) -> Iterator[None]:
 
 def sync_folder(folder: Path) -> None:
     """See that the names in a folder outlast a power cut, where the system can do that."""
-    if os.name == "nt":
-        return
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
+    if os.name != "nt":
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)

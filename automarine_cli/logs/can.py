@@ -25,7 +25,7 @@ import numpy as np
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import LABELS
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.formats import Format, RawLog, refuse_empty, skipped
 from automarine_cli.logs.streams import Recording, Stream, named, needed, on_one_clock, unsound_is_refused
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.quantities import Floats
@@ -39,10 +39,8 @@ MINUTE = 60.0  # s after which the converter's clock begins anew
 
 
 def read_slcan(content: bytes, source: str) -> tuple[Floats, list[tuple[int, bool]], list[bytes], int]:
-    """Times [s], (identifier, extended) and data of each frame; how many lines that look like frames are none.
-
-    Raises LogError where the frames have no time.
-    """
+    """Times [s], (identifier, extended) and data of each frame; how many lines that look like frames are none. Raises
+    LogError where the frames have no time."""
     arrived: list[float] = []
     clock: list[float] = []
     names: list[tuple[int, bool]] = []
@@ -91,10 +89,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     needed("cantools", "can", name, "DBC files")
     with unsound_is_refused(name, "CAN"):
         captured, notes = reader(path, name)
-    if not captured:
-        raise LogError(
-            f"{name}: found no CAN frames, expected some from its extension; copy the file again, or rename it"
-        )
+    refuse_empty(captured, name, "CAN frames")
     unknown = tuple(f"0x{number:x} ({len(frames)})" for (number, _), (_, frames) in sorted(captured.items()))
     if columns.database is None:
         raise LogError(
@@ -170,7 +165,7 @@ def _guarded(reader: Any) -> Any:
 
 def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
     time, names, frames, bad = read_slcan(path.read_bytes(), name)
-    return grouped(time, names, frames), (f"{bad} line{'s' * (bad != 1)} skipped: not a CAN frame",) if bad else ()
+    return grouped(time, names, frames), skipped(bad, "line", "not a CAN frame")
 
 
 def messages_of(columns: ColumnMap) -> list[Any]:
@@ -239,6 +234,5 @@ def _candump(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
 
     lines = [line.strip() for line in path.read_text("latin-1").splitlines() if line.strip()]
     good = [line for line in lines if CANDUMP_LINE.fullmatch(line)]
-    bad = len(lines) - len(good)
     captured, _ = frames_of(can.CanutilsLogReader(io.StringIO("\n".join(good))))
-    return captured, (f"{bad} line{'s' * (bad != 1)} skipped: not a CAN frame",) if bad else ()
+    return captured, skipped(len(lines) - len(good), "line", "not a CAN frame")

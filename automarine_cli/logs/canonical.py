@@ -81,14 +81,11 @@ class Canonical:
 
 
 def _own(dofs: Iterable[Dof], *quantities: str) -> Iterator[tuple[str, str, str]]:
-    """The columns of these quantities ("position", ...) of motions: names, what they hold, units."""
+    """The columns of these quantities ("position", ...) and the thrusters of motions: names, what they hold, units."""
     for which in quantities:
         for dof in dofs:
             quantity = getattr(dof, which)
             yield from ((name, quantity, unit) for name, unit in dof.columns[quantity])
-
-
-def _thrusters(dofs: Iterable[Dof]) -> Iterator[tuple[str, str, str]]:
     yield from ((name, name, "") for dof in dofs for name in dof.thrusters)
 
 
@@ -98,11 +95,9 @@ _ALL = (
     ("time_us", "time", "us"),
     ("time", "time", TIMESTAMP),
     *_own(ROTATIONS, "position", "velocity", "command"),
-    *_thrusters(ROTATIONS),
     ("voltage_V", "voltage", "V"),
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
     *_own(TRANSLATIONS, "velocity", "position", "command"),
-    *_thrusters(TRANSLATIONS),
     ("north_m", "north", "m"),
     ("east_m", "east", "m"),
     ("lat_deg", "lat", "deg"),
@@ -118,10 +113,8 @@ LABELS = (RUN, MODE, ARMED, BY)  # columns of words, not of numbers
 
 
 def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
-    """Quantities of the other motions, which a log of this one may hold under names that mean something else there.
-
-    With a `motion` of several degrees of freedom their velocities, commands and places on the water are its own.
-    """
+    """Quantities of other motions than `dof`, or of other than a `motion` of several, under names of which a log may
+    hold something else."""
     own = {dof.position, dof.velocity, dof.command, *dof.thrusters}
     if motion is not None:
         own |= {name for one in motion.dofs for name in (one.velocity, one.command)} | set(PLACES)
@@ -131,10 +124,8 @@ def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
 
 
 def motions_in(held: Set[str]) -> list[Dof]:
-    """The motions of which a log that holds these quantities is whole: position, and command or every thruster.
-
-    Motions that share a position are distinguished by their commands: who has his own comes before who has thrusters.
-    """
+    """The motions of which a log that holds these quantities is whole: position, and command or every thruster. Of
+    those that share a position the ones with a command of their own come first."""
     whole = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
     places = {dof.position: i for i, dof in reversed(list(enumerate(whole)))}
     return sorted(whole, key=lambda dof: (places[dof.position], dof.command not in held))
@@ -159,7 +150,7 @@ _WORDS: Mapping[str, Sequence[str]] = {
     "force": ("force", "thrust", "load", "newtons", "force_n", "thrust_n", "pull", "mean_force", "total_force"),
     "voltage": ("voltage", "volts", "battery", "vbat", "bat", "nominal_voltage_v"),
     **{
-        quantity: [word for one in DOFS.values() for word in one.nicknames.get(quantity, ())]
+        quantity: [word for other in DOFS.values() for word in other.nicknames.get(quantity, ())]
         for dof in DOFS.values()
         for quantity in dof.nicknames
     },
@@ -209,12 +200,6 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
 
 def likely_canonical(quantity: str, column: str) -> str:
     """The canonical name to propose for a column of the file, with the unit that its name shows."""
-    plain = column.lower()
-    choices = names_of(quantity)
-    endings = {
-        "rad": "_rad", "deg": "_deg", "kgf": "_kgf", "lbf": "_lbf", "ms": "_ms", "milli": "_ms", "us": "_us",
-        "nm": "_Nm",
-    }  # fmt: skip
-    fit = (choice for word, ending in endings.items() if word in plain
-           for choice in choices if choice.endswith((ending, f"{ending}_s")))  # fmt: skip
-    return next(fit, choices[0])
+    choices, words = names_of(quantity), ("rad", "deg", "kgf", "lbf", "ms", "milli", "us", "Nm")
+    endings = ("_ms" if word == "milli" else f"_{word}" for word in words if word.lower() in column.lower())
+    return next((name for end in endings for name in choices if name.endswith((end, f"{end}_s"))), choices[0])

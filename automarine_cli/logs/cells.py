@@ -5,6 +5,7 @@ Calendar and clock times of a column become seconds: ISO 8601, dates such as 03.
 
 import contextlib
 import re
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,20 +24,17 @@ def is_number(cell: str, decimal: str = ".") -> bool:
     return NUMBER.fullmatch(cell.replace(decimal, ".") if decimal == "," else cell) is not None
 
 
-def is_missing(cell: str) -> bool:
-    return cell in MISSING
+def text_of(content: bytes) -> str:
+    """Bytes as text; those that are not UTF-8 are read as Latin-1."""
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
 
 
 def decoded(cell: bytes | str | None) -> str:
-    """A cell as text without blanks around it; bytes that are not UTF-8 are read as Latin-1."""
-    if cell is None:
-        return ""
-    if isinstance(cell, str):
-        return cell.strip()
-    try:
-        return cell.decode("utf-8").strip()
-    except UnicodeDecodeError:
-        return cell.decode("latin-1").strip()
+    """A cell as text without blanks around it."""
+    return (text_of(cell) if isinstance(cell, bytes) else cell or "").strip()
 
 
 def plain(array: pa.ChunkedArray) -> pa.ChunkedArray:
@@ -60,11 +58,9 @@ def numbers(array: pa.ChunkedArray, decimal: str = ".") -> pa.ChunkedArray | Non
 
 def first_not_a_number(array: pa.ChunkedArray, decimal: str = ".") -> tuple[int, str]:
     """Return index and text of the first cell that keeps a text column from being numbers."""
-    for i, cell in enumerate(array):
-        text = decoded(cell.as_py())
-        if not is_missing(text) and not is_number(text, decimal):
-            return i, text
-    return 0, decoded(array[0].as_py())
+    texts = [decoded(cell) for cell in array.to_pylist()]
+    i = next((i for i, text in enumerate(texts) if text not in MISSING and not is_number(text, decimal)), 0)
+    return i, texts[i]
 
 
 DAY, HOUR = 86400.0, 3600.0
@@ -133,14 +129,9 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
 
 
 def first_not_a_stamp(array: pa.ChunkedArray, day_first: bool | None) -> tuple[int, str]:
-    """Return index and text of the first cell that keeps a column from being times."""
-    for start in range(0, len(array), 65536):
-        part = array.slice(start, 65536)
-        if read_stamps(part, day_first) is None:
-            for i in range(len(part)):
-                if read_stamps(part.slice(i, 1), day_first) is None:
-                    return start + i, decoded(part[i].as_py())
-    return 0, decoded(array[0].as_py())  # dates or zones given in some cells and not in others
+    """Return index and text of the first cell that keeps a column from being times, or from being like those before."""
+    i = bisect_left(range(len(array)), True, key=lambda last: read_stamps(array.slice(0, last + 1), day_first) is None)
+    return i, decoded(array[i].as_py())
 
 
 def _rising(ways: dict[bool | None, Stamps]) -> Stamps | None:

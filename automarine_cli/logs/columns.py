@@ -30,9 +30,8 @@ class Join:
     max_age_s: float = OLDEST
 
     def __post_init__(self) -> None:
-        stars = self.logs.count("*")
         for other in self.others:
-            if other.count("*") not in (0, stars) or not other or not self.logs:
+            if other.count("*") not in (0, self.logs.count("*")) or not other or not self.logs:
                 raise SettingError(
                     f'join of "{self.logs}" with "{other}": expected as many stars in both, or none in the second; a '
                     "star stands for the same letters in both names"
@@ -201,10 +200,8 @@ def given_columns(columns: "str | Source | ColumnMap | None") -> ColumnMap:
 
 
 def read_column_map(path: str | Source) -> ColumnMap:
-    """Read a column map (TOML with `[columns]`, `[[columns_of]]`, `[logs]`, `[defaults]` and `[can]`).
-
-    Raises LogError with the key's path for an unknown key, a wrong type or a unit that does not fit.
-    """
+    """Read a column map (TOML with `[columns]`, `[[columns_of]]`, `[logs]`, `[defaults]` and `[can]`). Raises LogError
+    with the key's path for an unknown key, a wrong type or a unit that does not fit."""
     path = Path(path) if isinstance(path, str) else path
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)

@@ -12,20 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.mixing import Asked, parameters, with_pulses
-from automarine_cli.logs.streams import (
-    Recording,
-    Stream,
-    arming,
-    mode_names,
-    needed,
-    on_one_clock,
-    taken,
-    unsound_is_refused,
-)
+from automarine_cli.logs.formats import Format, RawLog, refuse_empty, skipped
+from automarine_cli.logs.mixing import parameters, recorded
+from automarine_cli.logs.streams import Recording, Stream, arming, mode_names, needed, on_one_clock, unsound_is_refused
 from automarine_cli.quantities import Floats
 
 HEAD = b"\xa3\x95"
@@ -41,6 +31,8 @@ INSTEAD = {"RATE": ("IMU", {"GyrZ": "yaw_rate_rad_s"}), "BAT": ("CURR", {"Volt":
 """Messages of which fields are taken under canonical names, and what serves where they are not."""
 VEHICLES = {"ArduSub": 12, "ArduRover": 10, "ArduCopter": 2, "ArduPlane": 1, "Blimp": 7}  # MAV_TYPE
 Message = Mapping[str, NDArray[Any]]
+Characters = Mapping[str, tuple[str, float | None, type]]  # of formats: numpy's type, factor
+Layout = tuple[str, np.dtype[Any], dict[str, float | None]]  # name, bytes and factors of a message
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
@@ -48,23 +40,15 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     library = needed("pymavlink.DFReader", "ardupilot", name, "ArduPilot logs")
     with unsound_is_refused(name, "dataflash"):
         messages, lost = _messages(path.read_bytes(), library.FORMAT_TO_STRUCT)
-        if not messages:
-            raise LogError(
-                f"{name}: found no ArduPilot dataflash messages, expected some from its extension; copy "
-                "the file again, or rename it"
-            )
-        notes = (f"{lost} byte{'s' * (lost != 1)} skipped: not a message",) if lost else ()
-        return on_one_clock(_recording(messages, columns, notes), columns, name)
+        refuse_empty(messages, name, "ArduPilot dataflash messages")
+        return on_one_clock(_recording(messages, columns, skipped(lost, "byte", "not a message")), columns, name)
 
 
 FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(HEAD,))
 
 
-def _messages(data: bytes, characters: Mapping[str, tuple[str, float | None, type]]) -> tuple[dict[str, Message], int]:
-    """Fields of every message with a clock, by name, in file order; and how many bytes are no messages.
-
-    Several sensors of one kind become messages of their own: BAT, then BAT[1].
-    """
+def _messages(data: bytes, characters: Characters) -> tuple[dict[str, Message], int]:
+    """Fields of messages by name, each sensor of a kind on its own (BAT, BAT[1]); how many bytes are no messages."""
     layouts, places, lost = _indexed(data, characters)
     whole = np.frombuffer(data, dtype=np.uint8)
     found: dict[str, Message] = {}
@@ -85,11 +69,9 @@ def _messages(data: bytes, characters: Mapping[str, tuple[str, float | None, typ
     return found, lost
 
 
-def _indexed(
-    data: bytes, characters: Mapping[str, tuple[str, float | None, type]]
-) -> tuple[dict[int, tuple[str, np.dtype[Any], dict[str, float | None]]], dict[int, list[int]], int]:
+def _indexed(data: bytes, characters: Characters) -> tuple[dict[int, Layout], dict[int, list[int]], int]:
     """Layouts by type, where the messages of each begin, and how many bytes are none."""
-    layouts: dict[int, tuple[str, np.dtype[Any], dict[str, float | None]]] = {FMT: ("FMT", LAYOUT, {})}
+    layouts: dict[int, Layout] = {FMT: ("FMT", LAYOUT, {})}
     places: dict[int, list[int]] = {FMT: []}
     lengths, at, end, lost = {FMT: FMT_LENGTH}, 0, len(data), 0
     while at + 3 <= end:
@@ -113,10 +95,8 @@ def _indexed(
     return layouts, places, lost
 
 
-def _layout(
-    new: Any, characters: Mapping[str, tuple[str, float | None, type]]
-) -> tuple[str, np.dtype[Any], dict[str, float | None]] | None:
-    """Name, bytes and factors of the messages that a FMT message tells of; None where it makes no sense."""
+def _layout(new: Any, characters: Characters) -> Layout | None:
+    """The layout of messages that a FMT message tells; None where it makes no sense."""
     name, form = new["name"].decode("latin-1"), new["format"].decode("latin-1")
     keys = [key for key in new["columns"].decode("latin-1").split(",") if key]
     known = all(character in characters for character in form)
@@ -144,22 +124,10 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     for name, (other, instead) in INSTEAD.items():
         if name not in messages:
             own[other] = instead
-    streams, asked = _states(messages), Asked()
-    for name, message in messages.items():
-        time = _clock(message)
-        fields = {key: values for key, values in message.items() if key not in SECONDS}
-        if name == "RCOU":  # channels that nothing is connected to are always at 0
-            fields = {key: values for key, values in fields.items() if values.any()}
-        if time is not None:
-            stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == "RCOU")
-            if name == "RCOU":
-                told = messages.get("PARM", {})
-                clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
-                known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
-                stream, asked = with_pulses(stream, name, fields, known, columns)
-            streams += [] if stream is None else [stream]
-    holds = tuple(f"{name} ({len(next(iter(fields.values())))})" for name, fields in messages.items())
-    return Recording(streams, "messages", holds, (*asked.notes, *notes), asked.origin)
+    told = messages.get("PARM", {})
+    clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
+    known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
+    return recorded(messages, _clock, SECONDS, own, "RCOU", known, columns, _states(messages), notes)
 
 
 def _clock(fields: Message) -> Floats | None:

@@ -6,7 +6,6 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
@@ -54,20 +53,18 @@ def find_logs(arguments: Logs) -> list[LogFile]:
     """
     if not arguments:
         raise LogError("no logs given; name log files, directories or quoted globs")
-    found: dict[str, LogFile] = {}
-    resolved = cache(Path.resolve)  # of folders; most hold many logs
+    logs: dict[str, LogFile] = {}
     for argument in arguments:
         for log in [argument] if isinstance(argument, LogFile) else _meant_by(str(argument)):
-            key = f"{resolved(log.path.parent)}/{log.path.name}"
-            if key not in found or _claim(log) > _claim(found[key]):
-                found[key] = log
-    return sorted(_told_apart(list(found.values())), key=_place)
+            key = _key(log.path)
+            logs[key] = max(logs.get(key, log), log, key=_claim)
+    return sorted(_told_apart(list(logs.values())), key=_place)
 
 
 def whole_logs(files: Sequence[LogFile], columns: ColumnMap) -> tuple[LogFile, ...]:
     """Return the logs without the files that `columns` joins to others of them."""
     joined = {_key(path) for file in files for path in _joined_to(file, columns)}
-    return tuple(file for file in files if not joined or _key(file.path) not in joined)
+    return tuple(file for file in files if _key(file.path) not in joined)
 
 
 def with_joined(files: Sequence[LogFile], columns: ColumnMap) -> list[LogFile]:

@@ -106,3 +106,15 @@ def too_well_packed(name: str) -> LogError:
 
 def too_many_columns(where: str, count: int) -> LogError:
     return LogError(f"{where}: found {count} columns, expected at most {MOST_COLUMNS}; check separators and line ends")
+
+
+def refuse_empty(content: object, source: str, what: str) -> None:
+    if not content:
+        raise LogError(
+            f"{source}: found no {what}, expected some from its extension; copy the file again, or rename it"
+        )
+
+
+def skipped(count: int, thing: str, why: str) -> tuple[str, ...]:
+    """Return the note on what of a file was not read, none for nothing."""
+    return (f"{count} {thing}{'s' * (count != 1)} skipped: {why}",) if count else ()

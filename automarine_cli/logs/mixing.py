@@ -13,9 +13,11 @@ Sources: ArduPilot, libraries/AP_Motors/AP_Motors6DOF.cpp (`setup_motors`, `outp
 and SRV_Channel.cpp (`pwm_from_angle`); libraries/AR_Motors/AP_MotorsUGV.cpp (`output_skid_steering`).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
 from automarine_cli.logs.canonical import CANONICAL, COMMANDS, NORMALISED, names_of
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import LOGGED, Origin
-from automarine_cli.logs.streams import Stream
+from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 
@@ -112,11 +114,8 @@ def is_commanded_by(columns: ColumnMap) -> bool:
 def worked_back(
     source: str, time: Floats, channels: Channels, known: Parameters, read_by: Callable[[str, Channels, Values], Part]
 ) -> Asked:
-    """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s].
-
-    `source` is what the file calls the outputs; `read_by` makes of it, of the outputs and of parameters by name how
-    they are read, or raises Unclear. Where parameters change, each stretch is read by what stood then.
-    """
+    """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s], which the file calls
+    `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
     changes = [
         (float(at), f"{name} from {before:g} to {after:g}")
         for name, told in known.items()
@@ -194,10 +193,8 @@ NEUTRAL, SPAN = 1500.0, 400.0  # us, of ArduSub's motors whatever the limits of 
 
 
 def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Parameters) -> Asked:
-    """What ArduPilot asked of the vehicle, from pulses [us] by number of the output, shape (N,), at `time` [s].
-
-    `source` is what the file calls the outputs.
-    """
+    """What ArduPilot asked of the vehicle, from pulses [us] by number of the output, shape (N,), at `time` [s], which
+    the file calls `source`."""
     ends = ("_FUNCTION", "_MIN", "_MAX", "_TRIM", "_REVERSED", "_DIRECTION")
     driving = {
         name: told
@@ -207,16 +204,30 @@ def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Paramete
     return worked_back(source, time, pulses, driving, part_of)
 
 
-def with_pulses(
-    stream: Stream | None, name: str, fields: Mapping[str, Floats], known: Parameters, columns: ColumnMap
-) -> tuple[Stream | None, Asked]:
-    """Return a stream of ArduPilot's outputs, fields of which the name holds the number, with what was asked of the
-    vehicle, unless a column map names a command itself."""
-    if stream is None or is_commanded_by(columns):
-        return stream, Asked()
-    pulses = {int("".join(filter(str.isdigit, key))): values for key, values in fields.items()}
-    asked = asked_of_pulses(name, stream.time, pulses, known)
-    return replace(stream, columns={**stream.columns, **asked.columns}), asked
+def recorded(
+    messages: Mapping[str, Mapping[str, NDArray[Any]]], clock_of: Callable[[Mapping[str, NDArray[Any]]], Floats | None],
+    stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, known: Parameters, columns: ColumnMap,
+    states: Sequence[Stream], notes: tuple[str, ...],
+) -> Recording:  # fmt: skip
+    """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `own` or the column map
+    takes, states, and pulses, fields of `outputs` of which the name holds the number, with what was asked of the
+    vehicle by them, unless the map names a command itself."""
+    streams, asked = [], Asked()
+    for name, message in messages.items():
+        time = clock_of(message)
+        if time is None:
+            continue
+        fields = {key: values for key, values in message.items() if key not in stamps}
+        if name == outputs:  # channels that nothing is connected to are always at 0
+            fields = {key: values for key, values in fields.items() if re.search(r"\d", key) and values.any()}
+        stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == outputs)
+        if name == outputs and fields and not is_commanded_by(columns):
+            pulses = {int("".join(filter(str.isdigit, key))): values for key, values in fields.items()}
+            asked = asked_of_pulses(name, time, pulses, known)
+            stream = replace(stream, columns={**stream.columns, **asked.columns})
+        streams.append(stream)
+    holds = tuple(f"{name} ({len(next(iter(message.values())))})" for name, message in messages.items())
+    return Recording([*streams, *states], "messages", holds, (*asked.notes, *notes), asked.origin)
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -15,7 +15,7 @@ import json
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -52,65 +52,45 @@ Rows = list[tuple[float, dict[str, Any]]]
 def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read an MCAP file of JSON channels. Raises LogError where it holds no heading."""
     needed("mcap.reader", "blueos", name, "MCAP files with JSON channels")
-    with unsound_is_refused(name, "MCAP file's", "copy the file again, or if its recorder was stopped: mcap recover"):
-        asked = {rule.source for rule in columns.columns.values()}
-        rows: dict[str, Rows] = {}
-        counted: Counter[str] = Counter()
-        whole = True
-        for topic, encoding, stamp, data in _records(path):
-            if topic is None:
-                whole = False
-                break
-            counted[topic] += 1
-            prefixes = (f"{topic}.", f"{_mavlink(topic) or topic}.")
-            wanted = _mavlink(topic) in MAVLINK_OWN or any(source.startswith(prefixes) for source in asked)
-            if encoding == "json" and wanted:
-                found = json.loads(data)
-                if isinstance(found, dict):
-                    rows.setdefault(topic, []).append((stamp / 1e9, found))
-        notes = () if whole else ("the file ends within a chunk: its recorder was stopped; read up to there",)
-        holds = tuple(f"{topic} ({count})" for topic, count in counted.items())
-        told = _json_recording(rows, columns, notes, holds)
-    return on_one_clock(told, columns, name)
-
-
-def _records(path: Path) -> Iterator[tuple[str | None, str, int, bytes]]:
-    """Topic, encoding, the recorder's time [ns] and content of each message in the order of the file; a last one of no
-    topic where the file is cut off."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
-    with path.open("rb") as file:
+    sources = {rule.source for rule in columns.columns.values()}
+    rows: dict[str, Rows] = {}
+    counted: Counter[str] = Counter()
+    notes: tuple[str, ...] = ()
+    mend = "copy the file again, or if its recorder was stopped: mcap recover"
+    with unsound_is_refused(name, "MCAP file's", mend), path.open("rb") as file:
         try:
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
-                yield channel.topic, channel.message_encoding, message.log_time, message.data
+                topic, kind = channel.topic, _mavlink(channel.topic)
+                counted[topic] += 1
+                serves = kind in MAVLINK_OWN or any(s.startswith((f"{topic}.", f"{kind or topic}.")) for s in sources)
+                if channel.message_encoding == "json" and serves and isinstance(data := json.loads(message.data), dict):
+                    rows.setdefault(topic, []).append((message.log_time / 1e9, data))
         except (EndOfFile, struct.error):  # the library unpacks what is left of a record
             if file.read(1):
                 raise
-            yield None, "", 0, b""
+            notes = ("the file ends within a chunk: its recorder was stopped; read up to there",)
+        by_kind: dict[str, Rows] = {}
+        streams = []
+        for topic, told in rows.items():
+            if kind := _mavlink(topic):
+                by_kind.setdefault(kind, []).extend(told)
+            else:
+                time = np.array([at for at, _ in told])
+                streams.append(taken(topic, time, _json_columns([_flat(data) for _, data in told]), {}, columns))
+        messages = {kind: _json_message(sorted(told, key=lambda row: row[0])) for kind, told in by_kind.items()}
+        recorded = recording(of_the_vehicle(messages), columns, notes) if messages else Recording((), "", (), notes)
+        holds = tuple(f"{topic} ({count})" for topic, count in counted.items())
+    all_streams = (*recorded.streams, *streams)
+    return on_one_clock(replace(recorded, streams=all_streams, kind="topics", holds=holds), columns, name)
 
 
 def _mavlink(topic: str) -> str:
     """The message of a topic of MAVLink, "" for another; single fields have topics of their own, which are not read."""
     parts = topic.split("/")
     return parts[3] if topic.startswith(ROOT) and len(parts) == 4 else ""
-
-
-def _json_recording(
-    rows: Mapping[str, Rows], columns: ColumnMap, notes: tuple[str, ...], holds: tuple[str, ...]
-) -> Recording:
-    by_kind: dict[str, Rows] = {}
-    streams = []
-    for topic, told in rows.items():
-        if _mavlink(topic):
-            by_kind.setdefault(_mavlink(topic), []).extend(told)
-        else:
-            time = np.array([at for at, _ in told])
-            streams.append(taken(topic, time, _json_columns([_flat(one) for _, one in told]), {}, columns))
-    messages = {kind: _json_message(sorted(told, key=lambda row: row[0])) for kind, told in by_kind.items()}
-    found = recording(of_the_vehicle(messages), columns, notes) if messages else Recording((), "", ())
-    used = (*found.streams, *(stream for stream in streams if stream is not None))
-    return Recording(used, "topics", holds, found.notes or notes, found.origin)
 
 
 def _json_message(rows: Rows) -> Message:
@@ -285,7 +265,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
     turning = [topic for topic in topics if "heading" in motions.get(topic.name, {})]
     turning.sort(key=lambda topic: list(POSES).index(topic.kind))  # among those of one type the bag's order
     shift, notes = _clocks(turning)
-    streams: list[Stream | None] = []
+    streams = []
     given: set[str] = set()
     for topic in [*turning, *(one for one in topics if one not in turning)]:
         time = np.where(np.isnan(topic.stamped), topic.recorded + shift, topic.stamped)
@@ -300,8 +280,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         if topic.kind == STATE:
             states = {"mode": fields["mode"], "armed": arming(fields["armed"] > 0)}
             streams.append(Stream(topic.name, time, states, lasting=True))
-    used = [stream for stream in streams if stream is not None]
-    names = {stream.name for stream in used}
+    names = {stream.name for stream in streams if stream.columns}
     unstamped = [one.name for one in topics if np.isnan(one.stamped).any() and one.name in names]
     if unstamped:
         notes.append(f"without stamps of their own, at the time of recording: {listed(unstamped)}")
@@ -309,7 +288,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         others = f", not of {listed(one.name for one in turning[1:])}" if len(turning) > 1 else ""
         turned = "turned from ROS's east, north, up and forward, left, up to clockwise from north"
         notes.insert(0, f"heading of {turning[0].name}{others}, {turned}")
-    return Recording(used, "topics", holds, tuple(notes))
+    return Recording(streams, "topics", holds, tuple(notes))
 
 
 def _motion(topic: Topic) -> Fields:

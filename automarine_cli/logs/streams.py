@@ -58,10 +58,8 @@ def unsound_is_refused(source: str, what: str, mend: str = "copy the file again"
 
 
 def yaw_of(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
-    """Yaw [rad] of unit quaternions, shape (N,), from -pi to pi: the last of the turns z-y-x (Diebel 2006, eq. 290).
-
-    NaN where there is no direction: PX4 and ROS say so by zeros or NaN.
-    """
+    """Yaw [rad] of unit quaternions, shape (N,), from -pi to pi: the last of the turns z-y-x (Diebel 2006, eq. 290);
+    NaN where there is no direction, as PX4 and ROS say by zeros or NaN."""
     yaw = np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)
     with np.errstate(invalid="ignore"):
         return np.where(w**2 + x**2 + y**2 + z**2 > 0.5, yaw, np.nan)
@@ -126,41 +124,28 @@ class Recording:
 
 
 def taken(
-    name: str,
-    time: Floats,
-    fields: Mapping[str, NDArray[Any]],
-    own: Mapping[str, str],
-    columns: ColumnMap,
+    name: str, time: Floats, fields: Mapping[str, NDArray[Any]], own: Mapping[str, str], columns: ColumnMap,
     keep: bool = False,
-) -> Stream | None:
+) -> Stream:  # fmt: skip
     """The stream of those fields of a message that serve: `own` under its canonical names (field -> name) unless the
-    column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all. None where
-    there is nothing.
-    """
+    column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all."""
     asked = columns.sources
     mapped = {CANONICAL[key].quantity for key in columns.columns if key in CANONICAL}
-    own = {
-        key: canonical
-        for key, canonical in own.items()
-        if CANONICAL[canonical].quantity not in mapped or f"{name}.{key}" in asked
-    }
-    used = {own[key]: values for key, values in fields.items() if key in own}
+    used, also = {}, {}
     for key, values in fields.items():
-        if key not in own and (f"{name}.{key}" in asked or keep):
-            used[f"{name}.{key}"] = values
-    also = {f"{name}.{key}": canonical for key, canonical in own.items() if key in fields}
-    return Stream(name, time, used, also) if used else None
+        full, canonical = f"{name}.{key}", own.get(key)
+        if canonical is not None and (full in asked or CANONICAL[canonical].quantity not in mapped):
+            used[canonical], also[full] = values, canonical
+        elif full in asked or keep:
+            used[full] = values
+    return Stream(name, time, used, also)
 
 
 def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
-    """All streams on the clock of the one that holds the heading (in a thruster test: the force).
-
-    Rows count the messages of that stream. Raises LogError that lists what the file holds where there is neither.
-    """
-    streams = [stream for stream in found.streams if len(stream.time)]
-    also = {
-        name: column for stream in reversed(streams) for name, column in stream.also.items() if column in stream.columns
-    }
+    """All streams on the clock of the one that holds the heading (in a thruster test: the force), whose messages rows
+    count. Raises LogError that lists what the file holds where there is neither."""
+    streams = [stream for stream in found.streams if len(stream.time) and stream.columns]
+    also = {name: column for stream in reversed(streams) for name, column in stream.also.items()}
     bollard = _is_bollard(streams, also, columns)
     if bollard:  # nothing turns in it, though a compass may have been on
         headings = names_of("heading")
@@ -271,10 +256,7 @@ def joined(
     columns: ColumnMap, join: Join,
 ) -> RawLog:  # fmt: skip
     """A log with the columns of another file on its clock, each value held as `join` says; the log's own of the same
-    name stay. The clocks are given by their columns and seconds (N,), the files by their `names`.
-
-    Raises LogError where the clocks never meet.
-    """
+    name stay. Clocks are columns and seconds (N,). Raises LogError where they never meet."""
     (column, time), master = theirs, Stream(names[0], clock[1], {})
     both = [one[np.isfinite(one)] for one in (master.time, time)]
     if all(len(one) and one.max() < BARE for one in both):  # clocks of the day: the nearest midnight

@@ -7,26 +7,17 @@ looked at, at once. Source: MAVLink 1 and 2, packet serialisation; CRC-16/MCRF4X
 
 import re
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.mixing import Asked, parameters, with_pulses
-from automarine_cli.logs.streams import (
-    Recording,
-    Stream,
-    arming,
-    mode_names,
-    needed,
-    on_one_clock,
-    taken,
-    unsound_is_refused,
-)
+from automarine_cli.logs.formats import Format, RawLog, refuse_empty, skipped
+from automarine_cli.logs.mixing import parameters, recorded
+from automarine_cli.logs.streams import Recording, Stream, arming, mode_names, needed, on_one_clock, unsound_is_refused
 from automarine_cli.quantities import Floats
 
 STAMP = 8  # bytes in front of each packet: microseconds since 1970, big-endian
@@ -51,11 +42,8 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     known = needed("pymavlink.dialects.v20.ardupilotmega", "ardupilot", name, "MAVLink logs").mavlink_map
     with unsound_is_refused(name, "telemetry"):
         messages, bad = _messages(path.read_bytes(), known)
-        if not messages:
-            raise LogError(
-                f"{name}: found no MAVLink packets, expected some from its extension; copy the file again, or rename it"
-            )
-        notes = (f"{bad} packet{'s' * (bad != 1)} skipped: wrong checksum",) if bad else ()
+        refuse_empty(messages, name, "MAVLink packets")
+        notes = skipped(bad, "packet", "wrong checksum")
         return on_one_clock(recording(messages, columns, notes), columns, name)
 
 
@@ -165,37 +153,26 @@ def of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
 
 def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
     """What a vehicle's messages hold: by name, with when each was `received` [s], in whatever file they are."""
-    starts = _starts(messages)
-    streams, asked = [], Asked()
-    for name, message in messages.items():
-        fields = {key: values for key, values in message.items() if key not in OWN_CLOCK and key != "received"}
-        if name == "SYS_STATUS":
-            volts = fields["voltage_battery"]
-            fields["voltage_battery"] = np.where(volts == NO_VOLTAGE, np.nan, volts / 1e3)
-        if name == SERVOS:
-            fields = {key: values for key, values in fields.items() if key != "port" and values.any()}
-        stream = taken(name, _clock(message, starts), fields, TAKEN.get(name, {}), columns, keep=name == SERVOS)
-        if name == SERVOS:
-            told = messages.get("PARAM_VALUE")
-            known = parameters(told["param_id"], told["received"], told["param_value"]) if told else {}
-            stream, asked = with_pulses(stream, name, fields, known, columns)
-        streams += [] if stream is None else [stream]
+    starts, told, states = _starts(messages), messages.get("PARAM_VALUE"), []
+    known = parameters(told["param_id"], told["received"], told["param_value"]) if told else {}
+    if "SYS_STATUS" in messages:
+        volts = messages["SYS_STATUS"]["voltage_battery"]
+        supply = {**messages["SYS_STATUS"], "voltage_battery": np.where(volts == NO_VOLTAGE, np.nan, volts / 1e3)}
+        messages = {**messages, "SYS_STATUS": supply}
     if "HEARTBEAT" in messages:
         beat = messages["HEARTBEAT"]
         state = {
             "mode": mode_names(beat["custom_mode"], int(np.median(beat["type"]))),
             "armed": arming(beat["base_mode"].astype(int) & MAV_MODE_ARMED > 0),
         }
-        streams.append(Stream("HEARTBEAT", beat["received"], state, lasting=True))
-    holds = tuple(f"{name} ({len(message['received'])})" for name, message in messages.items())
-    return Recording(streams, "messages", holds, (*asked.notes, *notes), asked.origin)
+        states.append(Stream("HEARTBEAT", beat["received"], state, lasting=True))
+    stamps = {*OWN_CLOCK, "received"}
+    return recorded(messages, partial(_clock, starts), stamps, TAKEN, SERVOS, known, columns, states, notes)
 
 
 def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
-    """When on the station's clock each start of the vehicle was first heard of [s], and when it was [s].
-
-    The quickest packet tells best when the vehicle started: all others were on the way for longer.
-    """
+    """When on the station's clock each start of the vehicle was first heard of [s], and when it was [s], as the packet
+    tells that was quickest on its way."""
     message = messages.get("ATTITUDE", {})
     if "time_boot_ms" not in message:
         return np.zeros(0), np.zeros(0)
@@ -204,7 +181,7 @@ def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
     return received[first], np.minimum.reduceat(received - boot, first)
 
 
-def _clock(message: Message, starts: tuple[Floats, Floats]) -> Floats:
+def _clock(starts: tuple[Floats, Floats], message: Mapping[str, NDArray[Any]]) -> Floats:
     """Seconds since 1970, shape (N,), by the vehicle's stamps where there are some."""
     heard, started = starts
     own = next((message[key] / rate for key, rate in OWN_CLOCK.items() if key in message), None)

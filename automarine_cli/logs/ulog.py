@@ -101,7 +101,7 @@ def _notes(log: Any) -> tuple[str, ...]:
 
 
 def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known: Parameters) -> Recording:
-    streams: list[Stream | None] = []
+    streams = []
     motors = next((name for name in MOTORS if name in topics), "")
     asked, wished = (Asked(), NOTHING) if is_commanded_by(columns) else _asked(topics, known)
     for name, data in topics.items():
@@ -116,7 +116,7 @@ def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known
             fields = {key: np.nan_to_num(c) for key, c in fields.items() if key.startswith(("control[", "output["))}
             fields = {key: values for key, values in fields.items() if np.any(values)}
         stream = taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands)
-        if stream is not None and name == MOTORS[0]:
+        if name == MOTORS[0] and stream.columns:
             stream = replace(stream, columns={**stream.columns, **asked.columns})
         streams.append(stream)
     if "vehicle_status" in topics:
@@ -124,8 +124,7 @@ def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known
         mode, armed = named(status["nav_state"], MODES, "mode {}"), arming(status["arming_state"] == ARMED)
         streams.append(Stream("vehicle_status", _clock(status), {"mode": mode, "armed": armed}, lasting=True))
     holds = tuple(f"{name} ({len(data['timestamp'])})" for name, data in topics.items())
-    used = [stream for stream in streams if stream is not None]
-    return Recording(used, "topics", holds, (*asked.notes, *notes), asked.origin)
+    return Recording(streams, "topics", holds, (*asked.notes, *notes), asked.origin)
 
 
 def _asked(topics: Topics, known: Parameters) -> tuple[Asked, Fields]:

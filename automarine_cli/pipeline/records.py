@@ -18,7 +18,7 @@ import sys
 import tomllib
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeVar, Union
@@ -36,8 +36,6 @@ Place = tuple[object, ...]
 
 
 class Record(Protocol):
-    """A dataclass."""
-
     __dataclass_fields__: ClassVar[dict[str, "Field[Any]"]]
 
 
@@ -52,7 +50,7 @@ Kind = TypeVar("Kind", bound=Record)
 
 def keyed(*keys: str) -> Mapping[str, object]:
     """Return the metadata of a field whose key in files is a template such as "noise_{log_unit}", for the codec's
-    words; of several the first that is there is read."""
+    words; of several the first that is there is read. Of results "gap/after" is the key `after` in the table `gap`."""
     return {"keys": keys}
 
 
@@ -189,14 +187,14 @@ class Codec:
         self._refuse_unknown(record, data, place)
         values: dict[str, object] = {}
         for field in dataclasses.fields(record):
-            keys, hint = _keys(field, self.words), _hints(record)[field.name]
-            key = next((key for key in keys if key in data), None)
+            hint, paths = _hints(record)[field.name], [key.split("/") for key in _keys(field, self.words)]
+            path = next((path for path in paths if _inner(data, path) is not MISSING), None)
             if "filler" in field.metadata:
                 values[field.name] = self.words
-            elif key is not None:
-                values[field.name] = self.value(hint, data[key], (*place, key))
+            elif path is not None:
+                values[field.name] = self.value(hint, _inner(data, path), (*place, *path))
             elif field.default is MISSING and field.default_factory is MISSING:
-                raise self.missing(place, keys[0], _expected(hint))
+                raise self.missing((*place, *paths[0][:-1]), paths[0][-1], _expected(hint))
         try:
             return record(**values)
         except SettingError as problem:
@@ -205,7 +203,7 @@ class Codec:
     def _refuse_unknown(self, record: type[Record], data: Mapping[object, object], place: Place) -> None:
         """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
         fields = [field for field in dataclasses.fields(record) if "filler" not in field.metadata]
-        known = [key for field in fields for key in _keys(field, self.words)]
+        known = [*dict.fromkeys(key.partition("/")[0] for field in fields for key in _keys(field, self.words))]
         if (unread := getattr(record, "unread", None if self.writer else ())) is None:
             return
         known += unread
@@ -290,6 +288,12 @@ def _plain(value: object) -> object:
 def _keys(field: "Field[Any]", words: Words | None) -> tuple[str, ...]:
     templates = field.metadata.get("keys", ())
     return tuple(map(words.fill, templates)) if templates and words is not None else (field.name.rstrip("_"),)
+
+
+def _inner(data: object, path: Sequence[str]) -> object:
+    for key in path:
+        data = data.get(key, MISSING) if isinstance(data, Mapping) else MISSING
+    return data
 
 
 @functools.cache

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar, cast
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
@@ -23,8 +23,6 @@ class SetAside:
 
 @dataclass(frozen=True)
 class LogReading:
-    """What to know of the reading of a log."""
-
     file: str
     notes: tuple[str, ...]
 
@@ -62,23 +60,12 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Covariance:
-    """A covariance matrix and the names of its rows."""
-
     parameters: tuple[str, ...]
     matrix: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
-class Likeliest:
-    """What the fit by maximum likelihood says beside its parameters."""
-
-    covariance: Covariance | None = None
-
-
-@dataclass(frozen=True)
 class AddedEffect:
-    """An effect of a model, parameters by name."""
-
     unread: ClassVar[tuple[str, ...]] = ("says", "confidence", "p_value", "rivals")
     name: str
     parameters: Mapping[str, Given]
@@ -95,24 +82,8 @@ class ModelEntry:
     constant: Given | None = field(default=None, metadata=keyed("{constant}"))
     difference: Given | None = field(default=None, metadata=keyed("{difference}"))
     ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
-    output_error: Likeliest | None = None
+    covariance: Covariance | None = field(default=None, metadata=keyed("output_error/covariance"))
     effects: tuple[AddedEffect, ...] | None = None
-
-
-@dataclass(frozen=True)
-class ValidRange:
-    """Smallest and largest force and velocity of what was fitted."""
-
-    force: tuple[float, float] | None = field(default=None, metadata=keyed("{force}"))
-    velocity: tuple[float, float] | None = field(default=None, metadata=keyed("{velocity_key}"))
-
-
-@dataclass(frozen=True)
-class Parent:
-    """The file that a model grew from."""
-
-    file: str
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -144,8 +115,10 @@ class ModelFile(ResultRecord):
     gain_scatter: Given | None = None
     gain_exponent: Given | None = None
     noise: float | None = field(default=None, metadata=keyed("{position}_noise_{shown_unit}"))
-    valid_range: ValidRange | None = None
-    parent: Parent | None = None
+    force_range: tuple[float, float] | None = field(default=None, metadata=keyed("valid_range/{force}"))
+    velocity_range: tuple[float, float] | None = field(default=None, metadata=keyed("valid_range/{velocity_key}"))
+    parent_file: str = field(default="", metadata=keyed("parent/file"))
+    parent_sha256: str = field(default="", metadata=keyed("parent/sha256"))
     channels: tuple[Sensor, ...] = ()
     random: Mapping[str, Given] = field(default_factory=dict)
     proposed: Mapping[str, float] = field(default_factory=dict)
@@ -164,7 +137,6 @@ class ModelFile(ResultRecord):
 
     @property
     def chosen(self) -> ModelEntry:
-        """The preferred model."""
         return self.models[self.preferred] or ModelEntry()
 
     def main_parameters(self) -> Iterator[tuple[str, Given]]:
@@ -180,7 +152,7 @@ class PlanarFile(ResultRecord):
 
     unread: ClassVar[tuple[str, ...]] = (
         "fitted_to", "assumptions", "valid_range", "channels", "disturbance", "noises", "log_likelihood",
-        "structure_because", "estimated", "estimated_because", "effects", "predicts", "parent", "notes",
+        "structure_because", "estimated", "estimated_because", "effects", "predicts", "parent", "notes", "warnings",
     )  # fmt: skip
     force_unit: str = "N"
     moment_unit: str = "N m"
@@ -189,55 +161,26 @@ class PlanarFile(ResultRecord):
     covariance: Covariance | None = None
     random: Mapping[str, float] = field(default_factory=dict)
     prediction: Use = field(default_factory=Use)
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class SquareLaw:
-    """The square law of one direction; None where it was not measured."""
-
-    a: Given | None = None
 
 
 @dataclass(frozen=True)
 class CurveEntry:
-    """The parameters of one direction's curve."""
-
     unread: ClassVar[tuple[str, ...]] = ()
     a: Given | None = None
     p: Given | None = None
     n_0: Given | None = None
     n_sat: Given | None = None
 
-    @property
-    def named(self) -> dict[str, Given]:
-        """Those that there are, by name."""
-        return {name: one for name, one in vars(self).items() if one is not None}
-
 
 @dataclass(frozen=True)
 class Curves:
-    """Both directions."""
-
     unread: ClassVar[tuple[str, ...]] = ()
     forward: CurveEntry | None = None
     backward: CurveEntry | None = None
 
 
 @dataclass(frozen=True)
-class FormEntry:
-    """A form of the curve, and how well it fits."""
-
-    form: str = ""
-    equation: str = ""
-    r2: float | None = None
-    rmse_percent_of_full_scale: float | None = None
-
-
-@dataclass(frozen=True)
 class VoltagePower:
-    """How the thrust of one direction grows with the voltage."""
-
     thrust_at_fixed_n: Given | None = None
 
 
@@ -246,29 +189,22 @@ class ThrusterFile(ResultRecord):
     """`thrusters.json`: a thruster map."""
 
     unread: ClassVar[tuple[str, ...]] = (
-        "per_test", "r2", "rmse_N", "rmse_all_points_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
-        "voltages", "notes", "points", "by",
+        "per_test", "r2", "rmse_N", "rmse_all_points_N", "rmse_percent_of_full_scale", "cv_rmse_N", "forms",
+        "chosen_because", "tare", "flagged", "voltages", "notes", "points", "by",
     )  # fmt: skip
-    forward: SquareLaw
-    backward: SquareLaw
+    a_forward: Given | None = field(default=None, metadata=keyed("forward/a"))
+    a_backward: Given | None = field(default=None, metadata=keyed("backward/a"))
     form: str
     parameters: Curves
     n_unit: str = ""
     n_range: tuple[float, float] | None = None
-    full_scale_N: float | None = None
-    rmse_percent_of_full_scale: float | None = None
-    forms: tuple[FormEntry, ...] = ()
-    chosen: FormEntry | None = None
     thrusters_per_test: int | None = None
+    full_scale_N: float | None = None
+    chosen: str = field(default="", metadata=keyed("chosen/form"))
+    r2: float | None = field(default=None, metadata=keyed("chosen/r2"))
+    rmse_percent: float | None = field(default=None, metadata=keyed("chosen/rmse_percent_of_full_scale"))
     voltage_range_V: tuple[float, float] | None = None
     voltage_exponent: Mapping[str, VoltagePower | float | None] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class RunChecked:
-    """What a fit would keep of a run; None where no step serves."""
-
-    step: object = field(default=None, metadata=keyed("half_turn", "step"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,13 +212,11 @@ class CheckFile(ResultRecord):
     """`check.json`: what is in the logs."""
 
     logs: int
-    yaw_runs: tuple[RunChecked, ...] = ()
+    yaw_runs: tuple[Mapping[str, object], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """How far one model's simulation of all runs is from what was measured."""
-
     rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}", "heading_rmse_deg"))
     ci95: tuple[float, float] | None = field(default=None, metadata=keyed("rmse_{shown_unit}_ci95"))
     restarted: float | None = field(default=None, metadata=keyed("restarted_rmse_{shown_unit}"))
@@ -291,10 +225,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """How well one model predicts so many seconds ahead: over all runs, and each."""
-
     horizon_s: float
-    rmse: float = field(metadata=keyed("rmse_{shown_unit}"))
     runs: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -315,26 +246,8 @@ class ValidationFile(ResultRecord):
             raise SettingError(f"best: found {told(self.best)}, expected one of {', '.join(self.models)}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class GapSize:
-    """The gap before and after, in the unit in which positions are shown; of thrusters in newtons."""
-
-    before: float = field(metadata=keyed("before_{shown_unit}", "before_N"))
-    after: float = field(metadata=keyed("after_{shown_unit}", "after_N"))
-    noise_floor: float = field(metadata=keyed("noise_floor_{shown_unit}", "noise_floor_N"))
-
-
-@dataclass(frozen=True)
-class Gaps:
-    """The gap on the runs that were fitted."""
-
-    fitted_runs: GapSize
-
-
 @dataclass(frozen=True)
 class Tried:
-    """An effect that a diagnosis tried alone, and what it gained."""
-
     name: str
     gain: float
 
@@ -359,9 +272,13 @@ class TuningFile(ResultRecord):
 
 @dataclass(frozen=True)
 class Moved:
-    """A parameter before and after what was missing was added."""
-
     after: Given
+
+
+def _gap(name: str) -> float:
+    """The gap of the runs that were fitted, in the unit in which positions are shown; of thrusters in newtons."""
+    keys = keyed(f"gap/fitted_runs/{name}_{{shown_unit}}", f"gap/fitted_runs/{name}_N")
+    return cast(float, field(metadata=keys))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,8 +286,9 @@ class DiagnosisFile(ResultRecord):
     """`diagnosis.json`, of a motion, of the plane or of a thruster map."""
 
     verdict: str
-    gap: Gaps
-    why: str = ""
+    before: float = _gap("before")
+    after: float = _gap("after")
+    noise_floor: float = _gap("noise_floor")
     model: str = ""
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
     effects: tuple[FoundEffect, ...] = ()
@@ -381,12 +299,10 @@ class DiagnosisFile(ResultRecord):
 
     @property
     def of_thrusters(self) -> bool:
-        """Whether it is of a thruster map."""
         return self.model == "thruster-map"
 
     @property
     def unit(self) -> str:
-        """The unit of the gap."""
         return "N" if self.of_thrusters else self.dof.units.key
 
 
@@ -413,64 +329,16 @@ class RunFile:
     cautions: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Planned:
-    """A run: `commands` (moment, seconds) as they are written, after the rest at its start heading."""
-
-    name: str
-    commands: object
-    start_heading_deg: float
-    wait_s: float
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """Current always, and more at the largest moment."""
-
-    idle_A: float
-    full_A: float
-    at_moment: float
-
-
-@dataclass(frozen=True)
-class Stored:
-    """The battery."""
-
-    charge_Ah: float
-    reserve_percent: float
-
-
-@dataclass(frozen=True)
-class Rest:
-    """What every run begins with."""
-
-    rest_before_s: float
-
-
-@dataclass(frozen=True)
-class Rate:
-    """How often is logged."""
-
-    rate_hz: float
-
-
-@dataclass(frozen=True)
-class PlanLimits:
-    """What the pool day allows."""
-
-    runs: Rest
-    logger: Rate
-    battery: Stored
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlanFile(ResultRecord):
-    """The file."""
+    """`plan.json`: what the vehicle plays of it."""
 
     moment_unit: str
-    limits: PlanLimits
-    supply: Drawn
-    planned: tuple[Planned, ...]
+    rate_hz: float = field(metadata=keyed("limits/logger/rate_hz"))
+    rest_s: float = field(metadata=keyed("limits/runs/rest_before_s"))
+    battery: Mapping[str, object] = field(metadata=keyed("limits/battery"))
+    supply: Mapping[str, object]
+    planned: tuple[Mapping[str, object], ...]
 
 
 Read = TypeVar("Read", bound=Record, covariant=True)
@@ -493,7 +361,6 @@ class ResultKind(Generic[Read]):
         return self.of(read_plain(path, "JSON", refuse), name or printable(path.name), refuse)
 
     def of(self, data: object, name: str, refuse: type[AutomarineError] = ModelError) -> Read:
-        """What plain data hold. Raises `refuse` with the place."""
         if not isinstance(data, Mapping):
             raise refuse(f"{name}: found {told(data)}, expected an object with named keys")
         if (schema := data.get("schema")) != self.schema:
@@ -530,12 +397,5 @@ TUNING = ResultKind("tuning.json", "automarine/tuning/1", TuningFile, "a tuning"
 PLAN = ResultKind("plan.json", "automarine/plan/1", PlanFile, "a plan", "plan", YAW)
 RUN = ResultKind("run.json", "automarine/run/1", RunFile, "a campaign", "run", YAW)
 KINDS: tuple[ResultKind[ResultRecord], ...] = (
-    *MODELS.values(),
-    PLANAR_MODEL,
-    THRUSTER_MAP,
-    CHECK,
-    VALIDATION,
-    DIAGNOSIS,
-    TUNING,
-    PLAN,
-)
+    *MODELS.values(), PLANAR_MODEL, THRUSTER_MAP, CHECK, VALIDATION, DIAGNOSIS, TUNING, PLAN,
+)  # fmt: skip

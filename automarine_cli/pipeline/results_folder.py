@@ -6,7 +6,6 @@ process holds a lock on a file in it, which ends with the process: what a killed
 """
 
 import contextlib
-import copy
 import errno
 import hashlib
 import json
@@ -64,25 +63,14 @@ class ResultFolder:
     """The folder under construction: everything written here appears together at the end."""
 
     def __init__(self, out: Path, new: Path, occupied: Path | None) -> None:
-        self._out, self._new, self._occupied, self._below = out, new, occupied, ""
-        self._hashes: dict[str, str] = {}
-        self._warnings: list[str] = []
-
-    def below(self, name: str) -> "ResultFolder":
-        """Return the same folder, whose files go into the subfolder `name`."""
-        inner = copy.copy(self)
-        inner._below = f"{self._below}{name}/"
-        return inner
-
-    @property
-    def hashes(self) -> Mapping[str, str]:
-        return dict(sorted(self._hashes.items()))
+        self._out, self._new, self._occupied = out, new, occupied
+        self.hashes: dict[str, str] = {}
+        self.warnings: list[str] = []
 
     def write(self, name: str, content: bytes | str) -> None:
         """Write one file; `name` is relative, with forward slashes. Raises OutputError if the disk refuses, or a file
         of that name that is not ours would be replaced."""
-        name = f"{self._below}{name}"
-        if {"..", ".", ""} & {*name.split("/")} or "\\" in name or name in self._hashes:
+        if {"..", ".", ""} & {*name.split("/")} or "\\" in name or name in self.hashes:
             raise ValueError(f"result file {name!r}: expected a new relative name")
         if self._occupied is not None and (self._occupied / name).exists():
             raise OutputError(f"{self._out} already holds a file {name}; give --overwrite to replace it")
@@ -90,21 +78,14 @@ class ResultFolder:
         with one_sentence(self._out):
             (self._new / name).parent.mkdir(parents=True, exist_ok=True)
             (self._new / name).write_bytes(data)
-        self._hashes[name] = hashlib.sha256(data).hexdigest()
+        self.hashes[name] = hashlib.sha256(data).hexdigest()
 
     def write_json(self, name: str, data: object) -> None:
         self.write(name, json_text(data))
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        return tuple(self._warnings)
-
-    def attempt(self, failure: str, work: Callable[[], Made]) -> Made | None:
-        return self.taken(attempted(failure, work))
-
     def taken(self, attempt: tuple[Made | None, str]) -> Made | None:
         """Return what was `attempted`; where nothing was made None, and the warning is in the manifest."""
-        self._warnings += filter(None, attempt[1:])
+        self.warnings += filter(None, attempt[1:])
         return attempt[0]
 
 
@@ -134,7 +115,7 @@ def result_folder(
             record = recorded(command, options, seed, inputs)
         folder = ResultFolder(out, new, target if not (replaced or overwrite) else None)
         yield folder
-        record["outputs"] = [{"file": name, "sha256": sha} for name, sha in folder.hashes.items()]
+        record["outputs"] = [{"file": name, "sha256": sha} for name, sha in sorted(folder.hashes.items())]
         if folder.warnings:
             record["warnings"] = folder.warnings
         with one_sentence(out):
@@ -158,34 +139,23 @@ def result_folder(
 def _taken(new: Path, name: str) -> int:
     """Make the folder to be filled, in place of one that a killed process left; return the open file that locks it.
     Raises OutputError where its process still runs."""
+    with contextlib.suppress(OSError):  # there is none, or it is held
+        if fcntl is not None:
+            with (new / LOCK).open() as held:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                left = new.rename(new.with_name(f"{new.name}-{os.getpid()}"))
+                shutil.rmtree(left, ignore_errors=True)
     try:
         new.mkdir()
     except FileExistsError:
-        if not _abandoned(new):
-            raise OutputError(
-                f"another automarine is writing results to {name}; wait until it has ended, or, if it was killed, "
-                f"delete {new}"
-            ) from None
-        new.mkdir()
+        raise OutputError(
+            f"another automarine is writing results to {name}; wait until it has ended, or, if it was killed, "
+            f"delete {new}"
+        ) from None
     lock = os.open(new / LOCK, os.O_CREAT | os.O_RDWR)
     if fcntl is not None:
         fcntl.flock(lock, fcntl.LOCK_EX)
     return lock
-
-
-def _abandoned(new: Path) -> bool:
-    """Whether nobody holds the lock of a folder; then it is moved out of the way and deleted."""
-    if fcntl is None:
-        return False
-    try:
-        with (new / LOCK).open() as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            left = new.with_name(f"{new.name}-{os.getpid()}")
-            new.rename(left)
-            shutil.rmtree(left, ignore_errors=True)
-    except OSError:  # it is held, or gone by now
-        return False
-    return True
 
 
 def _put_back(old: Path, target: Path) -> None:

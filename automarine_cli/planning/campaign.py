@@ -8,18 +8,26 @@ costs.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.comparison.rollouts import roll
-from automarine_cli.errors import SettingError
+from automarine_cli.comparison.simulated_runs import roll
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate
+from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.records import Document, Shown, Source, to_mapping
+from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.planning.candidates import (
+    POWER_LAW,
     Candidate,
+    Limits,
     Slot,
     Supply,
     allowance,
@@ -29,36 +37,38 @@ from automarine_cli.planning.candidates import (
     in_order,
     mirrors,
     paper_grid,
+    read_limits,
     scheduled,
 )
 from automarine_cli.planning.information import (
+    NOISE_DEG,
+    SCATTER,
     Fitting,
     Intervals,
     Logger,
-    alike,
-    moving,
-    reported_covariance,
-    stderr_along,
-)
-from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import (
-    NOISE_DEG,
-    SCATTER,
     PriorResults,
+    alike,
     covariance_now,
     information_now,
     lacking,
+    moving,
+    read_prior_results,
+    reported_covariance,
+    stderr_along,
     wanted_directions,
 )
 from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head_start, pairs_of, splits, with_effect
+from automarine_cli.planning.vehicle import Drive, consumption, drive_of
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import SCHEMA
+from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.propulsion import map_and_arm
 
 FAR = 1.5  # a run turns far if it turns by more than this times what steps may; coasting after a step stays below it
 ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again
 MARGIN = 1.3
-"""By how much more evidence is asked for, and again when a choice fell short: what is linear in the choice is not
-quite."""
+"""By how much more evidence is asked for, and again when a choice fell short: it is not quite linear."""
 Objective = Intervals | Splitting
 QUANTILE = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
 SWEEPS = 8
@@ -90,7 +100,6 @@ class PlanBudget:
     alike: float
 
     def fits(self, counts: Floats) -> NDArray[np.int64]:
-        """Tell which candidates may still be added to `counts` (K,)."""
         left = self.room - counts @ self.costs
         rare = self.sizes @ (counts @ self.sizes) < self.alike
         return np.flatnonzero((counts < self.most) & rare & np.all(self.costs <= left + 1e-9, axis=1))
@@ -132,11 +141,9 @@ def select(
     furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, found))
     found = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(found, furthest))
     # at one of the start headings and somewhere in the campaign: what depends on either is worked out again later
-    headings, minutes, count = limits.pool.start_headings_deg, limits.pool.minutes, len(found)
+    headings, seconds, count = limits.pool.start_headings_deg, 60.0 * limits.pool.minutes, len(found)
     spread = [
-        run.at(
-            start_heading=headings[(i // 2) % len(headings)], clock=round(60.0 * minutes * ((7 * i) % count) / count, 1)
-        )
+        replace(run, start_heading=headings[i // 2 % len(headings)], clock=round(seconds * (7 * i % count) / count, 1))
         for i, run in enumerate(found)
     ]
     check = full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
@@ -202,8 +209,7 @@ def _refuse_too_little(budget: PlanBudget, limits: Limits) -> None:
 
 
 def choose(objective: Objective, budget: PlanBudget) -> NDArray[np.int64]:
-    """Choose how often to run each candidate, (K,): what the budget holds fixed, which must fit, and what is worth
-    adding."""
+    """Choose how often to run each candidate, (K,): what the budget holds fixed, and what is worth adding."""
     ones = np.eye(len(budget.costs))
     begun = budget.fixed.astype(float)
     pairs = [ones[k] + ones[other] for k, other in enumerate(budget.mirrors) if k <= other and budget.most[k] > 0]
@@ -243,11 +249,10 @@ def _fill(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
 
 
 def _exchange(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
-    """Swap a run for another while that is better and fits."""
     ones = np.eye(len(counts))
     now = _score(objective, counts)
     for _ in range(SWEEPS):
-        swapped = False
+        before = now
         for out in budget.free(counts):
             without = counts - ones[out]
             if not len(fits := budget.fits(without)):
@@ -255,8 +260,8 @@ def _exchange(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
             scores = objective.scores(without, fits)
             best = int(np.argmax(scores))
             if scores[best] > now + MARKED:
-                counts, now, swapped = without + ones[fits[best]], float(scores[best]), True
-        if not swapped:
+                counts, now = without + ones[fits[best]], float(scores[best])
+        if now == before:
             break
     return counts
 
@@ -309,7 +314,7 @@ class Curve:
     campaign: str
     minutes: tuple[float, ...]
     motion_s: tuple[float, ...]
-    stderr_percent: dict[str, tuple[float, ...]]
+    stderr_percent: Mapping[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -361,8 +366,8 @@ def plan_campaign(
             known = replace(known, model=start.model)
     fitting = fitting_of(known, limits)
     wanted_ones = wanted_directions(fitting, wanted)
-    earlier = limits.goal.use_earlier_runs and covariance_now(fitting, known.now) is not None
-    before = information_now(fitting, known.now, earlier)
+    earlier = covariance_now(fitting, known.now) if limits.goal.use_earlier_runs else None
+    before = information_now(fitting, earlier)
     grid = scheduled(paper_grid(fitting.base, largest), limits, supply)
     grid_runs = [slot.candidate for slot in grid]
     pairs = pairs_of(known, fitting, grid_runs, largest)
@@ -377,16 +382,15 @@ def plan_campaign(
         replace(slot, why=choice.why[slot.candidate.label], turns=float(turn), turn_there=float(back))
         for slot, turn, back in zip(slots, turned, there)
     )
-    evidence = limits.goal.evidence
     short = (
         f"Not split within these limits: {split.true} from {split.other} where {split.true} is true; "
-        f"{split.evidence:.1f} of the {evidence:g} asked for is expected. Allow more runs or time, or log what tells "
-        "them apart directly."
+        f"{split.evidence:.1f} of the {limits.goal.evidence:g} asked for is expected. Allow more runs or time, or log "
+        "what tells them apart directly."
         for split in outcome
-        if split.evidence < evidence
+        if split.evidence < limits.goal.evidence
     )
     together: dict[str, Estimate] = {}
-    if earlier:
+    if earlier is not None:
         new = np.linalg.pinv(reported_covariance(moving(per_run)), hermitian=True)
         dof = float(max(len(per_run) + known.used - 1, 1))
         covariance = np.asarray(np.linalg.inv(new + before))
@@ -427,7 +431,6 @@ def fitting_of(known: PriorResults, limits: Limits) -> Fitting:
 def curve_of(
     name: str, fitting: Fitting, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
 ) -> Curve:
-    """Return the curve of a campaign whose runs are made in order; `per_run` (R, p, p) is their information."""
     sums = np.cumsum(per_run, axis=0) + before
     rows = [_percent(fitting, total) for total in sums]
     minutes = tuple(slot.ends(limits.runs.rest_before_s) / 60.0 for slot in slots)
@@ -444,11 +447,8 @@ def one_more(
     motion = float(sum(slot.candidate.motion for slot in slots))
     points = []
     for kind, places in alike(choice.candidates).items():
-        gains = [np.linalg.slogdet(total + choice.each[place])[1] for place in places]
-        best = places[int(np.argmax(gains))]
-        percent: dict[str, tuple[float, ...]] = {
-            key: (value,) for key, value in _percent(fitting, total + choice.each[best]).items()
-        }
+        best = max(places, key=lambda place: np.linalg.slogdet(total + choice.each[place])[1])
+        percent = {key: (value,) for key, value in _percent(fitting, total + choice.each[best]).items()}
         minutes = last + float(choice.cost[best, 0])
         points.append(Curve(kind, (minutes,), (motion + choice.candidates[best].motion,), percent))
     return tuple(points)
@@ -456,35 +456,32 @@ def one_more(
 
 def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
     covariance = np.asarray(np.linalg.inv(information))
-    wanted = fitting.relative_directions
-    return {name: 100.0 * stderr_along(covariance, direction) for name, direction in wanted.items()}
+    return {name: 100.0 * stderr_along(covariance, axis) for name, axis in fitting.relative_directions.items()}
 
 
 def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str]:
-    """Return plain data of the specification, and a sentence on what it leaves out; no data where it cannot be
-    simulated."""
-    fitting, limits = campaign.fitting, campaign.limits
-    dof, (linear, quadratic) = fitting.model.dof, fitting.model.drag()
-    own = dof.symbols
+    """Return plain data of the specification (none where it cannot be simulated), and what it leaves out."""
+    fitting, limits, model = campaign.fitting, campaign.limits, campaign.fitting.model
+    own, (linear, quadratic) = model.dof.symbols, model.drag()
     if linear < 0 or quadratic < 0:
         return {}, "No plan.toml: a vehicle with negative drag cannot be simulated."
-    added = fitting.model.terms[len(fitting.base.terms) :]
-    can = [term for term in added if not effects.get(term.name).needs]
-    left = [term.name for term in added if term not in can]
-    read = fitting.rate_noise
-    gyro = {} if read is None else {"rate_noise_deg_s": round(float(np.rad2deg(read)), 6)}
+    added = model.terms[len(fitting.base.terms) :]
+    needy = [term.name for term in added if effects.get(term.name).needs]
+    noises = {"noise_deg": fitting.noise, "rate_noise_deg_s": fitting.rate_noise}
     return {
         "schema": SCHEMA,
         "seed": seed,
         "vehicle": {
-            own.inertia: fitting.model.inertia, own.quadratic: quadratic, own.linear: linear,
-            f"{dof.words.force}_unit": fitting.model.moment_unit,
+            own.inertia: model.inertia, own.quadratic: quadratic, own.linear: linear,
+            f"{model.dof.words.force}_unit": model.moment_unit,
         },
         "effects": [
-            {"name": term.name} | dict(zip(effects.get(term.name).names_in(dof), term.values))
-            for term in can
+            {"name": term.name} | dict(zip(effects.get(term.name).names_in(model.dof), term.values))
+            for term in added if term.name not in needy
         ],
-        "logger": {"rate_hz": fitting.rate, "noise_deg": round(float(np.rad2deg(fitting.noise)), 6)} | gyro,
+        "logger": {"rate_hz": fitting.rate} | {
+            key: round(float(np.rad2deg(noise)), 6) for key, noise in noises.items() if noise is not None
+        },
         "scatter": {
             "gain": fitting.scatter,
             "start_heading_deg": [slot.candidate.start_heading for slot in campaign.slots],
@@ -499,7 +496,7 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str
             }
             for slot in campaign.slots
         ],
-    }, f"Simulated runs lack what {', '.join(left)} needs." if left else ""  # fmt: skip
+    }, f"Simulated runs lack what {', '.join(needy)} needs." if needy else ""  # fmt: skip
 
 
 def headings_of(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> list[Floats]:
@@ -528,3 +525,160 @@ def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
         back.append(min(ways, key=abs))
         twist += back[-1]
     return np.array(back)
+
+
+LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
+FIT_COMMANDS = {
+    "whole-runs": "automarine fit-yaw LOGS --fit-to whole-runs -o out/yaw",
+    "half-turns": "automarine fit-yaw LOGS --fit-to half-turns -o out/yaw",
+    "diagnosis": "automarine diagnose LOGS --model {model} -o out/diagnosis",
+}
+"""What the runs are for, by fit."""
+
+
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
+    """A campaign on paper for the file `model`: its drive (None without a map), the names of the logs' `columns`, what
+    is drawn from the battery, and a sentence on its `source`."""
+
+    campaign: Campaign
+    model: str
+    drive: Drive | None
+    columns: ColumnMap
+    supply: Supply
+    source: str
+    seed: int
+
+    @property
+    def fit_command(self) -> str:
+        return FIT_COMMANDS[self.campaign.fitting.fit].format(model=self.model)
+
+    def to_json(self) -> dict[str, Any]:
+        campaign, supply = self.campaign, self.supply
+        fitting, limits, last = campaign.fitting, campaign.limits, campaign.slots[-1]
+        return {
+            "schema": PLAN.schema, "model": self.model, "moment_unit": fitting.model.moment_unit,
+            "fit": fitting.fit, "fit_command": self.fit_command,
+            "planned_for": list(campaign.wanted) or list(campaign.alone), "heading_noise_rad": fitting.noise,
+            **({} if fitting.rate_noise is None else {"rate_noise_rad_s": fitting.rate_noise}),
+            "gain_scatter": fitting.scatter, "limits": to_mapping(limits),
+            "supply": {"idle_A": supply.idle, "full_A": supply.full, "at_moment": supply.largest},
+            "totals": {
+                "runs": len(campaign.slots), "pool_min": last.ends(limits.runs.rest_before_s) / 60.0,
+                "motion_s": campaign.motion, "battery_left_Ah": last.left,
+                "battery_left_percent": 100.0 * last.left / limits.battery.charge_Ah,
+            },
+            "planned": self.runs(),
+            "parameters": {
+                name: {
+                    "now": None if name not in campaign.now else campaign.now[name].to_json(),
+                    "new_runs": alone.to_json(),
+                    "with_earlier_runs": campaign.together[name].to_json() if name in campaign.together else None,
+                }
+                for name, alone in campaign.alone.items()
+            },
+            "splits": [
+                {"true": split.true, "other": split.other, "evidence": split.evidence,
+                 "evidence_of_grid": grid.evidence}
+                for split, grid in zip(campaign.splits, campaign.grid_splits)
+            ],
+            "curves": [to_mapping(curve) for curve in (campaign.plan, campaign.grid, *campaign.more)],
+            "notes": [self.source, *campaign.notes],
+        }  # fmt: skip
+
+    def runs(self) -> list[dict[str, object]]:
+        return [
+            {
+                "number": slot.number, "name": slot.name, "kind": slot.candidate.kind, "begins_s": slot.begins,
+                "start_heading_deg": slot.candidate.start_heading, "turn_there_deg": slot.turn_there,
+                "turns_deg": slot.turns, "voltage_V": slot.candidate.voltage,
+                "commands": [[moment, seconds] for moment, seconds in slot.candidate.commands], "wait_s": slot.wait,
+                "battery_left_Ah": slot.left, "command_file": command_path(slot), "why": slot.why,
+            }
+            for slot in self.campaign.slots
+        ]  # fmt: skip
+
+
+def command_path(slot: Slot) -> str:
+    return f"commands/{slot.name}.csv"
+
+
+def make_plan(
+    model: Source, *, diagnosis: Source | None = None, limits: Path | Limits | None = None,
+    parameters: tuple[str, ...] = (), thruster_tests: Sequence[LogFile] = (),
+    thrusters: Source | ThrusterMap | None = None, arm: float | None = None,
+    columns: Path | Document | ColumnMap | None = None, seed: int = 0, progress: Progress = silent,
+) -> Plan:  # fmt: skip
+    """Plan the next campaign for the preferred model of the file `model`, and for the rivals in a `diagnosis`.
+
+    `parameters` are those whose intervals are to shrink (all by default), `limits` say what the pool day allows;
+    `thrusters` and `arm` [m] make control signals of moments, and with `thruster_tests` that logged a current or a
+    power the battery's use; `seed` draws the order. Raises ModelError, SettingError, LogError or RunError.
+    """
+    known = read_prior_results(model, diagnosis)
+    if not known.model.dof.wraps:
+        source, motion = known.stored.source, known.model.dof.name
+        raise ModelError(f"{source} is a model of {motion}; give a model of yaw, for no other campaigns are planned")
+    limits = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
+    names = given_columns(columns)
+    drive = _drive(thrusters, arm, names, known, limits)
+    largest = _largest_moment(known, limits, drive)
+    records = load_thruster_logs(thruster_tests, names, progress=progress).records if thruster_tests else None
+    per_test = int(names.defaults.get("thrusters_per_test", 1))
+    supply, source = _supply(limits, largest, known.stored.moment_unit, drive, per_test, records)
+    campaign = plan_campaign(known, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
+    return Plan(campaign, known.stored.source, drive, names, supply, source, seed)
+
+
+def _drive(
+    thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: PriorResults, limits: Limits
+) -> Drive | None:
+    """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
+    levered = map_and_arm(thrusters, arm, columns, YAW)
+    if levered is None:
+        return None
+    unit = 1.0 if known.stored.moment_unit != "nu" else limits.thrusters.nu_in_Nm
+    if unit is None:
+        raise SettingError(
+            f"{known.stored.source} is a model of normalised moments, the thruster map gives N m; say what one unit is "
+            "with thrusters.nu_in_Nm in the limits"
+        )
+    return drive_of(*levered, limits.thrusters.largest_command, limits.thrusters.pairing == "equal-thrust", unit)
+
+
+def _largest_moment(known: PriorResults, limits: Limits, drive: Drive | None) -> float:
+    """The largest moment of runs, in the model's unit. Raises SettingError where none is told or it is too large."""
+    largest, unit = limits.moments.largest, known.stored.moment_unit
+    if drive is None:
+        if largest is None and unit != "nu":
+            raise SettingError(
+                f"{known.stored.source} is a model of moments in {unit}; say how large they may be with "
+                "moments.largest in the limits (--limits), or give --thrusters and --arm"
+            )
+        return LARGEST_NU if largest is None else largest
+    if largest is not None and largest > drive.largest:
+        raise SettingError(
+            f"moments.largest is {largest:g} {unit}; the thrusters give at most {drive.largest:.4g} {unit} as they are "
+            "paired; ask for less, or pair them by equal commands"
+        )
+    return drive.largest_rounded if largest is None else largest
+
+
+def _supply(
+    limits: Limits, largest: float, unit: str, drive: Drive | None, per_test: int, records: Sequence[Series] | None
+) -> tuple[Supply, str]:
+    """What is drawn from the battery, and a sentence on where that is from: `records` of thruster tests, else the
+    limits. Raises SettingError for tests without a drive, RunError for tests without a current or power."""
+    battery = limits.battery
+    stated = f"Battery: {battery.volts:g} V, {battery.charge_Ah:g} Ah; {battery.idle_A:g} A always"
+    if records is None:
+        source = f"{stated} and {battery.full_A:g} A more at {largest:.4g} {unit}, as stated in the limits."
+        return Supply(battery.idle_A, battery.full_A, largest), source
+    if drive is None:
+        raise SettingError(
+            "thruster tests give the current only with the thrusters' map; give --thrusters MAP.json and --arm METRES"
+        )
+    powers = zip(consumption(records, per_test, battery.volts)[1:], drive.forces(largest))
+    full = sum(c * force**POWER_LAW for c, force in powers) / battery.volts
+    source = f"{stated}, as stated, and {full:.3g} A more at {largest:.4g} {unit}, from the thruster tests."
+    return Supply(battery.idle_A, full, largest), source

@@ -1,15 +1,155 @@
-"""The runs that a campaign may be made of, what each costs, and their order at the pool."""
+"""What a day at the pool allows, from TOML (schema automarine/plan-limits/1), the runs that a campaign may be made of,
+what each costs, and their order at the pool."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from importlib.resources import files
 from math import radians
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+from automarine_cli.errors import SettingError
 from automarine_cli.models.yaw_model import YawModel, steady_rate
-from automarine_cli.planning.limits import Limits
+from automarine_cli.pipeline.records import from_mapping, read_mapping
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.run_groups import Commands, moment_text, time_to_turn
+from automarine_cli.simulation.specification import (
+    Commands,
+    at_least_zero,
+    between,
+    moment_text,
+    positive,
+    time_to_turn,
+)
+
+SCHEMA = "automarine/plan-limits/1"
+KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
+LEAST_TURN = 30.0
+MOST_LEVELS, MOST_RUNS = 20, 500
+
+
+@dataclass(frozen=True)
+class Pool:
+    minutes: float = 60.0
+    runs: int = 24
+    motion_s: float | None = None
+    wait_s: float = 60.0
+    wait_after_long_turn_s: float = 180.0
+    turn_deg: float = 180.0
+    start_headings_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
+
+    def __post_init__(self) -> None:
+        positive(self, "minutes", "motion_s")
+        between(self, 2, MOST_RUNS, "runs")
+        at_least_zero(self, "wait_s", "wait_after_long_turn_s")
+        between(self, LEAST_TURN, 3600.0, "turn_deg")
+        if not self.start_headings_deg:
+            raise SettingError("start_headings_deg is an empty list; expected at least one heading")
+
+
+@dataclass(frozen=True)
+class Moments:
+    largest: float | None = None
+    levels: int = 6
+
+    def __post_init__(self) -> None:
+        positive(self, "largest")
+        between(self, 2, MOST_LEVELS, "levels")
+
+
+@dataclass(frozen=True)
+class Runs:
+    kinds: tuple[str, ...] = KINDS
+    rest_before_s: float = 3.0
+    most_alike: int = 4
+    of_one_size_percent: float = 50.0
+    repeat_first_last: bool = True
+    voltages_V: tuple[float, ...] = ()
+    fit: Literal["whole-runs", "half-turns"] = "whole-runs"
+
+    def __post_init__(self) -> None:
+        between(self, 1.0, 60.0, "rest_before_s")
+        between(self, 2, MOST_RUNS, "most_alike")
+        between(self, 1.0, 100.0, "of_one_size_percent")
+        if unknown := next((kind for kind in self.kinds if kind not in KINDS), None):
+            raise SettingError(f"kinds names {unknown!r}; expected some of {', '.join(KINDS)}")
+        if "step" not in self.kinds:
+            raise SettingError(f"kinds is {list(self.kinds)}; expected 'step' among them, every campaign needs steps")
+        if min(self.voltages_V, default=1.0) <= 0:
+            raise SettingError(f"voltages_V holds {min(self.voltages_V):g}; expected voltages above 0")
+
+
+@dataclass(frozen=True)
+class Logger:
+    rate_hz: float = 10.0
+    noise_deg: float | None = None
+    rate_noise_deg_s: float | None = None
+    gain_scatter: float | None = None
+
+    def __post_init__(self) -> None:
+        between(self, 0.5, 1000.0, "rate_hz")
+        positive(self, "noise_deg", "rate_noise_deg_s")
+        at_least_zero(self, "gain_scatter")
+
+
+@dataclass(frozen=True)
+class Battery:
+    volts: float = 24.0
+    charge_Ah: float = 2.9
+    idle_A: float = 0.3
+    full_A: float = 6.0
+    reserve_percent: float = 20.0
+
+    def __post_init__(self) -> None:
+        positive(self, "volts", "charge_Ah")
+        at_least_zero(self, "idle_A", "full_A")
+        between(self, 0.0, 95.0, "reserve_percent")
+
+
+@dataclass(frozen=True)
+class Thrusters:
+    largest_command: float | None = None
+    pairing: Literal["equal-thrust", "equal-command"] = "equal-thrust"
+    nu_in_Nm: float | None = None
+
+    def __post_init__(self) -> None:
+        positive(self, "largest_command", "nu_in_Nm")
+
+
+@dataclass(frozen=True)
+class Goal:
+    half_width_percent: float | None = None
+    evidence: float = 20.0
+    use_earlier_runs: bool = True
+
+    def __post_init__(self) -> None:
+        positive(self, "half_width_percent", "evidence")
+
+
+@dataclass(frozen=True)
+class Limits:
+    schema: str = SCHEMA
+    pool: Pool = field(default_factory=Pool)
+    moments: Moments = field(default_factory=Moments)
+    runs: Runs = field(default_factory=Runs)
+    logger: Logger = field(default_factory=Logger)
+    battery: Battery = field(default_factory=Battery)
+    thrusters: Thrusters = field(default_factory=Thrusters)
+    goal: Goal = field(default_factory=Goal)
+
+    def __post_init__(self) -> None:
+        if self.schema != SCHEMA:
+            raise SettingError(f'schema is {self.schema!r}; expected the line schema = "{SCHEMA}"')
+
+
+def example_limits() -> str:
+    return files("automarine_cli.planning").joinpath("limits.toml").read_text(encoding="utf-8")
+
+
+def read_limits(path: Path) -> Limits:
+    return from_mapping(Limits, read_mapping(path), path.name)
+
 
 POWER_LAW = 1.5
 """Power against thrust of a propeller at rest in the water: P = F^1.5/sqrt(2 rho A) by momentum theory (Rankine)."""
@@ -44,31 +184,21 @@ class Candidate:
 
     @property
     def driven(self) -> float:
-        """Length of the commands [s]."""
         return float(sum(seconds for _, seconds in self.commands))
-
-    def at(self, *, start_heading: float, clock: float) -> "Candidate":
-        return replace(self, start_heading=start_heading, clock=clock)
 
 
 def levels(limits: Limits, largest: float) -> tuple[float, ...]:
     """Return sizes of moment, smallest first: even in the root, hence in the yaw rate under quadratic drag."""
-    count = limits.moments.levels
-    low = LOW**0.5
-    return tuple(
-        float(f"{largest * (low + (1.0 - low) * i / (count - 1)) ** 2:.3g}") if i < count - 1 else largest
-        for i in range(count)
-    )
+    low, most = LOW**0.5, limits.moments.levels - 1
+    return *(float(f"{largest * (low + (1.0 - low) * i / most) ** 2:.3g}") for i in range(most)), largest
 
 
 def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
     """List every run that the limits allow, in a fixed order, both sides of each."""
-    unique: dict[str, Candidate] = {}
-    for kind, make in MAKERS.items():
-        if kind in limits.runs.kinds and (kind == "step" or limits.runs.fit != "half-turns"):
-            for candidate in make(model, limits, largest):
-                if candidate.driven <= LONGEST_S:
-                    unique.setdefault(candidate.label, candidate)
+    kinds = [kind for kind in MAKERS if kind in limits.runs.kinds]
+    makers = [MAKERS[kind] for kind in kinds if kind == "step" or limits.runs.fit != "half-turns"]
+    every = (candidate for make in makers for candidate in make(model, limits, largest))
+    unique = {candidate.label: candidate for candidate in every if candidate.driven <= LONGEST_S}
     return tuple(unique.values())
 
 
@@ -84,8 +214,7 @@ def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
 
 
 def paper_grid(model: YawModel, largest: float) -> tuple[Candidate, ...]:
-    """Make the paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half a turn
-    each."""
+    """Make the paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half turns."""
     sizes = [largest * i / 12.0 for i in range(1, 13)]
     return tuple(_step(model, side * size, 180.0) for _ in range(2) for size in sizes for side in (1, -1))
 
@@ -197,11 +326,10 @@ def wait_after(candidate: Candidate, limits: Limits) -> float:
 
 def costs(candidates: Sequence[Candidate], limits: Limits, supply: Supply) -> Floats:
     """Return minutes (wait included), runs, motion [s] and charge [Ah] of each candidate, (K, 4)."""
-    rows = []
-    for one in candidates:
-        still = limits.runs.rest_before_s + wait_after(one, limits)
-        rows.append(((one.driven + still) / 60.0, 1.0, one.motion, supply.drawn(one, still)))
-    return np.array(rows)
+    still = [limits.runs.rest_before_s + wait_after(one, limits) for one in candidates]
+    return np.array(
+        [((one.driven + s) / 60.0, 1.0, one.motion, supply.drawn(one, s)) for one, s in zip(candidates, still)]
+    )
 
 
 def allowance(limits: Limits) -> Floats:
@@ -251,7 +379,7 @@ def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tupl
     headings, rest = limits.pool.start_headings_deg, limits.runs.rest_before_s
     clock, left, slots = 0.0, limits.battery.charge_Ah, list[Slot]()
     for i, one in enumerate(runs):
-        one = one.at(start_heading=headings[i % len(headings)], clock=round(clock, 1))
+        one = replace(one, start_heading=headings[i % len(headings)], clock=round(clock, 1))
         wait = wait_after(one, limits) if i + 1 < len(runs) else 0.0
         left -= supply.drawn(one, rest)
         slots.append(Slot(i + 1, one, one.clock, wait, left))

@@ -1,5 +1,5 @@
-"""What runs that are not yet made would tell: the likelihood of `fit-yaw` or of `diagnose` on them, its Fisher
-information, and the intervals that a fit to them would report.
+"""What is known before a campaign, and what runs that are not yet made would tell: the likelihood of `fit-yaw` or of
+`diagnose` on them, its Fisher information, and the intervals that a fit to them would report.
 
 Noise, scatter and what differs from run to run are those that the fits estimate; here they are given. About the model,
 run i adds  J_i' R_i^-1 J_i  to the information on the parameters, with J_i the derivatives of its headings and
@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import Dof
-from automarine_cli.estimate import Estimate
+from automarine_cli.effects.learned import PREFIX
+from automarine_cli.errors import ModelError
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import driven_problem, starts_near
@@ -30,12 +32,17 @@ from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
+from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
+from automarine_cli.pipeline.records import Source, read_plain, told
+from automarine_cli.pipeline.result_files import DIAGNOSIS, DiagnosisFile, ModelFile
+from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW, Batch, make_batch
+from automarine_cli.simulation.campaign import lasting
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 
 Fit = Literal["whole-runs", "half-turns", "diagnosis"]
@@ -48,8 +55,7 @@ FEWEST = 3  # runs below which no interval is told
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 """Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
 LOOSE = 3.0
-"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by
-zero."""
+"""Standard deviation of a parameter before any run, in its own size: the first choices must not divide by 0."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +144,8 @@ class Fitting:
 
     @cached_property
     def logger(self) -> Logger:
-        model = self.model
-        return Logger(model.dof, model.moment_unit, self.rate, self.rest, self.voltage, self.channels)
+        dof, unit = self.model.dof, self.model.moment_unit
+        return Logger(dof, unit, self.rate, self.rest, self.voltage, self.channels)
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
         """Set up the likelihood of the candidates' runs; theta ends with the common instant of the switches."""
@@ -175,17 +181,14 @@ class Fitting:
 
     def _drawn(self, batch: Batch, drawn: np.random.Generator) -> Start:
         """What differs from run to run, drawn by the sizes of what is `random`, held over the batch's windows."""
-        size, lasting, thrust = (
+        size, held_s, thrust = (
             self.random.get(f"{self.model.dof.name}.{name}", least)
             for name, least in (("disturbance", 0.0), ("disturbance-time", 1.0), ("thrust-noise", 0.0))
         )
         runs, windows = len(batch.names), batch.windows
         held = batch.length[..., None] * (batch.window[..., None] == np.arange(windows))
         pushed = np.einsum("rm,rmw->rw", np.abs(batch.force[0]), held) / np.maximum(held.sum(axis=1), 1e-9)
-        keep = np.exp(-WINDOW / lasting)
-        fresh = size * drawn.standard_normal((runs, windows))
-        for w in range(1, windows):
-            fresh[:, w] = keep * fresh[:, w - 1] + np.sqrt(1.0 - keep**2) * fresh[:, w]
+        fresh = lasting(size * drawn.standard_normal((runs, windows)), np.exp(-WINDOW / held_s))
         uneven = thrust * pushed / np.sqrt(WINDOW) * drawn.standard_normal((runs, windows))
         return Start(
             batch.position[:, 0],
@@ -220,8 +223,7 @@ class Fitting:
         return tuple(bool(positive) for positive in self.problem([Candidate("step", "any", ((1.0, 3.0),))]).positive)
 
     def phi(self, problem: Problem) -> Floats:
-        """Return where the likelihood is looked at: the model's parameters in the search's coordinates, switches in the
-        middle of their intervals."""
+        """Return where the likelihood is looked at, in the search's coordinates: switches amid their intervals."""
         return problem.search(np.append(self.model.theta, 0.0))
 
     def variances(self, problem: Problem) -> Floats:
@@ -252,13 +254,12 @@ class Fitting:
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Tell which entries of theta, and the offset after them, are fitted."""
         held = [h for term in self.model.terms for h in effects.get(term.name).held(term.values)]
         return ~np.array([False, *held, False])
 
     @property
     def loose_information(self) -> Floats:
-        """Return next to no information (p, p) on the free parameters: of each its own size, `LOOSE` times over."""
+        """Next to no information (p, p) on the free parameters: of each its own size, `LOOSE` times over."""
         values = np.append(self.model.theta, 0.3)
         sizes = np.where(self.on_log, 1.0, np.maximum(np.abs(values), 1e-3))[self.free]
         return np.diag(1.0 / (LOOSE * sizes) ** 2)
@@ -273,8 +274,7 @@ class Fitting:
             return self.fitted * self._by_innovations(candidates, free)
         found = np.zeros((len(candidates), len(free), len(free)))
         for places in alike(candidates).values():
-            problem = self.problem([candidates[i] for i in places])
-            found[places] = self._of_problem(problem, free)
+            found[places] = self._of_problem(self.problem([candidates[i] for i in places]), free)
         return self.fitted * found
 
     def _by_innovations(self, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
@@ -291,10 +291,8 @@ class Fitting:
         at = [names.index(name) for name in (*self.model.parameter_names, SWITCH) if name in names]
         rest = [i for i in range(len(names)) if i not in at]
         total = runs.sum(axis=0) + problem.prior_information
-        project = -np.linalg.solve(total[np.ix_(rest, rest)], total[np.ix_(rest, at)]).T
-        back = np.zeros((len(at), len(names)))
-        back[np.arange(len(at)), at] = 1.0
-        back[:, rest] = project
+        back = np.eye(len(names))[at]
+        back[:, rest] = -np.linalg.solve(total[np.ix_(rest, rest)], total[np.ix_(rest, at)]).T
         natural = phi[: size + 1].copy()
         natural[-1] = 1.0
         positive = np.append(problem.positive[:size], False)
@@ -318,20 +316,15 @@ class Fitting:
     def predicted(self, per_run: Floats) -> dict[str, Estimate]:
         """Predict the estimates that a fit would report: the model's values, with these runs' (R, p, p) intervals."""
         per_run = moving(per_run)
-        covariance = reported_covariance(per_run)
-        dof = {}
-        for name, direction in self.directions.items():
-            many = len(per_run) >= ENOUGH_RUNS
-            dof[name] = runs_that_carry(per_run, direction) if many else float(max(len(per_run) - 1, 1))
-        return self.estimates(covariance, dof)
+        dof = dict.fromkeys(self.directions, float(max(len(per_run) - 1, 1)))
+        if len(per_run) >= ENOUGH_RUNS:
+            dof = {name: runs_that_carry(per_run, direction) for name, direction in self.directions.items()}
+        return self.estimates(reported_covariance(per_run), dof)
 
     @cached_property
     def directions(self) -> dict[str, Floats]:
-        """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and inertia over
-        quadratic drag."""
-        names = self.names
-        axes = np.eye(len(names))
-        found = {name: axes[i] for i, name in enumerate(names) if name != OFFSET}
+        """What is wanted, as directions (p,) of the search's coordinates: every parameter, inertia over drag."""
+        found = {name: axis for name, axis in zip(self.names, np.eye(len(self.names))) if name != OFFSET}
         own = self.model.dof.symbols
         if own.quadratic in found:
             found[ANGLE] = found[own.inertia] - found[own.quadratic]
@@ -339,35 +332,31 @@ class Fitting:
 
     @cached_property
     def relative_directions(self) -> dict[str, Floats]:
-        """The same in shares of the parameter's value where it is not told on the logarithm (in ones where it is
-        zero)."""
-        values, logarithms, _ = self._parameters()
+        """The same in shares of the parameter's value where it is not told on the logarithm (in ones for zero)."""
         return {
-            name: direction if logarithms[name] else direction / (abs(values[name]) or 1.0)
+            name: direction if self.parameters[name][1] else direction / (abs(self.parameters[name][0]) or 1.0)
             for name, direction in self.directions.items()
         }
 
     def estimates(self, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
         """Make estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
-        values, logarithms, units = self._parameters()
         found = {}
         for name, direction in self.directions.items():
-            stderr = stderr_along(covariance, direction)
-            form = Estimate.from_log if logarithms[name] else Estimate.from_stderr
-            found[name] = form(values[name], stderr, dof[name], units[name])
+            value, on_log, unit = self.parameters[name]
+            form = Estimate.from_log if on_log else Estimate.from_stderr
+            found[name] = form(value, stderr_along(covariance, direction), dof[name], unit)
         return found
 
-    def _parameters(self) -> tuple[dict[str, float], dict[str, bool], dict[str, str]]:
-        model, unit, names = self.model, self.model.moment_unit, self.labels
-        values = dict(zip(names, map(float, model.theta)))
-        logarithms = dict(zip(names, self.on_log))
-        dof, own = model.dof, model.dof.symbols
-        every = [p for term in model.terms for p in effects.get(term.name).card(dof, unit).parameters]
-        units = {own.inertia: dof.unit_of("inertia", unit)} | {name: p.unit for name, p in zip(names[1:], every)}
-        if own.quadratic in values:
-            values[ANGLE], logarithms[ANGLE] = values[own.inertia] / values[own.quadratic], True
-            units[ANGLE] = dof.unit_of("ratio")
-        return values, logarithms, units
+    @cached_property
+    def parameters(self) -> dict[str, tuple[float, bool, str]]:
+        """Value of each parameter, whether it is told on the logarithm, and its unit."""
+        dof, symbols, unit = self.model.dof, self.model.dof.symbols, self.model.moment_unit
+        every = [p.unit for term in self.model.terms for p in effects.get(term.name).card(dof, unit).parameters]
+        units = (dof.unit_of("inertia", unit), *every)
+        table = dict(zip(self.labels, zip(map(float, self.model.theta), self.on_log, units)))
+        if symbols.quadratic in table:
+            table[ANGLE] = table[symbols.inertia][0] / table[symbols.quadratic][0], True, dof.unit_of("ratio")
+        return table
 
 
 @lru_cache(maxsize=64)
@@ -436,7 +425,6 @@ class Intervals:
         return np.asarray(-(np.log(unit).sum(axis=1) + 0.5 * shape) / self.wanted.shape[1])
 
     def reached(self, counts: Floats) -> bool:
-        """Tell whether nothing more is wanted."""
         if self.goal is None:
             return False
         return bool(np.all(np.sqrt(np.diagonal(self._spread(counts, None)[0])) <= self.goal))
@@ -454,3 +442,165 @@ class Intervals:
         covariance = (total + np.linalg.inv(whole - more) @ more) @ inverse
         covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
         return np.asarray(self.wanted.T @ covariance @ self.wanted)
+
+
+NOISE_DEG, SCATTER = 1.0, 0.03  # where a model's file does not say: a compass in a pool, the thrust of small motors
+NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """An effect that a diagnosis named, and another that its runs cannot exclude."""
+
+    effect: str
+    rival: str
+
+
+@dataclass(frozen=True)
+class PriorResults:
+    """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
+    where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
+    fit rests on; what is `random` in driven runs, by name, in base units, empty for a pool; effects that the fit
+    `proposed` and no diagnosis has judged, with the deviance that each gains."""
+
+    stored: StoredModels
+    model: YawModel
+    now: Mapping[str, Estimate]
+    noise_deg: float | None
+    scatter: float | None
+    used: int
+    doubts: tuple[Doubt, ...] = ()
+    notes: tuple[str, ...] = ()
+    rate_noise_deg_s: float | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
+    proposed: Mapping[str, float] = field(default_factory=dict)
+    file: ModelFile | None = None
+    diagnosis: DiagnosisFile | None = None
+
+
+def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
+    name = printable(model.name)
+    file, stored = file_and_models(read_plain(model, "JSON", ModelError), name)
+    chosen = stored.models[stored.preferred]
+    entry, symbols = file.chosen, file.dof.symbols
+    drag = {symbols.inertia: entry.inertia, symbols.quadratic: entry.quadratic, symbols.linear: entry.linear}
+    added = {f"{effect.name} {n}": given for effect in file.effects for n, given in effect.parameters.items()}
+    now = _some({**drag, ANGLE: entry.ratio or file.ratio, **added})
+    spread = file.gain_scatter.value if file.gain_scatter else None
+    notes: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    judged = None
+    if diagnosis is not None:
+        judged, named, estimates, open_rivals = _read_diagnosis(diagnosis, stored)
+        named = {effect: values for effect, values in named.items() if effect not in stored.effects}
+        base = _some({name: moved.after for name, moved in judged.base.items()}) if named else {}
+        if base:
+            at = [base[n].value if n in base else v for n, v in zip(chosen.short_names, chosen.theta)]
+            chosen = chosen.with_theta(at)
+        for effect, values in named.items():
+            chosen = chosen.with_effect(effect, values)
+        now = {**now, **base, **estimates}
+        if named:
+            now.pop(ANGLE, None)
+        doubts = tuple(doubt for doubt in open_rivals if not lacking(doubt.rival))
+        unlogged = [(doubt.rival, lacking(doubt.rival)[0]) for doubt in open_rivals if doubt not in doubts]
+        needs = "{} is left open: it needs the column {!r}, which planned runs do not have."
+        notes = (*(needs.format(*rival) for rival in unlogged), *(() if doubts else (NO_RIVALS,)))
+    out = "{} is left out: it acts by the column {!r}, which planned runs, on the spot, do not have."
+    notes += tuple(out.format(term.name, lacking(term.name)[0]) for term in chosen.terms if lacking(term.name))
+    chosen = replace(chosen, terms=tuple(term for term in chosen.terms if not lacking(term.name)))
+    rates = (sensor.noise for sensor in file.channels if sensor.used and sensor.quantity == stored.dof.velocity)
+    rate = next((noise.value for noise in rates if noise is not None), None)
+    random = {name: given.value for name, given in file.random.items() if given.value is not None}
+    noise, scatter, rate = (value if value is not None and value > 0 else None for value in (file.noise, spread, rate))
+    return PriorResults(
+        stored, chosen, now, noise, scatter, file.runs.used, doubts, notes, rate, random,
+        {} if diagnosis is not None else file.proposed, file, judged,
+    )  # fmt: skip
+
+
+def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
+    """Return the covariance (p, p) of the search's coordinates as the model's file tells it, without the offset; None
+    where a parameter has no standard error.
+
+    Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
+    """
+    names = [name for name in fitting.names if name != OFFSET]
+    if any(name not in now or not now[name].stderr > 0 for name in names):
+        return None
+    size = {n: now[n].stderr / (abs(now[n].value) if fitting.parameters[n][1] else 1.0) for n in names}
+    covariance = np.diag([size[n] ** 2 for n in names])
+    own = fitting.model.dof.symbols
+    if ANGLE in now and own.quadratic in names:
+        i, k = names.index(own.inertia), names.index(own.quadratic)
+        relative = now[ANGLE].stderr / now[ANGLE].value
+        shared = 0.5 * (size[own.inertia] ** 2 + size[own.quadratic] ** 2 - relative**2)
+        most = 0.999 * size[own.inertia] * size[own.quadratic]
+        covariance[i, k] = covariance[k, i] = float(np.clip(shared, -most, most))
+    return covariance
+
+
+def information_now(fitting: Fitting, covariance: Floats | None) -> Floats:
+    """Return the information (p, p) before the campaign: the earlier runs' by their covariance, else next to none."""
+    loose = fitting.loose_information
+    loose[-1, -1] = 1.0
+    if covariance is not None:
+        loose[:-1, :-1] += np.linalg.inv(covariance)
+    return loose
+
+
+def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
+    """Return the directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every
+    parameter. Raises ModelError for another name."""
+    known = fitting.relative_directions
+    for name in names:
+        if name not in known:
+            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")
+    return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
+
+
+def lacking(effect: str) -> list[str]:
+    """List the columns that an effect needs and planned runs do not have."""
+    return [need for need in effects.get(effect).columns if need != "voltage"]
+
+
+def _some(entries: Mapping[str, Given | None]) -> dict[str, Estimate]:
+    """Those of which the interval is known; a file written by hand may have none."""
+    return {name: given.estimate for name, given in entries.items() if given is not None and given.estimate is not None}
+
+
+def _read_diagnosis(
+    path: Source, stored: StoredModels
+) -> tuple[DiagnosisFile, dict[str, tuple[float, ...]], dict[str, Estimate], list[Doubt]]:
+    """The file, the effects with their values, estimates by label, and what is open."""
+    file, force, where = DIAGNOSIS.read(path), stored.dof.words.force, printable(path.name)
+    if file.dof is not stored.dof or file.force_unit is None:
+        raise ModelError(
+            f"{where}: expected what `automarine diagnose` writes of {stored.dof.name} runs, diagnosis.json"
+        )
+    if file.force_unit != stored.moment_unit:
+        raise ModelError(
+            f"{where}: a diagnosis of {force}s in {told(file.force_unit)}, but {stored.source} is a model of {force}s "
+            f"in {stored.moment_unit}; give the diagnosis of this model"
+        )
+    named, estimates, doubts = dict[str, tuple[float, ...]](), dict[str, Given | None](), []
+    for i, entry in enumerate(file.effects):
+        name = _known(entry.name, f"{where}: effects[{i}]")
+        values, effect = [], effects.get(name)
+        for key, parameter in zip(effect.names_in(stored.dof), effect.parameters):
+            given = estimates[f"{name} {key}"] = entry.parameters.get(key)
+            estimate = given and given.estimate
+            if not estimate and not parameter.optional:
+                raise ModelError(f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate")
+            values.append(estimate.value if estimate else parameter.start)
+        named[name] = tuple(values)
+        for j, rival in enumerate(entry.rivals):
+            if not rival.name.startswith(PREFIX):  # a curve that was not fitted has no size to look for
+                doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
+    return file, named, _some(estimates), doubts
+
+
+def _known(name: str, where: str) -> str:
+    if name not in effects.names() and not name.startswith(PREFIX):
+        raise ModelError(f"{where}: name: found {told(name)}, expected one of {', '.join(effects.names())}")
+    return name

@@ -19,8 +19,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.information import LOOSE, Fitting, alike
-from automarine_cli.planning.prior_results import PriorResults
+from automarine_cli.planning.information import LOOSE, Fitting, PriorResults, alike
 from automarine_cli.quantities import Floats
 
 ROUNDS, HALVINGS = 20, 6
@@ -31,8 +30,6 @@ MOST_STARTS, FEW = 12, 8  # places from which the other explanation's fit may st
 
 @dataclass(frozen=True)
 class Explanation:
-    """An effect by name, and the fitting of the model that holds it."""
-
     name: str
     fitting: Fitting
 
@@ -42,8 +39,7 @@ Pair = tuple[Explanation, Explanation]
 
 @dataclass(frozen=True)
 class Split:
-    """Outcome for a pair: the expected lead in evidence of `true` over `other` (deviance, penalties included), and the
-    bare misfit."""
+    """Outcome for a pair: the expected lead in evidence of `true` (deviance, penalties included), the bare misfit."""
 
     true: str
     other: str
@@ -65,8 +61,7 @@ class Contest:
     ridge: Floats
 
     def misfit(self, counts: Floats) -> Floats:
-        """Return the misfit of the other explanation to campaigns, `counts` (B, K) how often each holds each candidate;
-        (B,)."""
+        """Return the other's misfit to campaigns, (B,); `counts` (B, K) how often each holds each candidate."""
         square, gradient = counts @ self.square, counts @ self.gradient
         hessian = np.tensordot(counts, self.hessian, axes=1) + self.ridge
         solved = np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0]
@@ -75,8 +70,7 @@ class Contest:
 
 @dataclass(frozen=True)
 class Splitting:
-    """Explanations to separate: `contests`, each settled from its misfit of `enough` (C,) on; worth is the shares
-    of them that are settled."""
+    """Explanations to separate: `contests`, settled from misfits of `enough` (C,) on; worth is their settled shares."""
 
     contests: tuple[Contest, ...]
     enough: Floats
@@ -96,11 +90,10 @@ def pairs_of(known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], l
     A rival that could imitate only by vanishing is asked for one way alone.
     """
     found: list[Pair] = []
+    half = grid[: len(grid) // 2]
     for doubt in known.doubts:
-        terms = tuple(term for term in known.model.terms if term.name != doubt.effect)
-        starts = with_effect(fitting, replace(known.model, terms=terms), doubt.rival, largest)
+        starts = with_effect(fitting, without(known.model, doubt.effect), doubt.rival, largest)
         true = Explanation(doubt.effect, replace(fitting, fit="diagnosis"))
-        half = grid[: len(grid) // 2]
         other = Explanation(doubt.rival, closest(true.fitting, starts, half)[0])
         found.append((true, other))
         if shows(other, half):
@@ -121,11 +114,10 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
         else:
             values = parameter.scan or (parameter.start,)
             options.append([parameter.scaled(value, largest) for value in values])
-    own = effect.parameters
     starts = [
         start
         for start in product(*options)
-        if all(v == several[0] or effect.counts(p, start) for p, v, several in zip(own, start, options))
+        if all(v == these[0] or effect.counts(p, start) for p, v, these in zip(effect.parameters, start, options))
     ]
     every = max(1, -(-len(starts) // MOST_STARTS))
     return [replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]]
@@ -135,7 +127,6 @@ NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
-    """Compare the pair on every candidate, `other` linearised about its parameters."""
     free = np.flatnonzero(other.free)
     count = len(candidates)
     square, gradient = np.zeros(count), np.zeros((count, len(free)))
@@ -216,8 +207,7 @@ def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candi
 
 
 def splits(pairs: Sequence[Pair], candidates: Sequence[Candidate]) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
-    """Return what a campaign is expected to say of each pair (true, other), and the pairs with the other at its
-    best."""
+    """Return what a campaign is expected to say of each pair (true, other), and the pairs with the other at best."""
     found, moved = [], []
     for true, other in pairs:
         best, misfit = fitted(true.fitting, other.fitting, candidates)
@@ -238,8 +228,10 @@ def head_start(true: Explanation, other: Explanation, runs: int) -> float:
 
 
 def shows(one: Explanation, candidates: Sequence[Candidate]) -> bool:
-    """Tell whether the effect is seen at all on these runs: what can imitate another only by vanishing is no rival of
-    it."""
-    model = one.fitting.model
-    without = replace(model, terms=tuple(term for term in model.terms if term.name != one.name))
-    return fitted(one.fitting, replace(one.fitting, model=without), candidates)[1] > SEEN
+    """Tell whether the effect is seen at all on these runs: what imitates by vanishing only is no rival."""
+    bare = replace(one.fitting, model=without(one.fitting.model, one.name))
+    return fitted(one.fitting, bare, candidates)[1] > SEEN
+
+
+def without(model: YawModel, effect: str) -> YawModel:
+    return replace(model, terms=tuple(term for term in model.terms if term.name != effect))

@@ -19,8 +19,7 @@ from automarine_cli.logs.canonical import CANONICAL
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
 from automarine_cli.runs.command_range import FAR_BEYOND
 from automarine_cli.thrusters.bollard_data import Series
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 ROUND_DOWN = 1e-6
 FEWEST = 6  # rows of thruster tests from which on the current is told
@@ -68,11 +67,9 @@ class Drive:
         return (ahead, -astern) if moment > 0 else (-astern, ahead)
 
     def _signals(self, moment: float) -> tuple[float, float]:
-        """Sizes of the control signals ahead and astern."""
         wanted = abs(moment) * self.unit / self.arm
         if self.equal_thrust:
-            ahead, astern = (float(c.n_0 + (wanted / 2.0 / c.a) ** (1.0 / c.p)) for c in (self.ahead, self.astern))
-            return ahead, astern
+            return self.ahead.signal(wanted / 2.0), self.astern.signal(wanted / 2.0)
         n = optimize.brentq(lambda n: sum(self._thrusts(n, n)) - wanted, 0.0, self.most, xtol=1e-12 * self.most)
         return float(n), float(n)
 
@@ -81,8 +78,7 @@ class Drive:
 
 
 def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: bool, unit: float) -> Drive:
-    """Make the drive of a map. Raises SettingError for a map of one direction, and where the largest signal is not
-    known."""
+    """Make the drive of a map. Raises SettingError for a map of one direction, and for an unknown largest signal."""
     ahead, astern = known.both_ways
     largest = known.largest if most is None else most
     if largest is None:
@@ -91,29 +87,18 @@ def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: b
             "the limits"
         )
     if known.n_range is not None and largest > FAR_BEYOND * max(map(abs, known.n_range)):
-        low, high = known.n_range
+        measured = "from {:.4g} to {:.4g}".format(*known.n_range) + f" {known.n_unit}".rstrip()
         raise SettingError(
-            f"thrusters.largest_command is {largest:g}, but the thruster map was measured from {low:.4g} to {high:.4g}"
-            f"{f' {known.n_unit}' * bool(known.n_unit)}; give it in the map's own unit"
+            f"thrusters.largest_command is {largest:g}, but the thruster map was measured {measured}; give it in the "
+            "map's own unit"
         )
     return Drive(ahead, astern, arm, largest, equal_thrust, unit)
 
 
-@dataclass(frozen=True)
-class Consumption:
-    """Electrical power of one thruster: `idle` + c |F|^1.5 [W], c `ahead` and `astern` [W/N^1.5]."""
-
-    idle: float
-    ahead: float
-    astern: float
-
-    def power(self, force: float) -> float:
-        return (self.ahead if force > 0 else self.astern) * abs(force) ** POWER_LAW
-
-
-def consumption(records: Sequence[Series], per_test: int, volts: float) -> Consumption:
-    """Fit by least squares over all rows with a power or a current, none of the three below zero; `per_test` equal
-    thrusters pulled together, `volts` of the supply where a current was logged without a voltage.
+def consumption(records: Sequence[Series], per_test: int, volts: float) -> tuple[float, float, float]:
+    """Return a [W], c ahead and c astern [W/N^1.5] of one thruster's electrical power, a + c |F|^1.5: by least squares
+    over all rows with a power or a current, none below zero; `per_test` equal thrusters pulled together, `volts` of
+    the supply where a current was logged without a voltage.
 
     Raises RunError where no test has such a column, or too few rows.
     """
@@ -137,8 +122,8 @@ def consumption(records: Sequence[Series], per_test: int, volts: float) -> Consu
     f, p = np.concatenate(force), np.concatenate(power)
     size = np.abs(f) ** POWER_LAW
     design = np.stack([np.ones_like(f), np.where(f > 0, size, 0.0), np.where(f < 0, size, 0.0)], axis=1)
-    idle, ahead, astern = optimize.nnls(design, p)[0]
-    return Consumption(float(idle), float(ahead or astern), float(astern or ahead))
+    idle, ahead, astern = map(float, optimize.nnls(design, p)[0])
+    return idle, ahead or astern, astern or ahead
 
 
 @dataclass(frozen=True)
@@ -156,8 +141,7 @@ class CommandTable:
 
 
 def command_table(candidate: Candidate, rest: float, unit: str, drive: Drive | None, names: ColumnMap) -> CommandTable:
-    """Tabulate the moment, or `n_port` and `n_stbd` where a `drive` makes it, after a rest [s] and neutral at the
-    end."""
+    """Tabulate the moment, or `n_port` and `n_stbd` where a `drive` makes it, between a rest [s] and neutral."""
     columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
     rules = tuple(names.columns.get(name, ColumnRule(name)) for name in columns)
     rules = tuple(rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules))

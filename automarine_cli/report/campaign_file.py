@@ -3,8 +3,9 @@
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from textwrap import wrap
 
@@ -12,15 +13,14 @@ from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
 from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
-from automarine_cli.logs.layouts import NEEDED, Layout, places_of
-from automarine_cli.logs.recognise import Recognised, pulses
+from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, in_words, to_mapping, toml_line
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, number
+from automarine_cli.runs.look import Placed, Survey
 from automarine_cli.runs.run import runs_json
-from automarine_cli.runs.survey import Placed, Survey
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
@@ -47,20 +47,17 @@ class NewCampaign(Shown):
 
     @property
     def questions(self) -> tuple[str, ...]:
-        """Paths of the keys whose value is still a question mark."""
         return tuple(open_questions(tomllib.loads(self.text)))
 
     def to_json(self) -> dict[str, object]:
         """Give what was seen: schema automarine/init/1."""
         look = self.survey
-        placed = {"placed": look.placed, **look.forces}
+        names = {
+            motion: {kind: [file.name for file in files] for kind, files in kinds.items()}
+            for motion, kinds in {"placed": look.placed, **look.forces}.items()
+        }
         return {
-            "schema": "automarine/init/1",
-            "logs": look.count,
-            **{
-                motion: {kind: [file.name for file in files] for kind, files in kinds.items()}
-                for motion, kinds in placed.items()
-            },
+            "schema": "automarine/init/1", "logs": look.count, **names,
             "columns": [
                 {"column": column.source, "taken_for": column.key, "unit": column.unit, "seen": column.seen,
                  "open": column.open} | ({"rule": column.rule} if column.more else {})
@@ -92,7 +89,6 @@ def answered(text: str, ask: Callable[[str, str], str]) -> str:
 
 
 def _as_toml(answer: str) -> str:
-    """A plain value as it is, a text in quotes."""
     try:
         value = tomllib.loads(f"x = {answer}")["x"]
     except tomllib.TOMLDecodeError:
@@ -102,36 +98,35 @@ def _as_toml(answer: str) -> str:
 
 def open_questions(data: object) -> list[str]:
     """List the paths of the keys whose value is still a question mark."""
-    places: Iterable[tuple[object, ...]] = (place for value, place in everything(data) if value == OPEN)
-    return [in_words(place).removesuffix(": ") for place in places]
+    return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
 
 
 @sections.register
 def _(result: NewCampaign) -> Sections:
-    """Show how many logs of each kind there are, what the columns are taken for, and what is asked."""
     look, count = result.survey, len(result.questions)
     kinds = [(kind, str(len(files))) for kind, files in look.placed.items()]
     for motion, placed in look.forces.items():
         kinds += [(f"{motion}: {kind}", str(len(files))) for kind, files in placed.items() if files]
     columns = [(column.source, _taken(column), column.seen, column.open or "sure") for column in look.columns]
-    asked = f"{count} question{'s' * (count != 1)} to answer: {', '.join(result.questions)}." if count else (
-        "No open questions; check the file before running it."
-    )  # fmt: skip
+    questions = f"{count} question{'s' * (count != 1)} to answer: {', '.join(result.questions)}."
     return Sections([
         Table("Logs", ("kind", "logs"), tuple(kinds)),
         Table("Columns", ("column", "taken for", "values", "sure or asked"), tuple(columns)),
-        asked,
+        questions if count else "No open questions; check the file before running it.",
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
     ])  # fmt: skip
 
 
 def _taken(column: Recognised) -> str:
-    """`n less 1500`: what a column is taken for."""
     less, way = column.more.get("subtract"), column.more.get("sign_from")
     subtracted = f" less {less:g}" if isinstance(less, int | float) else ""
     if isinstance(way, Mapping):
         way = way["from"]
     return column.key + subtracted + (f", signed by {way}" if way is not None else "")
+
+
+Entries = Iterator[tuple[str, str, tuple[LogFile, ...]]]
+"""Kind of logs, the line of the file that names them, and the logs."""
 
 
 def new_campaign(look: Survey, files: Sequence[LogFile], place: Path) -> NewCampaign:
@@ -140,21 +135,15 @@ def new_campaign(look: Survey, files: Sequence[LogFile], place: Path) -> NewCamp
     base = Path(os.path.relpath(top, home)).as_posix()
     inner = {file: file.path.resolve().relative_to(top).as_posix() for file in files}
 
-    def entries(placed: Placed) -> Iterator[tuple[str, str, tuple[LogFile, ...]]]:
+    def entries(placed: Placed) -> Entries:
         for kind, members in placed.items():
-            meant = places_of([inner[file] for file in members], list(inner.values()))
-            yield kind, _list(kind, [entry if base == "." else f"{base}/{entry}" for entry in meant]), members
+            places = places_of([inner[file] for file in members], list(inner.values()))
+            yield kind, _list(kind, [entry if base == "." else f"{base}/{entry}" for entry in places]), members
 
-    parts = (
-        _head(look),
-        _vehicle(look),
-        _logs(look, entries(look.placed)),
-        _columns(look),
-        _settings(look),
-        *(_force(look, motion, entries(placed)) for motion, placed in look.forces.items()),
-        _tune(look),
-    )
-    return NewCampaign(look, "\n".join(line for part in parts for line in part) + "\n", place)
+    forces = (_force(look, motion, entries(placed)) for motion, placed in look.forces.items())
+    logs, columns = _logs(look, entries(look.placed)), _columns(look)
+    lines = chain(_head(look), _vehicle(look), logs, columns, _settings(look), *forces, _tune(look))
+    return NewCampaign(look, "\n".join(lines) + "\n", place)
 
 
 def _beside(line: str, comment: str) -> str:
@@ -167,7 +156,6 @@ def _beside(line: str, comment: str) -> str:
 
 
 def _open(key: str, comment: str) -> str:
-    """A question: the value is a question mark until a person answers."""
     return _beside(toml_line(key, OPEN), f"? {comment}")
 
 
@@ -195,13 +183,10 @@ def _vehicle(look: Survey) -> Iterator[str]:
         yield _beside("# arm_m = 0.15", f"{meaning}; {both}: see [yaw] moment")
     else:
         yield _beside("# arm_m = 0.15", f"{meaning}; not needed, the logs hold no commands to make moments of")
-    volts = next((one for one in look.columns if one.key == "voltage_V"), None)
-    seen = f"the logs hold {volts.source}, {volts.seen}" if volts else "the logs hold no voltage"
-    yield _beside("# supply_V = 14.8", f"supply of the vehicle in volts; {seen}")
+    volts = next((column for column in look.columns if column.key == "voltage_V"), None)
+    voltage = f"the logs hold {volts.source}, {volts.seen}" if volts else "the logs hold no voltage"
+    yield _beside("# supply_V = 14.8", f"supply of the vehicle in volts; {voltage}")
     yield ""
-
-
-Entries = Iterable[tuple[str, str, tuple[LogFile, ...]]]
 
 
 def _logs(look: Survey, entries: Entries) -> Iterator[str]:
@@ -214,9 +199,19 @@ def _logs(look: Survey, entries: Entries) -> Iterator[str]:
             seen = "none found in a folder called validation; move runs here that no fit may see"
         yield _beside(line, f"{YAW.fill(SAY[kind])}: {seen}")
     if look.maps.join:
-        said = "one log: columns of the second come onto the clock of the first, each value held until the next"
-        yield _beside(toml_line("join", [to_mapping(join) for join in look.maps.join]), said)
-    yield from _without_place(look)
+        joined = "one log: columns of the second come onto the clock of the first, each value held until the next"
+        yield _beside(toml_line("join", [to_mapping(join) for join in look.maps.join]), joined)
+    motions = {file: layout.dof for layout in look.layouts for file in layout.files}
+    idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
+    unused = [f"{file.name}: no {motions[file].words.force} acts in it" for file in idle]
+    unused += [f"{run.file}, run {run.run}: {run.why}" for run in look.set_aside]
+    unused += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
+    if unused:
+        yield f"# Not used: {len(unused)}"
+    for line in unused[:MOST_TOLD]:
+        yield f"#   {printable(line)[:200]}"
+    if len(unused) > MOST_TOLD:
+        yield f"#   and {len(unused) - MOST_TOLD} more"
     yield ""
 
 
@@ -231,7 +226,6 @@ def _counted(look: Survey, files: Sequence[LogFile]) -> str:
 
 
 def _force(look: Survey, motion: str, entries: Entries) -> Iterator[str]:
-    """The section of a translation, or of surge, sway and yaw together."""
     yield ""
     planar = motion == PLANAR.name
     dof = YAW if planar else DOFS[motion]
@@ -247,7 +241,6 @@ def _force(look: Survey, motion: str, entries: Entries) -> Iterator[str]:
 
 
 def _tune(look: Survey) -> Iterator[str]:
-    """A controller at the end, for who wants one."""
     yield ""
     yield _beside("# [tune]", "gains of a heading controller at the end: take the # of these lines away")
     yield _beside('# target = "ardusub"', "or ardurover, pid, python")
@@ -261,22 +254,7 @@ def _list(key: str, places: Sequence[str]) -> str:
     line = toml_line(key, list(places))
     if len(line) <= WIDEST - 20:
         return line
-    return f"{key} = [\n" + "".join(f"  {toml_line('x', one).partition(' = ')[2]},\n" for one in places) + "]"
-
-
-def _without_place(look: Survey) -> Iterator[str]:
-    """Logs and runs that are in no list, each with its reason."""
-    motions = {file: layout.dof for layout in look.layouts for file in layout.files}
-    idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
-    told = [f"{file.name}: no {motions[file].words.force} acts in it" for file in idle]
-    told += [f"{one.file}, run {one.run}: {one.why}" for one in look.set_aside]
-    told += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
-    if told:
-        yield f"# Not used: {len(told)}"
-    for line in told[:MOST_TOLD]:
-        yield f"#   {printable(line)[:200]}"
-    if len(told) > MOST_TOLD:
-        yield f"#   and {len(told) - MOST_TOLD} more"
+    return f"{key} = [\n" + "".join(f"  {toml_line('', place).partition(' = ')[2]},\n" for place in places) + "]"
 
 
 def _columns(look: Survey) -> Iterator[str]:
@@ -299,86 +277,75 @@ def _columns(look: Survey) -> Iterator[str]:
 
 def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[str]:
     """The lines of layouts that share a map: each column once, then what is lacking."""
-    every = {one.key: one for layout in reversed(layouts) for one in layout.columns}
-    order = dict.fromkeys(one.key for layout in layouts for one in layout.columns)
+    order = dict.fromkeys(column.key for layout in layouts for column in layout.columns)
+    every = {column.key: column for layout in reversed(layouts) for column in layout.columns}
     for key in order:
         yield _column(every[key], look)
     yield from _splitting(layouts)
-    there = {CANONICAL[key].quantity for key in every}
-    for quantity in dict.fromkeys(one for layout in layouts for one in layout.lacking):
-        keys = names_of(quantity)
+    there, written = {CANONICAL[key].quantity for key in every}, ""
+    if columns := pulses(layouts[0].seen):  # commands are pulses about 1500 us
+        rule = toml_line(YAW.thrusters[0], {"from": columns[0], "subtract": 1500})
+        written = f": pulses about 1500 us such as {listed(columns)} are written {rule}"
+    for quantity in dict.fromkeys(quantity for layout in layouts for quantity in layout.lacking):
         if quantity in there or quantity in YAW.thrusters or (quantity == YAW.command and look.thrusters_drive):
             continue
-        names = listed(next(layout.names for layout in layouts if quantity in layout.lacking))
-        sides = " and ".join(YAW.thrusters)
-        other = f" (or {sides}{_of_pulses(layouts)})" if quantity == YAW.command else ""
+        names, other = listed(next(layout.names for layout in layouts if quantity in layout.lacking)), ""
+        if quantity == YAW.command:
+            other = f" (or {' and '.join(YAW.thrusters)}{written})"
         sought = "control signal of the thruster" if quantity == "n" else quantity
-        yield _open(keys[0], f"no column looks like the {sought}{other}; the logs have {names}")
+        yield _open(names_of(quantity)[0], f"no column looks like the {sought}{other}; the logs have {names}")
 
 
 def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
     """Columns of a few words, which may name the thrusters of a bollard test or the runs of a table: a line where one
     is called like that, else a comment that offers it."""
     for layout in layouts:
-        named = splitting(layout.words, layout.bollard).values()
+        sure = splitting(layout.words, layout.bollard).values()
+        makes = "a map of each thruster, and one of all" if layout.bollard else "each a run of its own"
         for name, words in layout.words.items():
-            makes = "a map of each thruster, and one of all" if layout.bollard else "each a run of its own"
-            sure = name in named
-            told = f"{len(words)} names ({listed(words)}): {makes}" + ("" if sure else "? Then write this line")
+            text = f"{len(words)} names ({listed(words)}): {makes}"
             line = toml_line(BY if layout.bollard else RUN, name)
-            yield _beside(line if sure else f"# {line}", told)
+            yield _beside(line, text) if name in sure else _beside(f"# {line}", f"{text}? Then write this line")
 
 
-def _of_pulses(layouts: Sequence[Layout]) -> str:
-    """How commands are written that are pulses about 1500 us, where some columns look like that."""
-    found = pulses(layouts[0].seen)
-    if not found:
-        return ""
-    rule = toml_line(YAW.thrusters[0], {"from": found[0], "subtract": 1500})
-    return f": pulses about 1500 us such as {listed(found)} are written {rule}"
-
-
-def _column(one: Recognised, look: Survey) -> str:
+def _column(column: Recognised, look: Survey) -> str:
     """One column: as named (a comment), mapped, or asked about."""
-    quantity = CANONICAL[one.key].quantity
-    sign = quantity == YAW.position and look.turned_round and "sign" not in one.more
-    followed, against = look.turns
-    seen = one.seen
+    key, seen, rule, question = column.key, column.seen, column.rule, column.open
+    quantity, (followed, against) = CANONICAL[key].quantity, look.turns
     if quantity == YAW.position and followed + against:
         seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
-    rule = one.rule
-    if one.ask:
-        return _beside(toml_line(one.key, {**rule, one.ask: OPEN}), f"? {one.open}; seen: {seen}")
-    if one.open and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
-        return f"# {_beside(toml_line(one.key, one.source), f'{seen}; {one.open}')}"  # nothing depends on it
-    if one.open and not one.unit_open:
-        return _open(one.key, f"{one.source}, {seen}: {one.open}")
-    if one.open:
+    if column.ask:
+        return _beside(toml_line(key, {**rule, column.ask: OPEN}), f"? {question}; seen: {seen}")
+    if question and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
+        return f"# {_beside(toml_line(key, column.source), f'{seen}; {question}')}"  # nothing depends on it
+    if question and not column.unit_open:
+        return _open(key, f"{column.source}, {seen}: {question}")
+    if question:
         rule["unit"] = OPEN
-    if sign:
+    if quantity == YAW.position and look.turned_round and "sign" not in column.more:
         rule["sign"] = OPEN
         why = "? 1 or -1: yaw and moment are both positive clockwise from above; one of them is not"
-        return _beside(toml_line(one.key, rule), f"{why}. {seen}" + (f"; ? {one.open}" if one.open else ""))
-    if one.open:
-        return _beside(toml_line(one.key, rule), f"? {one.open}; seen: {seen}")
-    if one.as_named:
-        return _beside(f"# {one.key}", f"as named: {seen}")
-    return _beside(toml_line(one.key, one.source if len(rule) == 1 else rule), seen)
+        return _beside(toml_line(key, rule), f"{why}. {seen}" + (f"; ? {question}" if question else ""))
+    if question:
+        return _beside(toml_line(key, rule), f"? {question}; seen: {seen}")
+    if column.as_named:
+        return _beside(f"# {key}", f"as named: {seen}")
+    return _beside(toml_line(key, column.source if len(rule) == 1 else rule), seen)
 
 
 def _settings(look: Survey) -> Iterator[str]:
-    if look.placed["thrusters"] or look.thrusters_drive:
+    tested, pulling = look.placed["thrusters"], look.maps.given.defaults.get("thrusters_per_test")
+    if tested or look.thrusters_drive:
         yield "[thrusters]"
-    pulling = look.maps.given.defaults.get("thrusters_per_test")
-    if look.placed["thrusters"] and pulling is not None:
+    if tested and pulling is not None:
         yield _beside(toml_line("per_test", int(pulling)), "equal thrusters that pulled together, as --columns says")
-    elif look.placed["thrusters"]:
+    elif tested:
         yield _open("per_test", "how many equal thrusters pulled together? The logs cannot show it")
-    if look.placed["thrusters"]:
+    if tested:
         yield _beside(toml_line("form", "auto"), "thrust curve: auto chooses by cross-validation")
-    if look.thrusters_drive and not look.placed["thrusters"]:
+    elif look.thrusters_drive:
         yield _open("map", "a thrusters.json of this vehicle: there are no bollard tests to make one of")
-    if look.placed["thrusters"] or look.thrusters_drive:
+    if tested or look.thrusters_drive:
         yield ""
     yield "[yaw]"
     moment = "thrusters" if look.thrusters_drive else "logged"

@@ -5,43 +5,22 @@ what only all steps together tell.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import OutputError
 from automarine_cli.fits.innovations import sentences_of
+from automarine_cli.pipeline import result_files as files
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
-from automarine_cli.pipeline.result_files import (
-    CHECK,
-    DIAGNOSIS,
-    MODELS,
-    PLANAR_MODEL,
-    THRUSTER_MAP,
-    TUNING,
-    VALIDATION,
-    CheckFile,
-    DiagnosisFile,
-    Given,
-    ModelFile,
-    PlanarFile,
-    ResultKind,
-    ResultRecord,
-    RunFile,
-    StepDone,
-    ThrusterFile,
-    TuningFile,
-    ValidationFile,
-)
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.pipeline.words import listed
 from automarine_cli.report.page import page
-from automarine_cli.report.sections import Sections, bullets, sections
-from automarine_cli.report.sections import document as markdown
+from automarine_cli.report.sections import Sections, bullets, document, sections
 from automarine_cli.report.tables import Table, escape, interval, number
 
 FILES = ("report.html", "report.md")
@@ -60,14 +39,13 @@ class Step:
 
     name: str
     folder: str
-    kind: ResultKind[Any]
+    kind: files.ResultKind[Any]
     section: str = ""
     logs: tuple[tuple[str, ...], ...] = ()
     models: tuple[str, ...] = ()
 
     @property
     def command(self) -> str:
-        """The command that it runs."""
         return self.kind.writer
 
     @property
@@ -81,66 +59,63 @@ def folder_of(dof: Dof, step: str) -> str:
     return step if dof is YAW else f"{dof.name}_{step}"
 
 
-def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
-    """The steps of one motion, or of surge, sway and yaw together."""
+def _of(motion: str, fit: files.ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
     after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
     models = (f"{motion}/{fit.file}",)
     yield Step(f"fit-{motion}", motion, fit, motion, fitted)
-    yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
+    yield Step(f"validate{after}", f"{before}validation", files.VALIDATION, motion, (("validation",),), models)
     everything = tuple(kind for kinds in fitted for kind in kinds)
-    yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
+    yield Step(f"diagnose{after}", f"{before}diagnosis", files.DIAGNOSIS, motion, (everything,), models)
 
 
 STEPS = (
-    Step("check", "check", CHECK),
-    Step("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
-    *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
-    *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
-    Step("tune", "tune", TUNING, "tune", models=(f"diagnosis/{DIAGNOSIS.file}", f"yaw/{MODELS[YAW.name].file}")),
+    Step("check", "check", files.CHECK),
+    Step("fit-thrusters", "thrusters", files.THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    *(step for motion in DOFS for step in _of(motion, files.MODELS[motion], (("steps",), ("manoeuvres",)))),
+    *_of(PLANAR.name, files.PLANAR_MODEL, (("runs",),)),
+    Step("tune", "tune", files.TUNING, "tune", (), (f"diagnosis/{files.DIAGNOSIS.file}", "yaw/yaw_model.json")),
 )
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
 
-Kept = TypeVar("Kept", bound=ResultRecord, covariant=True)
-
-
 @dataclass(frozen=True)
-class StepResult(Generic[Kept]):
+class StepResult:
     """What one step left: its folder, what its result file holds, and its manifest (None if there is none)."""
 
     name: str
     folder: Path
-    file: Kept
+    file: Any
     manifest: Manifest | None
 
     @property
     def dof(self) -> Dof:
-        """The motion that it is of."""
         return self.file.dof
+
+    @property
+    def logs(self) -> dict[str | None, str]:
+        """The logs that it read, by the hash of their content."""
+        inputs = () if self.manifest is None else self.manifest.inputs
+        return {entry.sha256: entry.file for entry in inputs if entry.role == "log"}
 
     def text(self, name: str) -> str:
         """Read a text file of the folder; empty if it is not there."""
         path = self.folder / name
         return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
 
+    def picture(self, stem: str, alt: str = "") -> str:
+        """Write the line that shows a figure; nothing if it was not drawn."""
+        kinds = [kind for kind in ("png", "svg") if (self.folder / f"{stem}.{kind}").is_file()]
+        alt = alt or alternatives(self.dof).get(stem, stem)
+        return f"![{escape(alt)}]({self.name}/{stem}.{kinds[0]})" if kinds else ""
 
-@dataclass(frozen=True)
-class Steps:
-    """The steps that are there, by folder name in their order."""
 
-    found: Mapping[str, StepResult[ResultRecord]]
+Steps = Mapping[str, StepResult]
+"""The steps that are there, by the names of their folders, in their order."""
 
-    def get(self, name: str, record: type[Kept]) -> StepResult[Kept] | None:
-        """Give a step's result of a kind, if it is there."""
-        step = self.found.get(name)
-        if step is None or not isinstance(step.file, record):
-            return None
-        return StepResult(step.name, step.folder, step.file, step.manifest)
 
-    @property
-    def missing(self) -> list[str]:
-        """Folders of every campaign that are not there."""
-        return [step.folder for step in STEPS if step.always and step.folder not in self.found]
+def missing(steps: Steps) -> list[str]:
+    """List the folders of every campaign that are not there."""
+    return [step.folder for step in STEPS if step.always and step.folder not in steps]
 
 
 def read_steps(folder: Path) -> Steps:
@@ -151,15 +126,14 @@ def read_steps(folder: Path) -> Steps:
         path = folder / step.folder / step.kind.file
         if path.is_file():
             file, manifest = step.kind.read(path, f"{step.folder}/{path.name}", OutputError), path.with_name(MANIFEST)
-            made = read_manifest(manifest) if manifest.is_file() else None
-            results[step.folder] = StepResult(step.folder, path.parent, file, made)
+            record = read_manifest(manifest) if manifest.is_file() else None
+            results[step.folder] = StepResult(step.folder, path.parent, file, record)
     if not results:
-        usual = ", ".join(step.folder for step in STEPS if step.always)
         raise OutputError(
-            f"{folder}: none of the folders {usual} with results is here; give a folder that "
+            f"{folder}: none of the folders {', '.join(missing({}))} with results is here; give a folder that "
             "automarine run made, or write the results of single commands into folders of these names"
         )
-    return Steps(results)
+    return results
 
 
 @dataclass(frozen=True)
@@ -172,8 +146,8 @@ class Report:
 
     def to_json(self) -> dict[str, object]:
         """Give what is in it: schema automarine/report/1."""
-        found, missing = list(self.steps.found), self.steps.missing
-        return {"schema": "automarine/report/1", "files": list(self.files), "steps": found, "missing": missing}
+        steps = {"steps": list(self.steps), "missing": missing(self.steps)}
+        return {"schema": "automarine/report/1", "files": list(self.files), **steps}
 
 
 @sections.register
@@ -181,26 +155,47 @@ def _(result: Report) -> Sections:
     return Sections([], listed=tuple(result.files))
 
 
-def make_report(folder: Path, title: str | None = None, ran: RunFile | None = None) -> Report:
+def make_report(folder: Path, title: str | None = None, ran: files.RunFile | None = None) -> Report:
     """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
 
     Without a `title` it is that of what was identified. Steps without results are left out, and the report says so.
     Raises OutputError if there is none at all.
     """
-    steps = read_steps(folder)
-    folders = {
-        dof: {dof.name, *(folder_of(dof, step) for step in ("validation", "diagnosis"))} for dof in DOFS.values()
-    }
-    motions = [dof.name for dof, names in folders.items() if names & steps.found.keys()]
+    steps, done, cautions = read_steps(folder), ran.steps if ran else (), ran.cautions if ran else ()
+    motions = [name for name in DOFS if any(step.section == name and step.folder in steps for step in STEPS)]
     title = title or f"{' and '.join(motions or [YAW.name])} identification".capitalize()
-    text = document(steps, title, ran.cautions if ran else (), ran.steps if ran else ())
+    parts = {"Thruster map": _embedded(steps, "thrusters")}
+    for dof in DOFS.values():
+        within = "" if dof is YAW else f" in {dof.name}"  # yaw, which every campaign has, needs no name
+        parts |= {
+            f"{dof.name.capitalize()} model": _model(steps, dof),
+            f"Validation{within}": _validation(steps, folder_of(dof, "validation")),
+            f"Diagnosis{within}": _embedded(steps, folder_of(dof, "diagnosis")),
+        }
+    parts |= {
+        "Planar model": _embedded(steps, PLANAR.name, "planar_runs"),
+        "Planar validation": _validation(steps, "planar_validation"),
+        "Planar diagnosis": _embedded(steps, "planar_diagnosis"),
+        "Tune": _embedded(steps, "tune"),
+        "Logs": _folded("Every run", steps["check"].text("check.md"), "check/check.md") if "check" in steps else [],
+        "Runs set aside": _set_aside(steps),
+        "How this was made": _manifests(steps),
+    }
+    text = document(
+        f"# {escape(title)}",
+        *(f"**{step.step} was refused:** {escape(step.refused)}" for step in done if step.refused),
+        *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
+        Table.of("", [{"step": name, "result": line} for name, line in headlines(steps).items()]),
+        bullets(escape(f"Caution: {line}") for line in cautions),
+        missing_sentence(steps, done),
+        *(block for heading, blocks in parts.items() if blocks for block in (f"## {heading}", *blocks)),
+    )
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
 
 
 def alternatives(dof: Dof) -> dict[str, str]:
-    """What each figure shows, in words, by its name."""
-    words = dof.words
-    position = words.position.capitalize()
+    """Say what each figure shows, by its name."""
+    words, position = dof.words, dof.words.position.capitalize()
     return {
         "thrusters": "Thrust of one thruster against its control signal: measured points, fitted curves, residuals "
         "below",
@@ -210,52 +205,23 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "residuals below",
         "inertia": f"{words.full_inertia.capitalize()} of each run against its {words.force}, with the overall value "
         "of both methods",
-        "collapse": f"{position} against time times the root of the {words.force}: all runs on one curve if model 3 "
-        "holds",
+        "collapse": f"{position} against time times the root of the {words.force}: all runs on one curve if "
+        "model 3 holds",
         "whole_runs": f"What the model leaves of the {words.position} of whole runs, beside the noise",
-        "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
-        "out",
+        "where": f"Where the gap between simulated and measured {words.position} is: against each variable that "
+        "stands out",
         "why": "Evidence for each effect of the library",
         "learned": "Learned curve, which no effect of the library explains, with its 95 % confidence band",
-        "before_after": "The gap before and after the missing effect was added, against the noise of the "
+        "before_after": f"The gap before and after the missing effect was added, against the noise of the "
         f"{words.position}",
     }
 
 
-def document(steps: Steps, title: str, cautions: Sequence[str] = (), done: Sequence[StepDone] = ()) -> str:
-    """Write the whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
-
-    `cautions` are sentences about what does not fit together between the thruster tests and the vehicle; `done` is
-    what `run` says of its steps.
-    """
-    parts = {
-        "Thruster map": _embedded(steps, "thrusters"),
-        **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof)},
-        "Planar model": _embedded(steps, PLANAR.name, "planar_runs"),
-        "Planar validation": _validation(steps, "planar_validation"),
-        "Planar diagnosis": _embedded(steps, "planar_diagnosis"),
-        "Tune": _embedded(steps, "tune"),
-        "Logs": _logs(steps),
-        "Runs set aside": _set_aside(steps),
-        "How this was made": _made(steps),
-    }
-    lines = headlines(steps)
-    return markdown(
-        f"# {escape(title)}",
-        *(f"**{step.step} was refused:** {escape(step.refused)}" for step in done if step.refused),
-        *(f"**{escape(refusal)}**" for step in steps.found.values() if (refusal := _refusal(step.file))),
-        Table.of("", [{"step": name, "result": line} for name, line in lines.items()]) if lines else None,
-        bullets(escape(f"Caution: {line}") for line in cautions),
-        missing_sentence(steps, done),
-        *(block for heading, blocks in parts.items() if blocks for block in (f"## {heading}", *blocks)),
-    )
-
-
-def _refusal(file: ResultRecord) -> str:
+def _refusal(file: Any) -> str:
     """Why a model must not be used; empty where it may, and for results of other kinds."""
-    if isinstance(file, ValidationFile):
+    if isinstance(file, files.ValidationFile):
         return file.use.refusal
-    return file.prediction.refusal if isinstance(file, ModelFile | PlanarFile) else ""
+    return file.prediction.refusal if isinstance(file, files.ModelFile | files.PlanarFile) else ""
 
 
 def headlines(steps: Steps) -> dict[str, str]:
@@ -263,153 +229,124 @@ def headlines(steps: Steps) -> dict[str, str]:
     models with what a diagnosis named."""
     lines = {}
     for step in STEPS:
-        if (result := steps.found.get(step.folder)) is not None:
-            line = _HEADLINES[type(result.file)](result, steps)
+        if (result := steps.get(step.folder)) is not None:
+            line = _HEADLINES[type(result.file)](result.file, result, steps)
             lines[step.name] = "not usable: " * bool(_refusal(result.file)) + line
     return lines
 
 
-def _of_check(step: StepResult[CheckFile], _: Steps) -> str:
-    file, used, aside = step.file, step.file.runs.used, len(step.file.runs.set_aside)
-    idle = sum(run.step is None for run in file.yaw_runs)
+def _of_check(file: files.CheckFile, *_: object) -> str:
+    used, aside = file.runs.used, len(file.runs.set_aside)
+    idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
     parts = [f"{file.logs} log{'s' * (file.logs != 1)}", f"{used} run{'s' * (used != 1)}"]
     return ", ".join([*parts, *[f"{idle} without a half-turn"] * bool(idle), *[f"{aside} set aside"] * bool(aside)])
 
 
-def _of_thrusters(step: StepResult[ThrusterFile], _: Steps) -> str:
-    file = step.file
-    laws = {"forward": file.forward.a, "backward": file.backward.a} if file.form == "square" else {}
-    values = [f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None]
-    if (chosen := file.chosen) is None:
-        return f"{file.form} law{''.join(values)}"
-    error = number(chosen.rmse_percent_of_full_scale, 2)
-    return f"{chosen.form} law{''.join(values)}, R² {number(chosen.r2)}, error {error} % of full scale"
+def _of_thrusters(file: files.ThrusterFile, *_: object) -> str:
+    laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
+    values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
+    if not file.chosen:
+        return f"{file.form} law{values}"
+    error = number(file.rmse_percent, 2)
+    return f"{file.chosen} law{values}, R² {number(file.r2)}, error {error} % of full scale"
 
 
-def _of_model(step: StepResult[ModelFile], steps: Steps) -> str:
+def _of_model(file: files.ModelFile, step: StepResult, steps: Steps) -> str:
     """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
-    file, keys = step.file, {step.dof.symbols.quadratic_print: step.dof.symbols.quadratic}
-    before = dict(file.main_parameters())
-    lacks = steps.get(folder_of(step.dof, "diagnosis"), DiagnosisFile)
-    base = lacks.file.base if lacks is not None and added_by(lacks) else {}
+    keys, before = {step.dof.symbols.quadratic_print: step.dof.symbols.quadratic}, dict(file.main_parameters())
+    added, diagnosis = added_by(steps, step.dof), steps.get(folder_of(step.dof, "diagnosis"))
+    base = diagnosis.file.base if diagnosis is not None and added else {}
     after = {name: base[keys.get(name, name)].after for name in before if keys.get(name, name) in base}
     if len(after) < len(before):
         return f"model {file.preferred}: {_values(before)}"
-    alone = ", ".join(number(given.value) for given in before.values())
-    return f"model {file.preferred} with {added_by(lacks)}: {_values(after)} (without: {alone})"
+    alone = ", ".join(number(value.value) for value in before.values())
+    return f"model {file.preferred} with {added}: {_values(after)} (without: {alone})"
 
 
-def _of_planar(step: StepResult[PlanarFile], _: Steps) -> str:
-    masses = {name: given for name, given in step.file.parameters.items() if name in MASSES}
-    return f"{step.file.structure}: {_values(masses)}" if masses else step.file.structure
+def _of_planar(file: files.PlanarFile, *_: object) -> str:
+    masses = {name: value for name, value in file.parameters.items() if name in MASSES}
+    return f"{file.structure}: {_values(masses)}" if masses else file.structure
 
 
-def _of_validation(step: StepResult[ValidationFile], steps: Steps) -> str:
+def _of_validation(file: files.ValidationFile, step: StepResult, steps: Steps) -> str:
     """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
-    file, unit = step.file, step.dof.units.key
-    planar = file.motion == PLANAR.name
+    unit, planar = step.dof.units.key, file.motion == PLANAR.name
     model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
     score, used = file.models[model], file.runs.used
-    fit = steps.found.get(PLANAR.name if planar else step.dof.name)
-    seen = {entry.sha256 for entry in _logs_of(fit)} & {entry.sha256 for entry in _logs_of(step)}
-    fitted = f" ({len(seen)} logs were fitted)" if seen else " not fitted" if _logs_of(fit) else ""
+    fit = steps.get(PLANAR.name if planar else step.dof.name)
+    logs = {} if fit is None else fit.logs
+    again = logs.keys() & step.logs.keys()
+    fitted = f" ({len(again)} logs were fitted)" if again else " not fitted" if logs else ""
     low, high = score.ci95 or (None, None)
     error = f"{number(score.rmse, 3)}{f' [{number(low, 3)}, {number(high, 3)}]' if score.ci95 else ''} {unit} free run"
     over = f"{used} run{'s' * (used != 1)}{fitted}"
     if planar:
         return f"heading {error} over {over}"
-    lacks = added_by(steps.get(folder_of(step.dof, "diagnosis"), DiagnosisFile))
+    added = added_by(steps, step.dof)
     best = f" (best: model {file.best}, {number(file.models[file.best].rmse, 3)})" if model != file.best else ""
-    again, noise = number(score.restarted, 3), number(file.noise_floor, 2)
-    said = f"model {model}: {error}{best}, {again} {unit} restarted, noise {noise} {unit}, over {over}"
-    return f"without {lacks}, {said}" if lacks else said
+    restarted, noise = number(score.restarted, 3), number(file.noise_floor, 2)
+    said = f"model {model}: {error}{best}, {restarted} {unit} restarted, noise {noise} {unit}, over {over}"
+    return f"without {added}, {said}" if added else said
 
 
-def _of_diagnosis(step: StepResult[DiagnosisFile], _: Steps) -> str:
-    gap, unit = step.file.gap.fitted_runs, step.file.unit
-    names = ", ".join(effect.name for effect in step.file.effects)
-    verdict = step.file.verdict.replace("-", " ") + (f": {names}" if names else "")
-    return f"{verdict}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"
+def _of_diagnosis(file: files.DiagnosisFile, *_: object) -> str:
+    names = ", ".join(effect.name for effect in file.effects)
+    verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
+    return f"{verdict}; gap {number(file.before, 3)} to {number(file.after, 3)} {file.unit}"
 
 
-def _of_tuning(step: StepResult[TuningFile], _: Steps) -> str:
-    return f"{step.file.verdict.replace('-', ' ')} for {step.file.target}"
+def _of_tuning(file: files.TuningFile, *_: object) -> str:
+    return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
-_HEADLINES: dict[type[ResultRecord], Any] = {
-    CheckFile: _of_check, ThrusterFile: _of_thrusters, ModelFile: _of_model, PlanarFile: _of_planar,
-    ValidationFile: _of_validation, DiagnosisFile: _of_diagnosis, TuningFile: _of_tuning,
+_HEADLINES: dict[type[object], Callable[..., str]] = {
+    files.CheckFile: _of_check, files.ThrusterFile: _of_thrusters, files.ModelFile: _of_model,
+    files.PlanarFile: _of_planar, files.ValidationFile: _of_validation, files.DiagnosisFile: _of_diagnosis,
+    files.TuningFile: _of_tuning,
 }  # fmt: skip
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 
 
-def added_by(step: StepResult[DiagnosisFile] | None) -> str:
-    """What a diagnosis of a motion named and added to its model."""
+def added_by(steps: Steps, dof: Dof) -> str:
+    """Name what the diagnosis of a motion added to its model; empty where it named nothing."""
+    step = steps.get(folder_of(dof, "diagnosis"))
     if step is None or step.file.verdict != "named" or step.file.of_thrusters:
         return ""
     return " and ".join(effect.name for effect in step.file.effects)
 
 
-def _logs_of(step: StepResult[Any] | None) -> list[Any]:
-    inputs = step.manifest.inputs if step is not None and step.manifest is not None else ()
-    return [entry for entry in inputs if entry.role == "log"]
-
-
-def _values(given: Mapping[str, Given]) -> str:
+def _values(given: Mapping[str, files.Given]) -> str:
     return ", ".join(f"{name} {_interval(value)}" for name, value in given.items())
 
 
-def _interval(given: Given) -> str:
-    """A number with its interval and unit; alone where the file has none."""
-    if given.estimate is None:
-        return number(given.value)
-    return f"{interval(given.estimate)} {given.unit}".rstrip()
+def _interval(given: files.Given) -> str:
+    return f"{interval(given.estimate)} {given.unit}".rstrip() if given.estimate else number(given.value)
 
 
-def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
-    """The sections of one motion; those of yaw, which every campaign has, need no name."""
-    within = "" if dof is YAW else f" in {dof.name}"
-    yield f"{dof.name.capitalize()} model", _model(steps, dof)
-    yield f"Validation{within}", _validation(steps, folder_of(dof, "validation"))
-    yield f"Diagnosis{within}", _embedded(steps, folder_of(dof, "diagnosis"))
-
-
-def picture(step: StepResult[ResultRecord], stem: str, alt: str = "") -> str:
-    """The line that shows a figure of a step; nothing if it was not drawn."""
-    kinds = [kind for kind in ("png", "svg") if (step.folder / f"{stem}.{kind}").is_file()]
-    alt = alt or alternatives(step.dof).get(stem, stem)
-    return f"![{escape(alt)}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
-
-
-def fold(summary: str, *blocks: str) -> list[str]:
-    """Blocks that are folded away behind their summary."""
+def _fold(summary: str, *blocks: str) -> list[str]:
     return [f"<details><summary>{summary}</summary>", *blocks, "</details>"]
 
 
 def _embedded(steps: Steps, folder: str, *figures: str) -> list[str]:
     """The page of a step without its title, headings one level lower, pictures by their place from here."""
-    if (step := steps.found.get(folder)) is None:
+    if (step := steps.get(folder)) is None:
         return []
     pages = sorted(path.name for path in step.folder.glob("*.md"))
     text = re.sub(r"\A# .*\n", "", step.text(pages[0]) if pages else "")
     text = re.sub(r"^## ", "### ", text, flags=re.MULTILINE)
-    shown = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
-    alts = alternatives(step.dof)
-    return [
-        shown.sub(lambda found: picture(step, found[2], alts.get(found[2], found[1])), text),
-        *(picture(step, stem) for stem in figures),
-    ]
+    shown, alts = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE), alternatives(step.dof)
+    text = shown.sub(lambda match: step.picture(match[2], alts.get(match[2], match[1])), text)
+    return [text, *map(step.picture, figures)]
 
 
 def _model(steps: Steps, dof: Dof) -> list[str]:
-    if (step := steps.get(dof.name, ModelFile)) is None:
+    if (step := steps.get(dof.name)) is None:
         return []
     file, symbols, blocks = step.file, dof.symbols, list[str]()
-    if names := added_by(steps.get(folder_of(dof, "diagnosis"), DiagnosisFile)):
-        added = (
-            f"This is the model without {escape(names)}, which the diagnosis added: the final numbers are at the top."
+    if names := escape(added_by(steps, dof)):
+        blocks.append(
+            f"This is the model without {names}, which the diagnosis added: the final numbers are at the top."
         )
-        blocks.append(added)
     blocks.append(escape(file.preferred_because))
     if file.ratio is not None:
         length = escape(interval(file.ratio.known(f"{step.name}: {dof.ratio_key}")))
@@ -420,103 +357,94 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
     blocks += [escape(line) for line in sentences_of(file.channels, dof)]
     blocks.append(escape(str(file.buoyancy.get("says", ""))))
     tables = [re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")]
-    noted = "\n".join(tables)
-    warnings = [line for line in map(escape, file.warnings) if line not in noted]
-    figures = ("drag", "inertia", dof.steps_key, "collapse", "whole_runs")
-    shown = [picture(step, stem) for stem in figures]
-    return [*blocks, *tables, bullets(f"Warning: {line}" for line in warnings), "### Figures of the fit", *shown]
+    warnings = [f"Warning: {line}" for line in map(escape, file.warnings) if line not in "\n".join(tables)]
+    figures = map(step.picture, ("drag", "inertia", dof.steps_key, "collapse", "whole_runs"))
+    return [*blocks, *tables, bullets(warnings), "### Figures of the fit", *figures]
 
 
 def _validation(steps: Steps, folder: str) -> list[str]:
-    if (step := steps.get(folder, ValidationFile)) is None:
+    if (step := steps.get(folder)) is None:
         return []
     words, names = step.dof.words, list(step.file.logs)
     alt = f"measured and simulated {words.position}, their difference, the {words.force}"
     stems = islice(zip(names, file_stems(names)), MOST_SHOWN)
-    shown = [picture(step, f"validation_{stem}", f"Run {name}: {alt}") for name, stem in stems]
+    shown = [step.picture(f"validation_{stem}", f"Run {name}: {alt}") for name, stem in stems]
     blocks = [step.text("validation.md"), "### Run by run", *shown[:SHOWN_OPEN]]
     if shown[SHOWN_OPEN:]:
-        blocks += fold(f"{len(shown) - SHOWN_OPEN} more runs", *shown[SHOWN_OPEN:])
+        blocks += _fold(f"{len(shown) - SHOWN_OPEN} more runs", *shown[SHOWN_OPEN:])
     if len(names) > MOST_SHOWN:
         blocks.append(f"The figures of {len(names) - MOST_SHOWN} more runs are in the folder {step.name}.")
     return blocks
 
 
-def _logs(steps: Steps) -> list[str]:
-    if (step := steps.get("check", CheckFile)) is None or not (body := step.text("check.md")):
-        return []
-    return _folded("Every run", body, "check/check.md")
-
-
 def _set_aside(steps: Steps) -> list[str]:
-    rows: dict[tuple[str, str, str], list[str]] = {}
-    for step in steps.found.values():
+    names: dict[files.SetAside, list[str]] = {}
+    for step in steps.values():
         for run in step.file.runs.set_aside:
-            rows.setdefault((run.file, run.run, run.why), []).append(step.name)
-    if not rows:
+            names.setdefault(run, []).append(step.name)
+    rows = [
+        {"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(folders)}
+        for run, folders in names.items()
+    ]
+    return [Table.of("", rows).to_markdown()] if rows else []
+
+
+def _manifests(steps: Steps) -> list[str]:
+    manifests = {step.name: step.manifest for step in steps.values() if step.manifest is not None}
+    if not manifests:
         return []
-    table = Table(
-        "", ("log", "run", "why", "left out of"), tuple((*key, ", ".join(names)) for key, names in rows.items())
+    rows = [
+        {"folder": name, "command": f"automarine {manifest.command}",
+         "non-default settings": _settings(manifest.options), "seed": "" if manifest.seed is None else manifest.seed,
+         "inputs": len(manifest.inputs), "automarine": manifest.automarine}
+        for name, manifest in manifests.items()
+    ]  # fmt: skip
+    versions = {", ".join(map(" ".join, manifest.libraries.items())) for manifest in manifests.values()}
+    inputs = tuple(
+        (name, entry.role, entry.file, entry.sha256 or "not readable")
+        for name, manifest in manifests.items()
+        for entry in manifest.inputs
     )
-    return [table.to_markdown()]
-
-
-def _made(steps: Steps) -> list[str]:
-    """Command, settings, versions and inputs of each step, from the manifests."""
-    known = [(step, step.manifest) for step in steps.found.values() if step.manifest is not None]
-    if not known:
-        return []
-    rows = []
-    for step, made in known:
-        seed, settings = "" if made.seed is None else str(made.seed), _settings(made.options)
-        rows.append((step.name, f"automarine {made.command}", settings, seed, str(len(made.inputs)), made.automarine))
-    header = ("folder", "command", "non-default settings", "seed", "inputs", "automarine")
-    versions = {", ".join(f"{name} {one}" for name, one in made.libraries.items()) for _, made in known}
+    hashes = Table("", ("folder", "as", "file", "SHA-256"), inputs).to_markdown()
     return [
-        Table("", header, tuple(rows)).to_markdown(),
+        Table.of("", rows).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
         "`automarine verify` on each folder says whether anything in it has changed.",
-        *_folded("Every input and its SHA-256", _files(known), "manifest.json"),
+        *_folded("Every input and its SHA-256", hashes, "manifest.json"),
     ]
-
-
-def _files(known: Sequence[tuple[StepResult[ResultRecord], Manifest]]) -> str:
-    """Every input of every step with its hash."""
-    rows = [
-        (step.name, entry.role, entry.file, entry.sha256 or "not readable")
-        for step, made in known
-        for entry in made.inputs
-    ]
-    return Table("", ("folder", "as", "file", "SHA-256"), tuple(rows)).to_markdown()
 
 
 def _folded(summary: str, table: str, place: str) -> list[str]:
     """A long table folded away; of a very long one only where it stands."""
-    return fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
+    if not table:
+        return []
+    return _fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
 
 
 def _settings(options: Mapping[str, object]) -> str:
     """Settings that say something: not those left alone, nor how figures are stored."""
-    told = {key: value for key, value in options.items() if value not in (None, False, [], "", "auto")}
-    plain = {key: value for key, value in told.items() if not isinstance(value, (dict, list)) and value is not True}
-    flags = [key for key, value in told.items() if value is True and key != "figures"]
-    return ", ".join([*(f"{key} {value}" for key, value in plain.items()), *flags]) or "none"
+    changed = {key: value for key, value in options.items() if value not in (None, False, [], "", "auto")}
+    plain = [
+        f"{key} {value}" for key, value in changed.items() if value is not True and not isinstance(value, dict | list)
+    ]
+    flags = [key for key, value in changed.items() if value is True and key != "figures"]
+    return ", ".join([*plain, *flags]) or "none"
 
 
-def missing_sentence(steps: Steps, done: Sequence[StepDone]) -> str:
+def missing_sentence(steps: Steps, done: Sequence[files.StepDone]) -> str:
     """Which steps left nothing to report, and why where that is not told as a refusal."""
-    only_force = any(not step.always and step.folder in steps.found for step in STEPS) and "yaw" not in steps.found
-    fates = {one.step: one for one in done}
-    missing: dict[str, list[str]] = {}
+    only_force = any(not step.always and step.folder in steps for step in STEPS) and YAW.name not in steps
+    fates = {step.step: step for step in done}
+    lacking: dict[str, list[str]] = {}
     for step in STEPS:
         fate = fates.get(step.name)
         passed = only_force and step.section == YAW.name
-        if step.folder in steps.missing and not passed and not (fate and fate.refused):
+        if step.folder in missing(steps) and not passed and not (fate and fate.refused):
             words = f"no {step.kind.words.removeprefix('a ').removeprefix('an ')}"
-            missing.setdefault((fate.skipped if fate else None) or "", []).append(words)
-    said = []
-    for why, lack in missing.items():
-        lacking = listed(lack)
-        why = escape(why) or ("that step was not run" if len(lack) == 1 else "those steps were not run")
-        said.append(f"{lacking[0].upper()}{lacking[1:]}: {why}.")
-    return " ".join(said)
+            lacking.setdefault((fate.skipped if fate else None) or "", []).append(words)
+    sentences = []
+    for why, results in lacking.items():
+        names, several = listed(results), len(results) > 1
+        why = escape(why) or ("those steps were not run" if several else "that step was not run")
+        sentences.append(f"{names[0].upper()}{names[1:]}: {why}.")
+    return " ".join(sentences)

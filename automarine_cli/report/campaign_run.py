@@ -8,7 +8,7 @@ from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.manifest import manifest_of
 from automarine_cli.pipeline.records import Shown, to_mapping
 from automarine_cli.pipeline.result_files import RunFile, ThrusterFile, VoltagePower
-from automarine_cli.report.campaign_page import REPORT, STEPS, Steps, headlines, read_steps
+from automarine_cli.report.campaign_page import FILES, REPORT, STEPS, headlines, read_steps
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
 
@@ -36,7 +36,6 @@ class CampaignRun(Shown):
 
     @property
     def says(self) -> dict[str, str]:
-        """What the result of each step says, by its name."""
         return {step.step: step.says for step in self.steps if step.says}
 
     @property
@@ -59,19 +58,13 @@ class CampaignOutcome:
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Whatever was refused."""
         return (self.refusal,) if self.run is None else self.run.refused
 
     def to_json(self) -> dict[str, object]:
-        """Give the entry of the overview."""
         content, says = (RunFile("", self.name), {}) if self.run is None else (self.run.content, self.run.says)
-        return {
-            "name": self.name,
-            "title": content.title,
-            "steps": [to_mapping(step) | {"says": says.get(step.step, "")} for step in content.steps],
-            "cautions": list(content.cautions),
-            "refused": list(self.refused),
-        }
+        steps = [to_mapping(step) | {"says": says.get(step.step, "")} for step in content.steps]
+        return {"name": self.name, "title": content.title, "steps": steps, "cautions": list(content.cautions),
+                "refused": list(self.refused)}  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,16 +76,12 @@ class Campaigns(Shown):
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Whatever was refused, by campaign."""
         return tuple(f"{campaign.name}: {why}" for campaign in self.campaigns for why in campaign.refused)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the campaigns warn of, each with its name."""
-        return tuple(
-            f"{campaign.name}: {warning}" for campaign in self.campaigns if campaign.run
-            for warning in campaign.run.warnings
-        )  # fmt: skip
+        runs = ((campaign.name, campaign.run.warnings) for campaign in self.campaigns if campaign.run)
+        return tuple(f"{name}: {warning}" for name, warnings in runs for warning in warnings)
 
     def to_json(self) -> dict[str, object]:
         """Give the result file: schema automarine/campaigns/1."""
@@ -102,77 +91,75 @@ class Campaigns(Shown):
 
 @sections.register
 def _(result: CampaignRun) -> Sections:
-    rows = tuple(
-        (step.step, step.did, (step.did != "refused" and step.why) or MISSING, step.says or MISSING)
+    rows = [
+        {"step": step.step, "": step.did, "because": (step.did != "refused" and step.why) or MISSING,
+         "result": step.says or MISSING}
         for step in result.steps
-    )
-    done = [step.step for step in result.steps if step.did in ("done", "kept")]
-    page: tuple[str, ...] = ("report.html", "report.md") if REPORT in done else ()
-    if not page and REPORT in [step.step for step in result.steps]:
-        page = ("run.json",)
+    ]  # fmt: skip
+    done = _done(result.steps)
+    page = FILES if REPORT in done else ("run.json",) if REPORT in {step.step for step in result.steps} else ()
     folders = [f"{step.folder}/" for step in STEPS if step.name in done]
-    table = Table("", ("step", "", "because", "result"), rows)
-    return Sections([table, *result.content.cautions], listed=(*page, *folders))
+    return Sections([Table.of("", rows), *result.content.cautions], listed=(*page, *folders))
 
 
 @sections.register
 def _(result: Campaigns) -> Sections:
-    shown = ("fit-yaw", "validate", "diagnose")
-    rows = tuple(
-        (
-            campaign.name,
-            *((campaign.run and campaign.run.says.get(step)) or MISSING for step in shown),
-            "; ".join(campaign.refused) or MISSING,
-        )
+    steps = ("fit-yaw", "validate", "diagnose")
+    rows = [
+        {"campaign": campaign.name}
+        | {step: (campaign.run and campaign.run.says.get(step)) or MISSING for step in steps}
+        | {"refused": "; ".join(campaign.refused) or MISSING}
         for campaign in result.campaigns
-    )
-    table = Table("", ("campaign", *shown, "refused"), rows)
+    ]
+    table = Table.of("", rows)
     files: dict[str, Content] = {"campaigns.json": result.to_json(), "campaigns.csv": table.to_csv()}
     folders = [f"{campaign.name}/" for campaign in result.campaigns[:MOST_NAMED]]
     return Sections([table], files, listed=("campaigns.csv", "campaigns.json", *folders))
 
 
+def _done(steps: tuple[StepOutcome, ...]) -> set[str]:
+    return {step.step for step in steps if step.did in ("done", "kept")}
+
+
 def with_results(out: Path, steps: tuple[StepOutcome, ...]) -> tuple[StepOutcome, ...]:
     """Add to the steps what the results in their folders in `out` say."""
-    there = {step.step for step in steps if step.did in ("done", "kept")}
-    folders = {step.folder for step in STEPS if step.name in there}
+    folders = {step.folder for step in STEPS if step.name in _done(steps)}
     try:
-        results = read_steps(out).found
+        results = read_steps(out)
     except AutomarineError:
         return steps
-    says = headlines(Steps({folder: step for folder, step in results.items() if folder in folders}))
+    says = headlines({folder: step for folder, step in results.items() if folder in folders})
     return tuple(replace(step, says=says.get(step.step, "")) for step in steps)
 
 
 def warnings_of(out: Path, steps: tuple[StepOutcome, ...]) -> tuple[str, ...]:
     """List what the manifests of the steps in `out` warn of, each with the step's name."""
-    there = {step.step for step in steps if step.did in ("done", "kept")}
-    manifests = {step.name: manifest_of(out / step.folder) for step in STEPS if step.name in there}
-    return tuple(f"{name}: {said}" for name, manifest in manifests.items() if manifest for said in manifest.warnings)
+    manifests = {step.name: manifest_of(out / step.folder) for step in STEPS if step.name in _done(steps)}
+    return tuple(f"{name}: {line}" for name, manifest in manifests.items() if manifest for line in manifest.warnings)
 
 
 ALIKE = 1.03  # voltages that differ by less are one, as in the thruster fit
 
 
 def cautions(thrusters: ThrusterFile | None, supply: float | None) -> list[str]:
-    """Sentences about what does not fit together: thruster tests at other voltages than the vehicle's supply."""
+    """Say what does not fit together between the thruster tests and the vehicle: other voltages than its supply."""
     if supply is None or thrusters is None or thrusters.voltage_range_V is None:
         return []
     low, high = thrusters.voltage_range_V
     if low / ALIKE <= supply <= high * ALIKE:
         return []
-    nearest = low if supply < low else high
-    tested = " to ".join(dict.fromkeys(number(one, 3) for one in (low, high)))
-    powers = (one.thrust_at_fixed_n for one in thrusters.voltage_exponent.values() if isinstance(one, VoltagePower))
-    found = [one.value for one in powers if one is not None and one.value is not None]
-    power = sum(found) / len(found) if found else None
-    size = (
-        f" Thrust grows with the voltage to the power {number(power, 3)}, so expect it to be "
-        f"{number((supply / nearest) ** power, 3)} times that at {number(nearest, 3)} V."
-        if power
-        else ""
+    nearest, volts = low if supply < low else high, number(supply, 3)
+    tested = " to ".join(dict.fromkeys(number(end, 3) for end in (low, high)))
+    entries = (
+        entry.thrust_at_fixed_n for entry in thrusters.voltage_exponent.values() if isinstance(entry, VoltagePower)
     )
+    powers, size = [power.value for power in entries if power is not None and power.value is not None], ""
+    if powers and (power := sum(powers) / len(powers)):
+        size = (
+            f" Thrust grows with the voltage to the power {number(power, 3)}, so expect it to be "
+            f"{number((supply / nearest) ** power, 3)} times that at {number(nearest, 3)} V."
+        )
     return [
-        f"The thrusters were tested at {tested} V, the vehicle's supply is {number(supply, 3)} V: the map is "
-        f"extrapolated.{size} Test at the supply voltage."
+        f"The thrusters were tested at {tested} V, the vehicle's supply is {volts} V: the map is extrapolated.{size} "
+        "Test at the supply voltage."
     ]

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.pipeline.result_files import CHECK
-from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.sections import Sections, document, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import SetAside, runs_json
@@ -40,33 +40,22 @@ class Check(Shown):
 def _(result: Check) -> Sections:
     motions = [dof for dof in DOFS.values() if any(run.dof is dof for run in result.runs)]
     tables = [_run_table([run for run in result.runs if run.dof is dof], dof) for dof in motions]
-    if result.tests:
-        tables.append(_test_table(result.tests))
+    tables += [_test_table(result.tests)] if result.tests else []
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
-    files: dict[str, Content] = {
-        "check.json": result.to_json(),
-        "check.md": "\n".join(table.to_markdown() for table in tables),
-    }
-    return Sections(tables, files, rows=rows)
+    return Sections(tables, {"check.json": result.to_json(), "check.md": document(*tables)}, rows=rows)
 
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
-    """Sampling, what was dropped, commands, and what a fit would keep of the step; reasons in the notes."""
     rows = []
     for run in runs:
         turn, gone = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
         moved = turn and f"{turn[gone]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
         rows.append({
-            "run": run.run,
-            "samples": run.samples,
-            "s": number(run.duration_s, 3),
-            "Hz": number(run.rate_hz, 3),
-            "jitter ms": number(run.jitter_ms, 2),
-            "gaps": run.counts.get("gaps", 0),
+            "run": run.run, "samples": run.samples, "s": number(run.duration_s, 3), "Hz": number(run.rate_hz, 3),
+            "jitter ms": number(run.jitter_ms, 2), "gaps": run.counts.get("gaps", 0),
             "dropped": sum(run.counts.get(kind, 0) for kind in ("missing", "duplicates", "glitches")),
-            f"noise {dof.units.shown}": number(run.noise, 2),
-            "levels": _levels(run.levels),
+            f"noise {dof.units.shown}": number(run.noise, 2), "levels": _levels(run.levels),
             "turns" if dof.wraps else dof.units.base: number(run.extent, 2),
             "kept of the step": turn and f"{turn['kept_samples']} samples, {moved}",
             "cut by": turn and turn["cut_by"],
@@ -76,7 +65,6 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
 
 
 def _levels(levels: Sequence[float] | None) -> str:
-    """Every level, or how many from where to where."""
     if not levels:
         return MISSING
     if len(levels) <= LEVELS:
@@ -88,25 +76,17 @@ def _notes(runs: Sequence[RunSeen], dof: Dof) -> list[str]:
     """What cleaning did and what a person should know; what runs share is said once."""
     words = {"missing": "row~ with a missing value", "duplicates": "repeated stamp~",
              "glitches": f"{dof.position} spike~"}  # fmt: skip
-    told: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
     for run in runs:
-        dropped = [
-            f"{run.counts[kind]} {word.replace('~', 's' * (run.counts[kind] != 1))} dropped"
-            for kind, word in words.items()
-            if run.counts.get(kind)
-        ]
+        counts = [(run.counts.get(kind, 0), word) for kind, word in words.items()]
+        dropped = [f"{count} {word.replace('~', 's' * (count != 1))} dropped" for count, word in counts if count]
         for note in dict.fromkeys([*dropped, *run.notes, *([] if run.why is None else [run.why])]):
-            told.setdefault(note, []).append(run.run)
-    return [f"{_listed(names)}: {note}" for note, names in told.items()]
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:NAMED])
-    return f"{shown} and {len(names) - NAMED} more" if len(names) > NAMED else shown
+            notes.setdefault(note, []).append(run.run)
+    more = {note: f" and {len(names) - NAMED} more" * (len(names) > NAMED) for note, names in notes.items()}
+    return [f"{', '.join(names[:NAMED])}{more[note]}: {note}" for note, names in notes.items()]
 
 
 def _test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
-    """Points, levels and ranges; in the notes what a person should know of the reading."""
     rows = [
         {
             "thruster test": test.run, "points": test.points, "missing": test.missing, "levels": test.levels,

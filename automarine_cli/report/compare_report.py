@@ -7,10 +7,8 @@ from functools import partial
 from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, Side
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.figures.compare import compare_figure
-from automarine_cli.report.sections import Content, Sections, numbers, sections
+from automarine_cli.report.sections import Content, Sections, document, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
-
-SCHEMA = "automarine/comparison/1"
 
 NOTE = (
     "Each result less the first. “differs”: significant after Holm's correction for the number of comparisons; "
@@ -30,21 +28,18 @@ class ResultComparison(Shown):
     def to_json(self) -> dict[str, object]:
         """Return the content of comparison.json: schema automarine/comparison/1."""
         return {
-            "schema": SCHEMA,
+            "schema": "automarine/comparison/1",
             "kind": self.kind,
             "results": [
-                {
-                    "name": side.name,
-                    "parameters": {name: estimate.to_json() for name, estimate in side.parameters.items()},
-                    "facts": dict(side.facts),
-                    "runs": side.runs,
-                }
+                {"name": side.name,
+                 "parameters": {name: estimate.to_json() for name, estimate in side.parameters.items()},
+                 "facts": dict(side.facts), "runs": side.runs}
                 for side in self.sides
             ],
             "differences": [apart.to_json() | {"says": sentence(apart)} for apart in self.differences],
             "summary": summary(self.differences),
             "notes": list(self.notes),
-        }
+        }  # fmt: skip
 
 
 @sections.register
@@ -52,13 +47,10 @@ def _(result: ResultComparison) -> Sections:
     words = [summary(result.differences), *map(sentence, result.differences), *result.notes]
     tables = parameter_table(result.sides), difference_table(result.differences)
     files: dict[str, Content] = {
-        "comparison.json": result.to_json(),
-        "parameters.csv": tables[0].to_csv(),
+        "comparison.json": result.to_json(), "parameters.csv": tables[0].to_csv(),
         "differences.csv": tables[1].to_csv(),
-        "comparison.md": "\n".join(
-            table.to_markdown() for table in (Table.of("", [{"in words": line} for line in words]), *tables)
-        ),
-    }
+        "comparison.md": document(Table.of("", [{"in words": line} for line in words]), *tables),
+    }  # fmt: skip
     rows = [
         {"parameter": apart.parameter, "of": apart.of, "less": apart.base, **numbers(apart.difference),
          "p_value": apart.p_value, "verdict": apart.verdict}
@@ -69,7 +61,7 @@ def _(result: ResultComparison) -> Sections:
 
 
 def parameter_table(sides: Sequence[Side]) -> Table:
-    """Parameters down, results across; then what else the results say of themselves."""
+    """Lay out parameters down, results across; then what else the results say of themselves."""
     rows = list[dict[str, object]]()
     names = dict.fromkeys(name for side in sides for name in side.parameters)
     for name in names:
@@ -83,7 +75,6 @@ def parameter_table(sides: Sequence[Side]) -> Table:
 
 
 def difference_table(found: Sequence[Difference]) -> Table:
-    """One line for each parameter and result."""
     rows = [
         {
             "parameter": apart.parameter, "result": apart.of, "difference": apart.difference,
@@ -97,28 +88,29 @@ def difference_table(found: Sequence[Difference]) -> Table:
     return Table.of(f"Against {found[0].base}" if found else "Differences", rows, [NOTE], header=header)
 
 
-def sentence(one: Difference) -> str:
-    """One difference in words."""
-    if one.relative is not None:
-        value, low, high = (abs(x) if i == 0 else x for i, x in enumerate(one.relative))
-        size, ends = f"{value:.1f} %", f"{low:+.1f} to {high:+.1f} %"
+def sentence(difference: Difference) -> str:
+    """Say one difference in words."""
+    size, (low, high), name = abs(difference.difference.value), difference.difference.ci95, difference.parameter
+    if difference.relative is not None:
+        percent, low, high = difference.relative
+        size_text, ends = f"{abs(percent):.1f} %", f"{low:+.1f} to {high:+.1f} %"
     else:
-        unit = "" if one.difference.unit in ("", "1") else f" {one.difference.unit}"
-        size = f"{number(abs(one.difference.value), 3)}{unit}"
-        ends = f"{number(one.difference.ci95[0], 3)} to {number(one.difference.ci95[1], 3)}{unit}"
-    if one.verdict == ALIKE:
-        return f"{one.parameter}: no difference shown between {one.of} and {one.base} (95 % interval {ends})."
-    way = "larger" if one.difference.value > 0 else "smaller"
-    sure = "is" if one.verdict == DIFFERS else "may be"
-    return f"{one.parameter} {sure} {size} {way} in {one.of} than in {one.base} (95 % interval {ends})."
+        unit = "" if difference.difference.unit in ("", "1") else f" {difference.difference.unit}"
+        size_text, ends = f"{number(size, 3)}{unit}", f"{number(low, 3)} to {number(high, 3)}{unit}"
+    sides = f"{difference.of} and {difference.base}"
+    if difference.verdict == ALIKE:
+        return f"{name}: no difference shown between {sides} (95 % interval {ends})."
+    way = "larger" if difference.difference.value > 0 else "smaller"
+    sure = "is" if difference.verdict == DIFFERS else "may be"
+    return f"{name} {sure} {size_text} {way} in {difference.of} than in {difference.base} (95 % interval {ends})."
 
 
-def summary(found: Sequence[Difference]) -> str:
-    """How many of the parameters differ."""
-    count = sum(one.verdict == DIFFERS for one in found)
-    doubtful = sum(one.verdict not in (DIFFERS, ALIKE) for one in found)
-    compared = f"{len(found)} parameter{'s' * (len(found) != 1)} compared"
+def summary(differences: Sequence[Difference]) -> str:
+    """Say how many of the parameters differ."""
+    verdicts = [difference.verdict for difference in differences]
+    count, doubtful = verdicts.count(DIFFERS), sum(verdict not in (DIFFERS, ALIKE) for verdict in verdicts)
+    compared = f"{len(verdicts)} parameter{'s' * (len(verdicts) != 1)} compared"
     if not count and not doubtful:
         return f"No difference shown in {compared}."
-    said = f"Of {compared} {count or 'none'} differ{'s' * (count == 1 or not count)} beyond chance"
-    return f"{said}, {doubtful} may." if doubtful else f"{said}."
+    differ = f"Of {compared} {count or 'none'} differ{'s' * (count <= 1)} beyond chance"
+    return f"{differ}, {doubtful} may." if doubtful else f"{differ}."

@@ -1,7 +1,7 @@
 """What `diagnose` shows of a model of one motion, of the plane or of a thruster map: the verdict in a sentence, tables,
 the page for a person, figures."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,13 +17,11 @@ from automarine_cli.diagnosis.diagnose import (
     UNEXPLAINED,
     WELL_ABOVE,
     Diagnosis,
-    Gap,
     MotionDiagnosis,
     NamedEffect,
     Outlook,
     base_estimates,
 )
-from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarDiagnosis, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
 from automarine_cli.diagnosis.search import LEVEL
@@ -34,7 +32,7 @@ from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits.innovations import fit_sentences
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.report.figures import diagnosis as figures
-from automarine_cli.report.sections import Content, Sections, bullets, document, numbers, sections
+from automarine_cli.report.sections import Sections, bullets, document, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.report.thruster_tables import cells
 from automarine_cli.runs.run import command_warnings
@@ -53,7 +51,6 @@ def _page(
     title: str, first: Iterable[Table | str], where: Sequence[Region], regions: Table, why: Iterable[Table | str],
     gap: Iterable[Table | str], rest: Iterable[Table | str] = (), drawn: Iterable[str] = ("where", "before_after"),
 ) -> str:  # fmt: skip
-    """Write the page for a person: what comes first, where, why, before and after, and the rest."""
     more = len(where) - MOST_REGIONS
     return document(
         f"# {title}", *first,
@@ -67,14 +64,19 @@ def _page(
 
 
 def _rivals(effect: NamedEffect) -> list[str]:
-    """What else it may be, a sentence each."""
-    return [
-        *(
-            f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}). Told apart by {rival.split_by}."
-            for rival in effect.few_rivals
-        ),
-        *filter(None, [effect.other_rivals]),
+    lines = [
+        f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}). Told apart by {rival.split_by}."
+        for rival in effect.few_rivals
     ]
+    return [*lines, *filter(None, [effect.other_rivals])]
+
+
+def _sections(
+    result: Any, extended: Mapping[str, object], page: str, printed: Sequence[Table | str],
+    drawings: Mapping[str, partial[Any]], rows: Sequence[Mapping[str, object]],
+) -> Sections:  # fmt: skip
+    files = {"diagnosis.json": result.to_json(), "extended_model.json": extended, "diagnosis.md": page}
+    return Sections(printed, files, drawings, rows=rows)
 
 
 @sections.register
@@ -89,59 +91,59 @@ def _(result: MotionDiagnosis) -> Sections:
     if diagnosis.study.cycle is not None:
         lines.append(diagnosis.study.cycle.sentence(dof))
     lines += fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof)
-    files: dict[str, Content] = {
-        "diagnosis.json": result.to_json(), "extended_model.json": result.extended_model(),
-        "diagnosis.md": page(diagnosis),
-    }  # fmt: skip
     drawings = {
         "where": partial(figures.where_figure, diagnosis.where, diagnosis.words),
         "why": partial(figures.why_figure, diagnosis),
         "before_after": partial(figures.before_after_figure, diagnosis),
     }
-    for curve in (effect.learned for effect in diagnosis.effects if effect.learned is not None):
-        drawings["learned"] = partial(figures.learned_figure, diagnosis, curve)
+    for effect in diagnosis.effects:
+        if effect.learned is not None:
+            drawings["learned"] = partial(figures.learned_figure, diagnosis, effect.learned)
     rows = [
         {"effect": effect.name, "confidence": effect.confidence, "parameter": name, **numbers(estimate)}
         for effect in diagnosis.effects
         for name, estimate in effect.parameters.items()
     ]
-    return Sections([*lines, *tables(diagnosis)], files, drawings, rows=rows)
+    printed: list[Table | str] = [*lines, *tables(diagnosis)]
+    return _sections(result, result.extended_model(), page(diagnosis), printed, drawings, rows)
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in one sentence with its numbers."""
+    """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
     dof, said, driven = diagnosis.study.base.dof, diagnosis.said, diagnosis.study.driven
-    unit, position = dof.units.shown, dof.words.position
-    before, after, floor = headline_gap(diagnosis)
+    unit, words, gap, outlook = dof.units.shown, dof.words, diagnosis.gap, diagnosis.outlook
+    named = f"error of predictions {JUDGED:g} s ahead" if driven else "gap"
+    if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
+        gap, outlook, held_out = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
+        named += f" of the {held_out} run{'s' * (held_out > 1)} held out"
+    before, after, floor = (f"{dof.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
+    beside = f"noise of the {words.position} {floor} {unit}"
+    if outlook is not None and (judged := outlook.judged) is not None:
+        before, after, rate, still = (
+            f"{dof.shown(x):.2f}"
+            for x in (judged[0].error, judged[1].error, judged[0].constant_rate, judged[0].constant)
+        )
+        misses = f"a constant {words.speed} misses by {rate} and a constant {words.position} by {still} {unit}"
+        beside = f"{misses}, {beside}"
     counted = diagnosis.found.final.counted
     names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    held_out = 0 if diagnosis.held_out is None else len(diagnosis.held_out.runs)
-    gap = f"error of predictions {JUDGED:g} s ahead" if driven else "gap"
-    gap += f" of the {held_out} run{'s' * (held_out > 1)} held out" if held_out else ""
-    beside = _beside(diagnosis, f"noise of the {position} {floor} {unit}")
-    if said.word == NAMED:
-        falls = gains_instead(diagnosis) or f"the {gap} falls from {before} to {after} {unit} ({beside})"
-        return f"Named: {names}; {falls}. {said.left}".strip()
-    if said.word == SUSPECTED:
-        return f"Suspected, not named: {names}. {said.why}"
-    if said.word == UNEXPLAINED:
-        return f"Unexplained: the {gap} is {before} {unit} ({beside}). {said.why}"
-    disturbed = " beside their disturbances" * driven
-    ends = f" ({beside})." if driven else f", {beside}."
-    return f"Nothing missing that these runs could show{disturbed}: {gap} {before} {unit}{ends}"
+    falls = _gains_instead(diagnosis) or f"the {named} falls from {before} to {after} {unit} ({beside})"
+    disturbed, ends = (" beside their disturbances", f" ({beside}).") if driven else ("", f", {beside}.")
+    nothing = f"Nothing missing that these runs could show{disturbed}: {named} {before} {unit}{ends}"
+    unexplained = f": the {named} is {before} {unit} ({beside})"
+    return _verdict(said.word, names, said.why, nothing, f"; {falls}. {said.left}".rstrip(), unexplained)
 
 
-def headline_gap(diagnosis: Diagnosis) -> tuple[str, str, str]:
-    """The gap before and after and the noise, as people see them: of the runs held out, where there are some."""
-    gap, outlook = diagnosis.gap, diagnosis.outlook
-    if diagnosis.held_out_gap is not None:
-        gap, outlook = diagnosis.held_out_gap, diagnosis.held_out_outlook
-    judged = None if outlook is None else outlook.judged
-    sizes = (gap.before, gap.after) if judged is None else (judged[0].error, judged[1].error)
-    before, after, floor = (f"{diagnosis.study.base.dof.shown(x):.2f}" for x in (*sizes, gap.floor))
-    return before, after, floor
+def _verdict(word: str, names: str, why: str, nothing: str, named: str, unexplained: str = "") -> str:
+    """The verdict in one sentence, of motions, the plane and maps alike: `nothing` is that where nothing is missing,
+    `named` and `unexplained` are the numbers that follow these words."""
+    sentences = {
+        NAMED: f"Named: {names}{named}", SUSPECTED: f"Suspected, not named: {names}. {why}",
+        UNEXPLAINED: f"Unexplained{unexplained}. {why}", NOTHING: nothing,
+    }  # fmt: skip
+    return sentences[word]
 
 
 def _or_rivals(effect: NamedEffect) -> str:
@@ -150,43 +152,28 @@ def _or_rivals(effect: NamedEffect) -> str:
     return " or ".join([effect.name, *(rival.name for rival in rivals)])
 
 
-def gains_instead(diagnosis: Diagnosis) -> str:
+def _gains_instead(diagnosis: Diagnosis) -> str:
     """What was gained where no gap could fall because each run's own gain had followed what was missing: the scatter of
     the thrust; empty elsewhere."""
-    gap, found = diagnosis.gap, diagnosis.found
+    gap, found, dof = diagnosis.gap, diagnosis.found, diagnosis.study.base.dof
     before, after = (100.0 * trial.fit.factor(GAIN) for trial in (found.base, found.final))
     if diagnosis.study.driven or gap.before - gap.after > FALLS * gap.floor or after > 0.7 * before:
         return ""
     return (
         f"thrust differs from run to run by {after:.1f} % instead of {before:.1f} % (the gap stays at "
-        f"{diagnosis.study.base.dof.shown(gap.after):.2f} {diagnosis.study.base.dof.units.shown}, which is noise)"
+        f"{dof.shown(gap.after):.2f} {dof.units.shown}, which is noise)"
     )
 
 
-def _beside(diagnosis: Diagnosis, noise: str) -> str:
-    """What the gap is to be compared with: the noise, and of driven runs what constants miss by."""
-    outlook, dof = diagnosis.outlook, diagnosis.study.base.dof
-    if diagnosis.held_out_gap is not None:
-        outlook = diagnosis.held_out_outlook
-    if outlook is None or outlook.judged is None:
-        return noise
-    rate, still = (f"{dof.shown(x):.2f}" for x in (outlook.judged[0].constant_rate, outlook.judged[0].constant))
-    return (
-        f"a constant {dof.words.speed} misses by {rate} and a constant {dof.words.position} by {still} "
-        f"{dof.units.shown}, {noise}"
-    )
-
-
-def outlook_table(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) -> list[Table]:
-    """Errors of predictions by horizon, of runs fitted and held out; none of runs that are not driven."""
+def _outlook_tables(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) -> list[Table]:
+    """Errors of predictions by horizon, of runs fitted and held out; no table of runs that are not driven."""
     unit, words = dof.units.shown, dof.words
+    names = ("before", "after", f"constant {words.speed}", f"constant {words.position}")
     rows = [
-        {
-            "runs": f"{name}, {before.horizon:g} s ahead",
-            f"before [{unit}]": f"{dof.shown(before.error):.2f}",
-            f"after [{unit}]": f"{dof.shown(after.error):.2f}",
-            f"constant {words.speed} [{unit}]": f"{dof.shown(before.constant_rate):.2f}",
-            f"constant {words.position} [{unit}]": f"{dof.shown(before.constant):.2f}",
+        {"runs": f"{name}, {before.horizon:g} s ahead"}
+        | {
+            f"{column} [{unit}]": f"{dof.shown(error):.2f}"
+            for column, error in zip(names, (before.error, after.error, before.constant_rate, before.constant))
         }
         for name, outlook in (("fitted", fitted), ("held out", held_out))
         for before, after in (outlook.ahead if outlook else ())
@@ -200,39 +187,36 @@ def outlook_table(fitted: Outlook | None, held_out: Outlook | None, dof: Dof) ->
 
 def estimates(effect: NamedEffect, dof: Dof) -> Iterator[dict[str, Any]]:
     """Rows of an effect's parameters, without those of laws that do not hold; of a choice between laws the word."""
-    if effect.learned is not None:
-        curve = f"curve of {OF[effect.learned.kind]}"
-        yield {"parameter": curve, "estimate": curve_cell(effect.learned), "unit": effect.learned.unit}
+    if (curve := effect.learned) is not None:
+        scale, unit = (100.0, "%") if curve.kind == "gain" else (1.0, curve.y_unit)
+        low, high = scale * curve.y.min(), scale * curve.y.max()
+        cell = f"{low:+.3g} to {high:+.3g} {unit} over {number(curve.x[0], 3)} to {number(curve.x[-1], 3)}"
+        yield {"parameter": f"curve of {OF[curve.kind]}", "estimate": cell, "unit": curve.unit}
         return
-    cards = {card.name: card.meaning for card in effects.get(effect.name).card(dof).parameters}
     library, values = effects.get(effect.name), [estimate.value for estimate in effect.parameters.values()]
-    for parameter, (name, estimate) in zip(library.parameters, effect.parameters.items()):
+    cards = library.card(dof).parameters
+    for parameter, card, (name, estimate) in zip(library.parameters, cards, effect.parameters.items()):
         if library.counts(parameter, values):
             word = parameter.choices[round(estimate.value)] if parameter.choices else interval(estimate)
-            yield {"parameter": name, "meaning": cards[name], "estimate": word, "unit": estimate.unit}
-
-
-def curve_cell(curve: LearnedCurve) -> str:
-    """A curve in a cell: between which values it goes."""
-    scale, unit = (100.0, "%") if curve.kind == "gain" else (1.0, curve.y_unit)
-    low, high = scale * curve.y.min(), scale * curve.y.max()
-    return f"{low:+.3g} to {high:+.3g} {unit} over {number(curve.x[0], 3)} to {number(curve.x[-1], 3)}"
+            yield {"parameter": name, "meaning": card.meaning, "estimate": word, "unit": estimate.unit}
 
 
 def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
-    """Effects with their parameters, gap, and the best candidates."""
-    dof, rows = diagnosis.study.base.dof, list[dict[str, Any]]()
-    for effect in diagnosis.effects:
-        for row in estimates(effect, dof):
-            row.pop("meaning", None)
-            rows.append({"effect": effect.name, **row, "confidence": f"{effect.confidence:.0%}"})
-    ahead = outlook_table(diagnosis.outlook, diagnosis.held_out_outlook, dof) or [gap_table(diagnosis)]
+    """Lay out effects with their parameters, the gap, and the best candidates."""
+    dof = diagnosis.study.base.dof
+    rows = [
+        {"effect": effect.name, **row, "confidence": f"{effect.confidence:.0%}"}
+        for effect in diagnosis.effects
+        for row in estimates(effect, dof)
+    ]
+    for row in rows:
+        row.pop("meaning", None)
+    ahead = _outlook_tables(diagnosis.outlook, diagnosis.held_out_outlook, dof) or [gap_table(diagnosis)]
     named = [Table.of("Effects", rows)] if rows else []
     return (*named, *ahead, evidence_table(diagnosis))
 
 
 def evidence_table(diagnosis: Diagnosis) -> Table:
-    """Evidence of the best candidates."""
     first = diagnosis.found.rounds[0]
     best = sorted(first.trials, key=lambda trial: trial.evidence)[:5]
     rows = [{"effect": trial.added[-1], "evidence gained": number(first.gain(trial), 3)} for trial in best]
@@ -244,7 +228,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
 
 
 def page(diagnosis: Diagnosis) -> str:
-    """Write the whole page in Markdown."""
+    """Write the page in Markdown."""
     study, found = diagnosis.study, diagnosis.found
     dof, where, cycle = study.base.dof, diagnosis.where, diagnosis.study.cycle
     held_out = "" if diagnosis.held_out is None else f" and {len(diagnosis.held_out.runs)} held out"
@@ -257,7 +241,7 @@ def page(diagnosis: Diagnosis) -> str:
         evidence_table(diagnosis),
         " ".join([*([cycle.sentence(dof)] if cycle else []), found.crowd or ""]),
     ]
-    gap = [gap_table(diagnosis), *outlook_table(diagnosis.outlook, diagnosis.held_out_outlook, dof)]
+    gap = [gap_table(diagnosis), *_outlook_tables(diagnosis.outlook, diagnosis.held_out_outlook, dof)]
     rest = ["## What it does to the model", *_moves(diagnosis), "## What remains", _remains(diagnosis)]
     rest += ["## What to run next", _next(diagnosis)]
     if diagnosis.verdict != NAMED:
@@ -267,7 +251,6 @@ def page(diagnosis: Diagnosis) -> str:
 
 
 def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Table | str]:
-    """One effect: equation, parameters, how sure, rivals, source."""
     dof = diagnosis.study.base.dof
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
     chance = "at most" if effect.p_value <= 1.01 * smallest else "about"
@@ -289,7 +272,6 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Table | str]:
 
 
 def _moves(diagnosis: Diagnosis) -> list[Table | str]:
-    """Base parameters before and after."""
     study, symbols = diagnosis.study, diagnosis.study.base.dof.symbols
     names = {symbols.constant: "constant force", symbols.difference: "half the difference of drag"}
     before = base_estimates(study, diagnosis.found.base)
@@ -310,12 +292,10 @@ def _moves(diagnosis: Diagnosis) -> list[Table | str]:
         })  # fmt: skip
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
             moved.append(names.get(name, name))
-    said = (
-        f"{' and '.join(moved)} moved by more than the uncertainty: the base model had absorbed part of what is "
-        "missing."
-        if moved
-        else "No base parameter moved by more than its uncertainty."
-    )
+    said = "No base parameter moved by more than its uncertainty."
+    if moved:
+        absorbed = "the base model had absorbed part of what is missing"
+        said = f"{' and '.join(moved)} moved by more than the uncertainty: {absorbed}."
     anew = f"The base model is fitted anew to these {len(study.runs)} runs: it is not quite that of the file."
     return [Table.of("", rows), f"{said} {anew}"]
 
@@ -357,26 +337,21 @@ def general_advice(study: Study) -> tuple[str, ...]:
     starts = np.array([run.position[0] for run in study.runs])
     even = float(np.abs(np.exp(1j * starts).mean()))
     sides = {float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)}
-    dof = study.base.dof
-    words, advice = dof.words, []
-    if coasts < 2:
-        advice.append("Add two coast-downs: they separate a dead-band from Coulomb drag and show thrust loss.")
-    if reversals < 2:
-        advice.append(f"Add two reversals at full {words.force}: lags, delay and swirl show most there.")
-    if even > 0.7 and dof.wraps:
-        advice.append(
-            f"Start runs from other {words.position}s: a {words.sensor} and a current show only against "
-            f"{words.position}."
-        )
-    if len(sides - {0.0}) < 2:
-        advice.append(f"{words.move.capitalize()} {words.both_ways}: asymmetry and bias need the other sign.")
-    if rests == 0:
-        advice.append(
-            f"Add one rest record of a minute: bias, current and {words.rate_sensor} drift show without any model."
-        )
-    if not set(study.signals) - set(PARTS):
-        advice.append("Log the supply voltage: without it a sag can hardly be separated from drag.")
-    return tuple(advice) or ("The campaign has every kind of run; more runs of the same kinds narrow the intervals.",)
+    words = study.base.dof.words
+    advice = (
+        (coasts < 2, "Add two coast-downs: they separate a dead-band from Coulomb drag and show thrust loss."),
+        (reversals < 2, f"Add two reversals at full {words.force}: lags, delay and swirl show most there."),
+        (even > 0.7 and study.base.dof.wraps, f"Start runs from other {words.position}s: a {words.sensor} and a "
+         f"current show only against {words.position}."),
+        (len(sides - {0.0}) < 2,
+         f"{words.move.capitalize()} {words.both_ways}: asymmetry and bias need the other sign."),
+        (rests == 0,
+         f"Add one rest record of a minute: bias, current and {words.rate_sensor} drift show without any model."),
+        (not set(study.signals) - set(PARTS),
+         "Log the supply voltage: without it a sag can hardly be separated from drag."),
+    )  # fmt: skip
+    enough = "The campaign has every kind of run; more runs of the same kinds narrow the intervals."
+    return tuple(sentence for lacks, sentence in advice if lacks) or (enough,)
 
 
 def regions_table(regions: Sequence[Region], unit: str, force: str = "thrust") -> Table:
@@ -400,13 +375,8 @@ def regions_table(regions: Sequence[Region], unit: str, force: str = "thrust") -
 def gap_table(diagnosis: Diagnosis) -> Table:
     """Root mean square gap before and after, against the noise, on runs fitted and held out."""
     position, unit = diagnosis.study.base.dof.words.position, diagnosis.study.base.dof.units.shown
-    gaps: list[tuple[Study | None, Gap | None, str]] = [
-        (diagnosis.study, diagnosis.gap, "fitted"), (diagnosis.held_out, diagnosis.held_out_gap, "held out"),
-    ]  # fmt: skip
     rows = []
-    for study, gap, word in gaps:
-        if study is None or gap is None:
-            continue
+    for study, gap, word in figures.sets_of(diagnosis):
         before, after, floor = (f"{study.base.dof.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
         above = gap.before**2 - gap.floor**2
         closed = np.clip((gap.before**2 - gap.after**2) / above, 0.0, 1.0) if above > 0.02 * gap.floor**2 else None
@@ -427,7 +397,7 @@ def gap_table(diagnosis: Diagnosis) -> Table:
 
 
 def detectable_table(diagnosis: Diagnosis) -> Table:
-    """Smallest size of each effect that would have been named four times in five."""
+    """Lay out the smallest size of each effect that would have been named four times in five."""
     rows, base = [], diagnosis.study.base
     for name, size in sorted(diagnosis.detectable.items()):
         parameters = effects.get(name).parameters
@@ -441,65 +411,56 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 
 @sections.register
 def _(result: PlanarDiagnosis) -> Sections:
-    search = result.search
+    search, where = result.search, result.search.where
     lines = [planar_verdict(search)]
     for look in search.steps:
         if look.best is not None:
             lines.append(f"{look.best.candidate.name}: {look.best.candidate.says}")
         lines += [f"Cannot be excluded: {rival.candidate.label}: {rival.candidate.split_by}" for rival in look.rivals]
     evidence = _planar_evidence(search)
-    ahead = outlook_table(search.outlook(False) or None, search.outlook(True) or None, YAW)
+    ahead = _outlook_tables(search.outlook(False), search.outlook(True), YAW)
     drawings = {"why": partial(figures.planar_why_figure, search)}
-    if search.where is not None:
-        horizon = judged(search.foretold[0][YAW.position]).horizon
-        less = f"predicted {horizon:g} s ahead"
+    if where is not None:
+        less = f"predicted {judged(search.foretold[0][YAW.position]).horizon:g} s ahead"
         drawings = {
-            "where": partial(figures.where_figure, search.where, search.words, "stretches of runs", less),
+            "where": partial(figures.where_figure, where, search.words, "stretches of runs", less),
             **drawings,
             "before_after": partial(figures.planar_before_after_figure, search),
         }
-    regions = () if search.where is None else search.where.regions
-    where = regions_table(regions, YAW.units.shown, YAW.words.force)
-    text = _page("Diagnosis of the planar model", map(escape, lines), regions, where, [evidence], ahead, (), drawings)
-    files: dict[str, Content] = {
-        "diagnosis.json": result.to_json(), "extended_model.json": result.extended_model(), "diagnosis.md": text,
-    }  # fmt: skip
+    regions = () if where is None else where.regions
+    table = regions_table(regions, YAW.units.shown, YAW.words.force)
+    text = _page("Diagnosis of the planar model", map(escape, lines), regions, table, [evidence], ahead, (), drawings)
     rows = [
         {"effect": contender.candidate.name, "parameter": name, **numbers(estimate)}
         for contender in search.named
         for name, estimate in result.estimates_of(contender).items()
     ]
-    return Sections([*lines, evidence, *ahead], files, drawings, rows=rows)
+    return _sections(result, result.extended_model(), text, [*lines, evidence, *ahead], drawings, rows)
 
 
 def planar_verdict(search: PlanarSearch) -> str:
-    """The verdict in one sentence with its numbers."""
-    if search.verdict == NOTHING:
-        return "Nothing is missing that the runs could show."
-    if search.verdict == UNEXPLAINED:
-        return f"Unexplained. {search.why}"
-    if search.verdict == SUSPECTED:
-        return f"Suspected: {search.words.removeprefix('suspected ')}. {search.why}"
-    held_out = search.outlook(True)
-    if held_out is None:
-        return f"Named: {search.words}."
-    before, after = (f"{YAW.shown(score.error):.3g}" for score in held_out.longest)
-    return (
-        f"Named: {search.words}; on runs held out the heading is predicted {held_out.longest[0].horizon:g} s ahead to "
-        f"{after} deg, {before} before."
-    )
+    """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
+    named, held_out = ".", search.outlook(True)
+    if held_out is not None:
+        before, after = (f"{YAW.shown(score.error):.3g}" for score in held_out.longest)
+        ahead = f"{held_out.longest[0].horizon:g} s ahead to {after} deg, {before} before"
+        named = f"; on runs held out the heading is predicted {ahead}."
+    names, nothing = search.words.removeprefix("suspected "), "Nothing is missing that the runs could show."
+    return _verdict(search.verdict, names, search.why, nothing, named)
 
 
 def _planar_evidence(search: PlanarSearch) -> Table:
-    """One row a candidate that was fitted, look by look, the best first."""
     rows = []
     for i, look in enumerate(search.rounds, 1):
         best, rivals = look.best and look.best.candidate.added, [rival.candidate.added for rival in look.rivals]
         for contender in sorted(look.tried, key=lambda contender: -contender.surplus):
-            added = contender.candidate.added
-            word = "named" if added == best else "rival" if added in rivals else MISSING
-            word = "suspected" if contender in search.suspected else word
-            word = "some runs only" if word == MISSING and contender is search.passed_over else word
+            added, word = contender.candidate.added, MISSING
+            if contender in search.suspected:
+                word = "suspected"
+            elif added == best or added in rivals:
+                word = "named" if added == best else "rival"
+            elif contender is search.passed_over:
+                word = "some runs only"
             rows.append({
                 "look": str(i), "effect": contender.candidate.label, "deviance gained": contender.surplus,
                 "held-out log likelihood gained": contender.held_out, "is": word,
@@ -515,53 +476,49 @@ def _planar_evidence(search: PlanarSearch) -> Table:
 
 @sections.register
 def _(result: ThrusterDiagnosis) -> Sections:
-    drawings = {
-        "where": partial(figures.thruster_where_figure, result),
-        "why": partial(figures.thruster_why_figure, result),
-        "before_after": partial(figures.thruster_before_after_figure, result),
-    }
-    lines, faults = thruster_sentences(result), _faults(result)
-    effects, gaps, candidates = _thruster_effects(result), _thruster_gaps(result), _thruster_candidates(result)
-    regions = regions_table(result.where.regions, "N")
-    remains = ["## What remains", _thruster_remains(result), bullets(map(escape, faults))]
-    text = _page(
-        "Diagnosis of a thruster map", [*map(escape, lines), *effects], result.where.regions, regions, [candidates],
-        [gaps], remains,
-    )  # fmt: skip
-    files: dict[str, Content] = {
-        "diagnosis.json": result.to_json(), "extended_model.json": result.extended_map, "diagnosis.md": text,
-    }  # fmt: skip
-    rows = [
-        {"effect": effect.name, "confidence": effect.confidence, "parameter": name, **cells(parameter)}
-        for effect in result.effects
-        for name, parameter in effect.parameters.items()
+    where, why, before_after = (
+        partial(draw, result)
+        for draw in (figures.thruster_where_figure, figures.thruster_why_figure, figures.thruster_before_after_figure)
+    )
+    lines, remains, faults = thruster_sentences(result), _thruster_remains(result), _faults(result)
+    gaps, candidates = _thruster_gaps(result), _thruster_candidates(result)
+    estimated = [(effect, name, value) for effect in result.effects for name, value in effect.parameters.items()]
+    effects = [
+        {"effect": effect.name, "parameter": name, "estimate": _value(value), "confidence": f"{effect.confidence:.0%}"}
+        for effect, name, value in estimated
     ]
-    shown = [gaps, *effects, *([regions] if result.where.regions else []), candidates]
-    return Sections([*lines, _thruster_remains(result), *faults, *shown], files, drawings, rows=rows)
+    named = [Table.of("Effects", effects)] if effects else []
+    regions = regions_table(result.where.regions, "N")
+    text = _page(
+        "Diagnosis of a thruster map", [*map(escape, lines), *named], result.where.regions, regions, [candidates],
+        [gaps], ["## What remains", remains, bullets(map(escape, faults))],
+    )  # fmt: skip
+    rows = [
+        {"effect": effect.name, "confidence": effect.confidence, "parameter": name, **cells(value)}
+        for effect, name, value in estimated
+    ]
+    marked = [regions] if result.where.regions else []
+    printed: list[Table | str] = [*lines, remains, *faults, gaps, *named, *marked, candidates]
+    drawings = {"where": where, "why": why, "before_after": before_after}
+    return _sections(result, result.extended_map, text, printed, drawings, rows)
 
 
 def thruster_sentences(result: ThrusterDiagnosis) -> list[str]:
-    """The verdict in one sentence with its numbers, what is missing, and what else it could be."""
-    lines = [_thruster_verdict(result)]
+    """Say the verdict in one sentence with its numbers, what is missing, and what else it could be."""
+    before, after = (number(result.percent(size), 3) for size in (result.cross.before, result.cross.after))
+    scale = f"of full scale ({number(result.data.full_scale)} N)"
+    residual, floor = number(result.gap.before, 3), number(result.gap.floor, 3)
+    lines = [_verdict(
+        result.verdict, " and ".join(effect.name for effect in result.effects), result.why,
+        f"Nothing is missing from the {result.given.form} map that these levels could show.",
+        f". The cross-validated error falls from {before} % to {after} % {scale}.",
+        f": the residual is {residual} N, the noise level {floor} N",
+    )]  # fmt: skip
     for effect in result.effects:
         sure = "above 99 %" if effect.confidence > 0.99 else f"{100 * effect.confidence:.0f} %"
         lines.append(f"{effect.name}: {effect.says} Confidence {sure} (p = {effect.p_value:.2g}).")
         lines += _rivals(effect)
     return lines
-
-
-def _thruster_verdict(result: ThrusterDiagnosis) -> str:
-    names = " and ".join(effect.name for effect in result.effects)
-    if result.verdict == NAMED:
-        before, after = (number(result.percent(size), 3) for size in (result.cross.before, result.cross.after))
-        scale = f"of full scale ({number(result.data.full_scale)} N)"
-        return f"Named: {names}. The cross-validated error falls from {before} % to {after} % {scale}."
-    if result.verdict == SUSPECTED:
-        return f"Suspected, not named: {names}. {result.why}"
-    if result.verdict == UNEXPLAINED:
-        before, floor = number(result.gap.before, 3), number(result.gap.floor, 3)
-        return f"Unexplained: the residual is {before} N, the noise level {floor} N. {result.why}"
-    return f"Nothing is missing from the {result.given.form} map that these levels could show."
 
 
 def _thruster_remains(result: ThrusterDiagnosis) -> str:
@@ -584,11 +541,9 @@ def _faults(result: ThrusterDiagnosis) -> list[str]:
 
 
 def _thruster_gaps(result: ThrusterDiagnosis) -> Table:
-    """Before and after on levels fitted, held out, and by cross-validation."""
+    gaps = {"fitted levels": result.gap, "held-out levels": result.held_out_gap, "cross-validation": result.cross}
     rows = []
-    for name, gap in (
-        ("fitted levels", result.gap), ("held-out levels", result.held_out_gap), ("cross-validation", result.cross),
-    ):  # fmt: skip
+    for name, gap in gaps.items():
         before, after, floor = (None, None, None) if gap is None else (gap.before, gap.after, gap.floor)
         rows.append({
             "levels": name, "before [N]": number(before, 3), "after [N]": number(after, 3),
@@ -605,25 +560,16 @@ def _thruster_gaps(result: ThrusterDiagnosis) -> Table:
     return Table.of("Gap between map and measurement (root mean square)", rows, notes)
 
 
-def _thruster_effects(result: ThrusterDiagnosis) -> list[Table]:
-    rows = [
-        {"effect": effect.name, "parameter": name, "estimate": _value(value), "confidence": f"{effect.confidence:.0%}"}
-        for effect in result.effects
-        for name, value in effect.parameters.items()
-    ]
-    return [Table.of("Effects", rows)] if rows else []
-
-
 def _thruster_candidates(result: ThrusterDiagnosis) -> Table:
-    """Every effect that was tried in the first step, and what it alone would win."""
     first = result.search.steps[0]
+    errors = [(candidate.fit.rmse(held_out=True), candidate) for candidate in first.candidates]
     rows = [
         {
             "effect": candidate.effect, "direction": candidate.where, "evidence gained": number(candidate.gain, 3),
             "p": f"{candidate.p_value:.3f}",
-            "cross-validated error [% of full scale]": number(result.percent(candidate.fit.rmse(held_out=True)), 3),
+            "cross-validated error [% of full scale]": number(result.percent(error), 3),
         }
-        for candidate in sorted(first.candidates, key=lambda candidate: candidate.fit.rmse(held_out=True))
+        for error, candidate in sorted(errors, key=lambda pair: pair[0])
     ]  # fmt: skip
     note = (
         f"Significance threshold: {number(first.threshold, 3)}, which chance reaches in {1000 * ALPHA:.0f} of 1000 "

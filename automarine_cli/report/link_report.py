@@ -10,16 +10,17 @@ from automarine_cli.report.tables import Table
 
 @sections.register
 def _(rehearsal: Rehearsal) -> Sections:
-    rows = tuple(
-        (run.name, f"{run.begins_s:.1f}", f"{run.driven_s:.1f}",
-         "" if run.turned_deg is None else f"{run.turned_deg:+.0f}", f"{run.left_Ah:.3f}")
+    rows = [
+        {"run": run.name, "begins s": f"{run.begins_s:.1f}", "driven s": f"{run.driven_s:.1f}",
+         "turns deg": "" if run.turned_deg is None else f"{run.turned_deg:+.0f}",
+         "battery left Ah": f"{run.left_Ah:.3f}"}
         for run in rehearsal.runs
-    )  # fmt: skip
+    ]  # fmt: skip
     campaign, battery = rehearsal.campaign, rehearsal.campaign.battery
     minutes = (campaign.begins(len(rows)) - campaign.runs[-1].wait_s) / 60.0
     left = 100.0 * rehearsal.runs[-1].left_Ah / battery.charge_Ah
     return Sections([
-        Table("Runs", ("run", "begins s", "driven s", "turns deg", "battery left Ah"), rows),
+        Table.of("Runs", rows),
         f"{len(rows)} runs in {minutes:.1f} min; {left:.0f} % of the battery is left, {battery.reserve_percent:g} % "
         "must be.",
     ])  # fmt: skip
@@ -27,15 +28,15 @@ def _(rehearsal: Rehearsal) -> Sections:
 
 @sections.register
 def _(collected: Collected) -> Sections:
-    rows = tuple(
-        (campaign.id[:SHORT], f"{campaign.played} of {campaign.runs}", str(campaign.interrupted),
-         printable(campaign.why_stopped or ("over" if campaign.over else "going on")),
-         f"{campaign.battery_left_Ah:g}")
+    rows = [
+        {"campaign": campaign.id[:SHORT], "runs": f"{campaign.played} of {campaign.runs}",
+         "interrupted": campaign.interrupted,
+         "state": printable(campaign.why_stopped or ("over" if campaign.over else "going on")),
+         "battery left Ah": f"{campaign.battery_left_Ah:g}"}
         for campaign in collected.state.campaigns
-    )  # fmt: skip
-    table = Table("Campaigns", ("campaign", "runs", "interrupted", "state", "battery left Ah"), rows)
+    ]  # fmt: skip
     return Sections([
-        *([table] if rows else []),
+        *([Table.of("Campaigns", rows)] if rows else []),
         f"{collected.new} logs fetched, {collected.bytes_in} bytes, {collected.cuts} cuts; {len(collected.logs)} are "
         "here.",
         *(f"On the vehicle {printable(trouble)}." for trouble in collected.state.troubles),

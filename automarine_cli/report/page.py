@@ -2,10 +2,11 @@
 
 import base64
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from html import escape, unescape
 from importlib.resources import files
+from itertools import count, groupby
 from pathlib import Path
 
 Picture = Callable[[str, str], str]
@@ -13,7 +14,6 @@ Picture = Callable[[str, str], str]
 
 FOLDS = re.compile(r"<details><summary>(.*)</summary>|</details>")
 PICTURE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
-LINK = re.compile(r"(?<!\\)\[((?:\\.|[^\]\\])*)\]\((#[\w-]+)\)")
 HEADING = re.compile(r"(#{1,6}) +(.+)")
 TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*|(\\[!-/:-@\[-`{-~])")
 SYMBOL = re.compile(r"(?<![\w-])(k_r\|r\||k_rr|k_r|I_r|a_f|a_b|n_0|n_sat|T_w)(?![\w|])")
@@ -33,34 +33,18 @@ class Page:
 
 def to_html(text: str, picture: Picture) -> Page:
     """The document as HTML, its headings with ids to link to."""
-    page = Page("")
-    page.html = "\n".join(_blocks(text.splitlines(), picture, page.headings))
+    page, groups = Page(""), groupby(map(str.strip, text.splitlines()), _mark)
+    page.html = "\n".join(_block(block, picture, page.headings) for _, group in groups if (block := list(group))[0])
     return page
 
 
+def _mark(line: str) -> object:
+    """What the lines of a table or of a list begin with; all others stand alone."""
+    return next((mark for mark in ("|", "- ") if line.startswith(mark)), object())
+
+
 def plain(text: str) -> str:
-    """Markdown of a line as the words alone."""
     return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda found: found[1] or "", text))
-
-
-def slug(words: str, taken: Sequence[str]) -> str:
-    """An id for a heading: its words in small letters, with a number where they come again."""
-    stem = re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-") or "part"
-    return next(name for n in range(1, 10_000) if (name := stem if n == 1 else f"{stem}-{n}") not in taken)
-
-
-def _blocks(lines: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> Iterator[str]:
-    i = 0
-    while i < len(lines):
-        line = lines[i].strip()
-        block = [line]
-        if line.startswith(("|", "- ")):
-            mark = line[:1]
-            while i + len(block) < len(lines) and lines[i + len(block)].strip().startswith(mark):
-                block.append(lines[i + len(block)].strip())
-        i += len(block)
-        if line:
-            yield _block(block, picture, headings)
 
 
 def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> str:
@@ -71,7 +55,8 @@ def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str
         return "<ul>" + "".join(f"<li>{words(item[2:])}</li>" for item in block) + "</ul>"
     if found := HEADING.fullmatch(line):
         level, said = len(found[1]), plain(found[2])
-        name = slug(said, [one for _, one, _ in headings])
+        stem, ids = re.sub(r"[^a-z0-9]+", "-", said.lower()).strip("-") or "part", [name for _, name, _ in headings]
+        name = next(name for n in count(1) if (name := stem if n == 1 else f"{stem}-{n}") not in ids)
         headings.append((level, name, said))
         anchor = f'<a class="anchor" href="#{name}" aria-label="Link to: {escape(said)}">#</a>'
         return f'<h{level} id="{name}">{words(found[2])} {anchor}</h{level}>'
@@ -83,15 +68,7 @@ def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str
 
 
 def words(text: str) -> str:
-    """Text of one line with code, bold, links inside the page and symbols with their index below."""
-    parts, at = [], 0
-    for found in LINK.finditer(text):
-        parts += [_spans(text[at : found.start()]), f'<a href="{found[2]}">{_spans(found[1])}</a>']
-        at = found.end()
-    return "".join([*parts, _spans(text[at:])])
-
-
-def _spans(text: str) -> str:
+    """Render text of one line with code, bold, and symbols with their index below."""
     parts, at, run = [], 0, ""
     for found in TOKEN.finditer(text):
         run += unescape(text[at : found.start()])
@@ -99,11 +76,9 @@ def _spans(text: str) -> str:
         if found[3]:
             run += found[3][1]
             continue
-        parts.append(_symbols(run))
+        code = found[1] is not None
+        parts += [_symbols(run), f"<code>{escape(found[1])}</code>" if code else f"<strong>{words(found[2])}</strong>"]
         run = ""
-        parts.append(
-            f"<code>{escape(found[1])}</code>" if found[1] is not None else f"<strong>{_spans(found[2])}</strong>"
-        )
     return "".join([*parts, _symbols(run + unescape(text[at:]))])
 
 
@@ -118,27 +93,26 @@ def _table(block: Sequence[str]) -> str:
     right = [side.endswith(":") for side in sides] + [False] * len(head)
 
     def row(cells: Sequence[str], head: bool, rule: bool = False) -> str:
-        made = []
+        texts = ""
         for i, cell in enumerate(cells):
             tag, scope = ("th", ' scope="col"') if head else ("th", ' scope="row"') if i == 0 else ("td", "")
             kind = ' class="n"' if right[i] else ' class="long"' if len(cell) > LONG else ""
-            made.append(f"<{tag}{scope}{kind}>{words(cell)}</{tag}>")
-        return f"<tr{' class=rule' if rule else ''}>{''.join(made)}</tr>"
+            texts += f"<{tag}{scope}{kind}>{words(cell)}</{tag}>"
+        return f"<tr{' class=rule' if rule else ''}>{texts}</tr>"
 
-    body, group = [], ""
+    body, group = "", ""
     for cells in rows:
         now = found[0] if (found := GROUP.search(cells[0])) else group
-        body.append(row(cells, False, now != group))
+        body += row(cells, False, now != group)
         group = now
     return (
         '<div class="table"><div class="scroll" tabindex="0" role="region" aria-label="Table">'
-        f"<table><thead>{row(head, True)}</thead><tbody>{''.join(body)}</tbody></table></div></div>"
+        f"<table><thead>{row(head, True)}</thead><tbody>{body}</tbody></table></div></div>"
     )
 
 
 def _cells(line: str) -> list[str]:
-    """Cells of a row, split at bars without a backslash."""
-    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)][1:-1]
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)][1:-1]  # at bars without a backslash
 
 
 SAFE_PLACE = re.compile(r"[^/\\]+/[^/\\]+")
@@ -149,6 +123,7 @@ PIXELS_PER_POINT = 1.73  # a page-wide figure fills the page, and letters are of
 def page(text: str, folder: Path, title: str) -> str:
     """The report `text` (Markdown) as a page, with the pictures that it names in `folder` drawn into it."""
     body = to_html(text, lambda place, alt: figure(folder, place, alt))
+    links = (f'<a href="#{name}">{escape(said)}</a>' for level, name, said in body.headings if level == 2)
     style = files("automarine_cli.report").joinpath("page.css").read_text(encoding="utf-8").strip()
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -162,7 +137,7 @@ def page(text: str, folder: Path, title: str) -> str:
 <style>{style}</style>
 </head>
 <body>
-{_contents(body.headings)}
+<nav aria-label="Sections">{"".join(links)}</nav>
 <main>
 {body.html}
 </main>
@@ -186,9 +161,3 @@ def figure(folder: Path, place: str, alt: str) -> str:
             image = f'<img src="data:image/{kind};base64,{data}" alt="{escape(alt)}"{size}>'
             return f"<figure>{image}<figcaption>{escape(alt)}</figcaption></figure>"
     return f"<p>The figure “{escape(alt)}” is not in its folder.</p>"
-
-
-def _contents(headings: Sequence[tuple[int, str, str]]) -> str:
-    """Links to the sections."""
-    links = "".join(f'<a href="#{name}">{escape(said)}</a>' for level, name, said in headings if level == 2)
-    return f'<nav aria-label="Sections">{links}</nav>'

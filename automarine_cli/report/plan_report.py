@@ -1,6 +1,7 @@
 """What `plan` shows and writes: the run sheet, intervals before and after, explanations to separate, and plan.md, the
 campaign for the people who will run it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -9,12 +10,11 @@ import numpy as np
 from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
 from automarine_cli.pipeline.result_files import PLAN
-from automarine_cli.planning.campaign import Campaign, specification
-from automarine_cli.planning.plan import Plan, command_path
+from automarine_cli.planning.campaign import Campaign, Plan, command_path, specification
 from automarine_cli.planning.rivals import Split
 from automarine_cli.planning.vehicle import command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
-from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 PRECISION = "Value, predicted 95 % interval, and half its width in percent."
@@ -38,17 +38,17 @@ def _(plan: Plan) -> Sections:
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
     files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
-    files |= {"plan.md": _page(plan, rehearsal), "plan.csv": _sheet_rows(campaign).to_csv()}
+    split = [_split_table(campaign)] if campaign.splits else []
+    tables = [_sheet_table(campaign), _interval_table(campaign), *split, _compared_table(campaign)]
+    files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(campaign).to_csv()}
     files[PLAN.file] = plan.to_json()
     for slot in campaign.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest, unit, plan.drive, plan.columns)
     sentences = (_totals(campaign), f"Planned for: {plan.fit_command}", *campaign.notes)
-    printed: list[Table | str] = [*sentences, *_tables(campaign)]
-    return Sections(printed, files, {"plan": partial(plan_figure, campaign)}, FILES, plan.runs())
+    return Sections([*sentences, *tables], files, {"plan": partial(plan_figure, campaign)}, FILES, plan.runs())
 
 
 def _totals(campaign: Campaign) -> str:
-    """How much there is, and what of the limits it takes, in a sentence."""
     last, limits = campaign.slots[-1], campaign.limits
     kinds = [run.kind for run in campaign.candidates]
     counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
@@ -60,14 +60,9 @@ def _totals(campaign: Campaign) -> str:
     )
 
 
-def _tables(campaign: Campaign) -> list[Table]:
-    split = [_split_table(campaign)] if campaign.splits else []
-    return [_sheet_table(campaign), _interval_table(campaign), *split, _compared_table(campaign)]
-
-
 def _sheet_rows(campaign: Campaign) -> Table:
-    """The run sheet for programs and spreadsheets."""
-    unit, rest, full = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s, _full(campaign)
+    unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
+    full = campaign.limits.battery.charge_Ah
     return Table.of("", [
         {
             "number": slot.number, "name": slot.name, "kind": slot.candidate.kind,
@@ -83,18 +78,14 @@ def _sheet_rows(campaign: Campaign) -> Table:
     ])  # fmt: skip
 
 
-def _full(campaign: Campaign) -> float:
-    return campaign.limits.battery.charge_Ah
-
-
 def _sheet_table(campaign: Campaign) -> Table:
-    """The run sheet for people."""
     rows = [
         {
             "run": slot.number, "begin at min:s": _clock(slot.begins),
             "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{slot.turn_there:+.0f}",
             "after the rest": in_words(slot.candidate, campaign.fitting.model.moment_unit),
-            "then wait s": f"{slot.wait:g}", "battery left %": f"{100.0 * slot.left / _full(campaign):.0f}",
+            "then wait s": f"{slot.wait:g}",
+            "battery left %": f"{100.0 * slot.left / campaign.limits.battery.charge_Ah:.0f}",
             "what for": slot.why,
         }
         for slot in campaign.slots
@@ -109,7 +100,6 @@ def _clock(seconds: float) -> str:
 
 
 def _interval_table(campaign: Campaign) -> Table:
-    """Parameters down; now, after the new runs alone, and together with the earlier ones across."""
     columns = {"now": campaign.now, "new runs alone": campaign.alone}
     if campaign.together:
         columns["with the earlier runs"] = campaign.together
@@ -122,12 +112,9 @@ def _interval_table(campaign: Campaign) -> Table:
 
 
 def _symbol(name: str, campaign: Campaign) -> str:
-    """A parameter as tables have it."""
-    dof = campaign.fitting.model.dof
-    symbols = dof.symbols
-    printed = {symbols.quadratic: symbols.quadratic_print,
-               dof.words.inertial_length: f"{symbols.inertia}/{symbols.quadratic_print}"}  # fmt: skip
-    return printed.get(name, name)
+    dof, symbols = campaign.fitting.model.dof, campaign.fitting.model.dof.symbols
+    length = f"{symbols.inertia}/{symbols.quadratic_print}"
+    return {symbols.quadratic: symbols.quadratic_print, dof.words.inertial_length: length}.get(name, name)
 
 
 def _precision(estimate: Estimate | None) -> str:
@@ -139,16 +126,11 @@ def _precision(estimate: Estimate | None) -> str:
 
 
 def _split_table(campaign: Campaign) -> Table:
-    """Pairs of explanations down; expected evidence of the plan and of the paper's grid across."""
     rows = [
-        {
-            "if it is": split.true,
-            "and not": split.other,
-            "this plan": _evidence(split),
-            "the paper's grid": _evidence(grid),
-        }
+        {"if it is": split.true, "and not": split.other, "this plan": _evidence(split),
+         "the paper's grid": _evidence(grid)}
         for split, grid in zip(campaign.splits, campaign.grid_splits)
-    ]
+    ]  # fmt: skip
     return Table.of("Explanations to separate", rows, [
         "Expected difference in evidence (deviance, penalties included) where the first is true; from "
         f"{campaign.limits.goal.evidence:g} on the two count as separated, below 10 as tied.",
@@ -160,34 +142,25 @@ def _evidence(split: Split) -> str:
 
 
 def _compared_table(campaign: Campaign) -> Table:
-    """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
     curves = {"this plan": campaign.plan, "the paper's grid": campaign.grid}
     curves |= {f"this plan and one {curve.campaign}": curve for curve in campaign.more}
+    columns = {f"{_symbol(name, campaign)} %": name for name in campaign.plan.stderr_percent}
     rows = [
-        {
-            "campaign": label,
-            "min in the pool": number(curve.minutes[-1], 3),
-            "s of motion": number(curve.motion_s[-1], 3),
-        }
-        | {
-            f"{_symbol(name, campaign)} %": number(curve.stderr_percent[name][-1], 2)
-            for name in campaign.plan.stderr_percent
-        }
+        {"campaign": label, "min in the pool": number(curve.minutes[-1], 3),
+         "s of motion": number(curve.motion_s[-1], 3)}
+        | {column: number(curve.stderr_percent[name][-1], 2) for column, name in columns.items()}
         for label, curve in curves.items()
-    ]
+    ]  # fmt: skip
     earlier = " The earlier runs are counted in." if campaign.together else ""
     return Table.of("Standard errors to expect", rows, [f"In percent of the value.{earlier}"], (2,))
 
 
-def _page(plan: Plan, rehearsal: str) -> str:
-    """plan.md; `rehearsal` is a sentence on plan.toml."""
-    campaign = plan.campaign
-    sheet, *others = (table.to_markdown().rstrip() for table in (
-        replace(_sheet_table(campaign), title=""), *_tables(campaign)[1:]
-    ))  # fmt: skip
-    pool = campaign.limits.pool
+def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
+    """Write plan.md; `rehearsal` is a sentence on plan.toml."""
+    campaign, pool = plan.campaign, plan.campaign.limits.pool
+    sheet, *others = tables
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
-    parts = [
+    return document(
         f"# The next campaign, planned from {plan.model}",
         _totals(campaign),
         "## Run sheet",
@@ -195,7 +168,7 @@ def _page(plan: Plan, rehearsal: str) -> str:
         f"{pool.wait_after_long_turn_s:g} s. Start headings in turn: {headings} degrees; a few degrees do not matter. "
         "Turn there by as much as the sheet says, clockwise where it is positive: so the tether never holds more than "
         "half a turn at the start of a run.",
-        sheet,
+        replace(sheet, title=""),
         "Play `commands/NAME.csv` for each run, or command it by hand, and log time, heading and command of the whole "
         "run, rest included. Repeat a failed run at once; keep the order, which is random on purpose.",
         "## Expected precision",
@@ -203,9 +176,8 @@ def _page(plan: Plan, rehearsal: str) -> str:
         *others,
         "![Precision against minutes in the pool](plan.png)",
         "## Assumptions",
-        "\n".join(f"- {line}" for line in _assumptions(plan, rehearsal)),
-    ]
-    return "\n\n".join(parts) + "\n"
+        bullets(_assumptions(plan, rehearsal)),
+    )
 
 
 def _assumptions(plan: Plan, rehearsal: str) -> list[str]:

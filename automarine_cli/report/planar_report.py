@@ -39,7 +39,6 @@ def _(fit: PlanarFit) -> Sections:
 
 
 def sentences(fit: PlanarFit) -> Iterator[str]:
-    """Structure and why, assumptions, sensors, warnings."""
     yield f"Structure: {fit.structure}. {fit.because}"
     yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
     yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
@@ -55,19 +54,19 @@ def prediction_table(use: PlanarUse) -> Table:
     alone = {ahead.horizon: number(float(YAW.shown(ahead.error)), 3) for ahead in use.yaw_only}
     rows = [
         {
-            "of": f"{name}, {UNITS[name]}",
-            "s ahead": f"{ahead.horizon:g}",
+            "of": f"{name}, {UNITS[name]}", "s ahead": f"{ahead.horizon:g}",
             "model": number(shown(name, ahead.error), 3),
             "constant rate": number(shown(name, ahead.constant_rate), 3),
             "constant": number(shown(name, ahead.constant), 3),
             "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
             "predictions": ahead.count,
         }
-        for name, each in use.worth.items()
-        for ahead in each
-    ]
-    whose = "Each run is predicted by the parameters that the other runs give"
-    whose = whose if use.runs > 1 else "Of the run of the fit"
+        for name, horizons in use.worth.items()
+        for ahead in horizons
+    ]  # fmt: skip
+    whose = (
+        "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run of the fit"
+    )
     return Table.of("Predictions", rows, [
         f"Root mean square errors. {whose}, from its filtered state, which knows the readings until then, by the "
         "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
@@ -75,14 +74,11 @@ def prediction_table(use: PlanarUse) -> Table:
 
 
 def parameter_table(fit: PlanarFit) -> Table:
-    """One row a parameter that was identified."""
+    """Lay out the parameters that were identified."""
     rows = []
     for name, estimate in fit.estimates.items():
-        low, high = estimate.ci95
-        stderr, between = (
-            number(estimate.stderr, 2),
-            f"{number(low, 4)} to {number(high, 4)}{' (known)' * estimate.known}",
-        )
+        low, high = map(number, estimate.ci95)
+        stderr, between = number(estimate.stderr, 2), f"{low} to {high}{' (known)' * estimate.known}"
         if estimate.at_bound or (estimate.known and not estimate.stderr):
             stderr, between = MISSING, "at its bound" if estimate.at_bound else "known"
         rows.append({
@@ -96,13 +92,10 @@ def parameter_table(fit: PlanarFit) -> Table:
 
 
 def structure_table(fit: PlanarFit) -> Table:
-    """One row a structure that was tried, the best first."""
+    """Lay out the structures that were tried, the best first."""
+    best = fit.tried[0].found.criterion
     return Table.of("Structures", [
-        {
-            "structure": str(tried.structure),
-            "parameters": len(tried.found.model.free),
-            "log likelihood": number(tried.found.log_likelihood, 7),
-            "BIC less the best": tried.found.criterion - fit.tried[0].found.criterion,
-        }
+        {"structure": str(tried.structure), "parameters": len(tried.found.model.free),
+         "log likelihood": number(tried.found.log_likelihood, 7), "BIC less the best": tried.found.criterion - best}
         for tried in fit.tried
     ])  # fmt: skip

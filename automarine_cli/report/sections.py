@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import singledispatch
+from functools import partial, singledispatch
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
@@ -44,12 +44,8 @@ class Sections:
 
     def text(self, width: int = WIDTH) -> str:
         """Render what is printed as plain text."""
-        parts = [
-            textwrap.fill(part, width, subsequent_indent="  ", break_on_hyphens=False)
-            if isinstance(part, str)
-            else part.to_text(width)
-            for part in self.printed
-        ]
+        fill = partial(textwrap.fill, width=width, subsequent_indent="  ", break_on_hyphens=False)
+        parts = (fill(part) if isinstance(part, str) else part.to_text(width) for part in self.printed)
         return "\n".join(parts).rstrip("\n")
 
     def html(self) -> str:
@@ -77,10 +73,8 @@ class Sections:
 
         for name, content in self.files.items():
             content = content() if callable(content) else content
-            if isinstance(content, str | bytes):
-                folder.write(name, content)
-            else:
-                folder.write_json(name, content)
+            write = folder.write if isinstance(content, str | bytes) else folder.write_json
+            write(name, content)  # type: ignore[arg-type]
         for warning in self.warnings:
             folder.taken((None, warning))
         write_figures(folder, self.figures if formats else {}, formats, each)
@@ -99,7 +93,7 @@ def forms_of(stem: str, *tables: Table) -> dict[str, Content]:
     """Render tables as the files STEM.csv (the first), STEM.md and STEM.tex."""
     return {
         f"{stem}.csv": tables[0].to_csv(),
-        f"{stem}.md": "\n".join(table.to_markdown() for table in tables),
+        f"{stem}.md": document(*tables),
         f"{stem}.tex": "\n".join(table.to_latex() for table in tables),
     }
 
@@ -112,11 +106,6 @@ def document(*blocks: Table | str | None) -> str:
 
 def bullets(lines: Iterable[str]) -> str:
     return "\n".join(f"- {line}" for line in lines)
-
-
-def pictures(names: Iterable[str]) -> list[str]:
-    """Lines that show figures by their names, with those as words."""
-    return [f"![{name}]({name}.png)" for name in names]
 
 
 def numbers(estimate: Estimate) -> dict[str, object]:

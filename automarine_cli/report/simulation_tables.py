@@ -7,14 +7,11 @@ from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.records import Record, Shown, to_mapping
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import Table
-from automarine_cli.simulation.campaign import SimulatedRun
-from automarine_cli.simulation.log_files import label, log_bytes, log_of, runs_by_file
-from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.specification import AnySpecification, PlanarSpecification, Specification
+from automarine_cli.simulation.campaign import SimulatedRun, label, log_bytes, log_of, runs_by_file
+from automarine_cli.simulation.specification import AnySpecification, PlanarSpecification, Specification, levels_of
 from automarine_cli.thrusters.map import bollard_columns
 
 TRUTH = "truth.json"
-SCHEMA = "automarine/simulation-truth/1"
 DECIMALS = 9  # of what was drawn: more would show the machine's own rounding
 
 
@@ -29,7 +26,7 @@ class Simulation(Shown):
     def to_json(self) -> dict[str, object]:
         """Return the truth (schema automarine/simulation-truth/1): vehicle, effects, what was drawn for each run."""
         spec = self.specification
-        head = {"schema": SCHEMA, "simulated": label(spec, self.seed), "seed": self.seed}
+        head = {"schema": "automarine/simulation-truth/1", "simulated": label(spec, self.seed), "seed": self.seed}
         if isinstance(spec, PlanarSpecification):
             truth = [_truth_in_plane(run) for run in self.runs]
             return {**head, **_without(spec, "schema", "seed", "source", "runs"), "made": truth}
@@ -57,25 +54,23 @@ def _(result: Simulation) -> Sections:
     files: dict[str, Content] = {
         file: partial(log_of, runs, spec, result.seed) for file, runs in runs_by_file(result.runs).items()
     }
+    header = ("folder", "kind", "runs", "files", "samples", "faulty on purpose")
     groups: dict[tuple[str, str], list[SimulatedRun]] = {}
     for run in result.runs:
         groups.setdefault((run.plan.group.folder, run.plan.group.kind), []).append(run)
-    rows = [_row(folder, kind, runs) for (folder, kind), runs in sorted(groups.items())]
+    rows = [
+        (folder, kind, len(runs), len({run.plan.file for run in runs}), sum(len(run.columns["time_s"]) for run in runs),
+         sum(run.plan.group.fault is not None for run in runs))
+        for (folder, kind), runs in sorted(groups.items())
+    ]  # fmt: skip
     if (bollard := spec.bollard) is not None:
         files[bollard.file] = lambda: log_bytes(bollard_columns(bollard, result.seed), bollard.format, comment)
-        readings = str(len(levels_of(bollard.levels)) * bollard.repeats)
-        rows.append((bollard.folder, "bollard test", "1", "1", readings, "0"))
-    header = ("folder", "kind", "runs", "files", "samples", "faulty on purpose")
-    table = Table("Simulated campaign", header, tuple(rows), notes=(comment, f"The truth is in {TRUTH}."))
+        readings = len(levels_of(bollard.levels)) * bollard.repeats
+        rows.append((bollard.folder, "bollard test", 1, 1, readings, 0))
+    notes, cells = (comment, f"The truth is in {TRUTH}."), [dict(zip(header, row)) for row in rows]
     folders, truth = sorted({f"{folder}/" for folder, *_ in rows if folder}), result.to_json()
+    table = Table.of("Simulated campaign", cells, notes, header=header)
     return Sections([table], files | {TRUTH: truth}, listed=(*folders, TRUTH), rows=truth["made"])  # type: ignore[arg-type]
-
-
-def _row(folder: str, kind: str, runs: list[SimulatedRun]) -> tuple[str, ...]:
-    files = {run.plan.file for run in runs}
-    samples = sum(len(run.columns["time_s"]) for run in runs)
-    faulty = sum(run.plan.group.fault is not None for run in runs)
-    return folder, kind, *(str(number) for number in (len(runs), len(files), samples, faulty))
 
 
 def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> dict[str, object]:
@@ -87,40 +82,28 @@ def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> d
         for moment, instant in zip(plan.moments, drawn.switches.tolist())
     ]
     truth: dict[str, object] = {
-        "file": plan.file,
-        "run": plan.name,
-        "kind": plan.group.kind,
-        "number_in_campaign": number,
-        "start_s": _rounded(plan.start),
-        f"start_{words.position}_{base}": _rounded(drawn.start),
-        f"{words.position}_zero_{base}": _rounded(drawn.zero),
-        "gain": _rounded(drawn.gain),
-        f"added_{words.force}": _rounded(drawn.added_moment),
-        "commands": commands,
-        "samples": len(run.columns["time_s"]),
-        "lost_samples": run.lost,
-        "glitches": run.glitches,
-    }
+        "file": plan.file, "run": plan.name, "kind": plan.group.kind, "number_in_campaign": number,
+        "start_s": _rounded(plan.start), f"start_{words.position}_{base}": _rounded(drawn.start),
+        f"{words.position}_zero_{base}": _rounded(drawn.zero), "gain": _rounded(drawn.gain),
+        f"added_{words.force}": _rounded(drawn.added_moment), "commands": commands,
+        "samples": len(run.columns["time_s"]), "lost_samples": run.lost, "glitches": run.glitches,
+    }  # fmt: skip
     if specification.logger.rate_bias is not None:
         truth[f"{words.speed}_bias_{base}_s"] = _rounded(drawn.rate_bias)
     return truth if plan.group.fault is None else truth | {"fault": plan.group.fault}
 
 
 def _truth_in_plane(run: SimulatedRun) -> dict[str, object]:
-    """The same of a run in the plane."""
     plan, drawn = run.plan, run.drawn
     return {
-        "file": plan.file,
-        "run": plan.name,
-        "start_s": _rounded(plan.start),
-        "start_heading_deg": _rounded(float(YAW.logged(drawn.start))),
-        "gain": _rounded(drawn.gain),
+        "file": plan.file, "run": plan.name, "start_s": _rounded(plan.start),
+        "start_heading_deg": _rounded(float(YAW.logged(drawn.start))), "gain": _rounded(drawn.gain),
         "commands": [
             {"force_X_N": x, "force_Y_N": y, "tau_Nm": n, "from_s": _rounded(plan.start + instant)}
             for instant, (x, y, n) in zip(drawn.switches.tolist(), plan.moments)
         ],
         "samples": len(run.columns["time_s"]),
-    }
+    }  # fmt: skip
 
 
 def _rounded(value: float) -> float:

@@ -9,7 +9,6 @@ from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.run import SetAside, runs_json
 
-SCHEMA = "automarine/slices/1"
 FOLDER, MOVING = "runs", "moving"
 MAX_LISTED = 20  # intervals between the runs that a table lists
 
@@ -32,7 +31,6 @@ class Cut:
     to_s: float
 
     def comment(self, by: str) -> str:
-        """Say in the log of the run where it comes from."""
         rows, seconds = f"rows {self.rows[0]} to {self.rows[1]}", f"{_seconds(self.from_s)} to {_seconds(self.to_s)} s"
         return f"{self.source}, {rows}, {seconds}, cut by {by}: {self.state}"
 
@@ -69,7 +67,6 @@ class Slices(Shown):
 
     @property
     def cuts(self) -> tuple[Cut, ...]:
-        """All runs, in the order of the logs and of time."""
         return tuple(cut for source in self.sources for cut in source.cuts)
 
     @property
@@ -81,7 +78,7 @@ class Slices(Shown):
     def to_json(self) -> dict[str, Any]:
         """Return the content of slices.json (schema automarine/slices/1)."""
         return {
-            "schema": SCHEMA,
+            "schema": "automarine/slices/1",
             "by": self.by,
             "slices": [{"file": file, **asdict(cut)} for file, cut in zip(self.files, self.cuts)],
             "left_out": [asdict(gap) for source in self.sources for gap in source.between],
@@ -100,21 +97,18 @@ def _(result: Slices) -> Sections:
 
 
 def _table(result: Slices) -> Table:
-    rows = tuple(
-        (cut.run, cut.state, cut.source, f"{cut.rows[0]} to {cut.rows[1]}", _seconds(cut.from_s), _seconds(cut.to_s),
-         number(cut.to_s - cut.from_s, 3))
+    rows = [
+        {"run": cut.run, result.by: cut.state, "log": cut.source, "rows": f"{cut.rows[0]} to {cut.rows[1]}",
+         "from s": _seconds(cut.from_s), "to s": _seconds(cut.to_s), "lasts s": number(cut.to_s - cut.from_s, 3)}
         for cut in result.cuts
-    )  # fmt: skip
-    moving = sum(cut.moving for cut in result.cuts)
+    ]  # fmt: skip
+    moving, gaps = sum(cut.moving for cut in result.cuts), [gap for source in result.sources for gap in source.between]
     notes = [f"{moving} of {len(rows)} begin while another command moves the vehicle: in the folder {MOVING}"]
     notes = notes * bool(moving) + [f"{source.file}: {note}" for source in result.sources for note in source.notes]
-    gaps = [gap for source in result.sources for gap in source.between]
     notes += [f"{gap.source}, {_seconds(gap.from_s)} to {_seconds(gap.to_s)} s: {gap.why}" for gap in gaps[:MAX_LISTED]]
-    if len(gaps) > MAX_LISTED:
-        notes.append(f"and {len(gaps) - MAX_LISTED} more")
-    return Table("Runs", ("run", result.by, "log", "rows", "from s", "to s", "lasts s"), rows, notes=tuple(notes))
+    notes += [f"and {len(gaps) - MAX_LISTED} more"] * (len(gaps) > MAX_LISTED)
+    return Table.of("Runs", rows, notes)
 
 
 def _seconds(value: float) -> str:
-    """A stamp to the millisecond, without needless zeros."""
     return f"{value:.3f}".rstrip("0").rstrip(".")

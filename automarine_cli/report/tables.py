@@ -8,8 +8,9 @@ import io
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from numbers import Integral
 from typing import Any
 
@@ -29,84 +30,61 @@ def text_table(
     With a `width` cells are folded at blanks, the widest columns first; what is still too wide is shown as
     several tables one below the other, each with the first column.
     """
-    widths = [max(len(row[i]) for row in grid) for i in range(len(grid[0]))]
+    widths = [max(map(len, column)) for column in zip(*grid)]
     if width is None or _total(widths) <= width:
-        return _block(grid, widths, right, rules, range(len(widths)))
-    least = [max(len(word) for row in grid for word in (*_words(row[i]), "")) for i in range(len(grid[0]))]
-    least = [min(wide, max(NARROW, one)) for one, wide in zip(least, widths)]
+        return _block(grid, dict(enumerate(widths)), right, rules)
+    words = [max(len(word) for cell in column for word in _words(cell)) for column in zip(*grid)]
+    least = [min(wide, max(NARROW, word)) for word, wide in zip(words, widths)]
+    liked = [min(wide, max(LIKED, word)) for word, wide in zip(words, widths)]
     lines: list[str] = []
-    liked = [min(wide, max(LIKED, one)) for one, wide in zip(least, widths)]
-    whole = [list(range(len(widths)))]
-    for columns in whole if _total(least) <= width else _groups(liked, width):
-        narrowed = _narrowed([widths[i] for i in columns], [least[i] for i in columns], width)
-        shown = [widths[i] for i in range(len(widths))]
-        for i, one in zip(columns, narrowed):
-            shown[i] = one
-        lines += [*([""] if lines else []), *_block(grid, shown, right, rules, columns)]
+    for columns in [list(range(len(widths)))] if _total(least) <= width else _groups(liked, width):
+        narrowed = {i: widths[i] for i in columns}
+        while _total(narrowed.values()) > width and (free := [i for i in columns if narrowed[i] > least[i]]):
+            narrowed[max(free, key=narrowed.__getitem__)] -= 1  # the widest that can gives way
+        lines += [*([""] if lines else []), *_block(grid, narrowed, right, rules)]
     return lines
 
 
-def _total(widths: Sequence[int]) -> int:
+def _total(widths: Collection[int]) -> int:
     return sum(widths) + GAP * (len(widths) - 1)
 
 
 def _words(cell: str) -> list[str]:
     """What is never folded: words, and an interval in brackets as a whole."""
-    inside, text = False, ""
-    for character in cell:
-        inside = character == "[" or (inside and character != "]")
-        text += _TIED if character == " " and inside else character
-    return text.split(" ")
+    return re.sub(r"\[[^]]*", lambda match: match[0].replace(" ", _TIED), cell).split(" ")
 
 
-def _groups(least: Sequence[int], width: int) -> list[list[int]]:
-    """Columns that fit beside the first one, group by group."""
-    groups, taken = [[0]], least[0]
-    for i in range(1, len(least)):
-        if taken + GAP + least[i] > width and len(groups[-1]) > 1:
+def _groups(widths: Sequence[int], width: int) -> list[list[int]]:
+    groups = [[0]]
+    for i in range(1, len(widths)):
+        if len(groups[-1]) > 1 and _total([widths[k] for k in (*groups[-1], i)]) > width:
             groups.append([0])
-            taken = least[0]
         groups[-1].append(i)
-        taken += GAP + least[i]
     return groups
 
 
-def _narrowed(widths: list[int], least: list[int], width: int) -> list[int]:
-    """Widths that fit: always the widest column that can still give way gives way by one."""
-    now = list(widths)
-    while _total(now) > width:
-        free = [i for i in range(len(now)) if now[i] > least[i]]
-        if not free:
-            break
-        now[max(free, key=lambda i: now[i])] -= 1
-    return now
-
-
 def _block(
-    grid: Sequence[Sequence[str]], widths: Sequence[int], right: Sequence[bool], rules: Sequence[int],
-    columns: Sequence[int],
-) -> list[str]:  # fmt: skip
-    rule = "-" * _total([widths[i] for i in columns])
-    lines = []
+    grid: Sequence[Sequence[str]], widths: Mapping[int, int], right: Sequence[bool], rules: Sequence[int]
+) -> list[str]:
+    rule, lines = "-" * _total(widths.values()), list[str]()
     for number, row in enumerate(grid):
         if number == 1 or (number > 1 and number - 1 in rules):
             lines.append(rule)
-        cells = [_folded(row[i], widths[i]) for i in columns]
-        for k in range(max(len(cell) for cell in cells)):
-            parts = (
-                text.rjust(widths[i]) if right[i] else text.ljust(widths[i])
-                for i, text in ((i, cell[k] if k < len(cell) else "") for i, cell in zip(columns, cells))
+        for parts in zip_longest(*(_folded(row[i], wide) for i, wide in widths.items()), fillvalue=""):
+            aligned = (
+                text.rjust(wide) if right[i] else text.ljust(wide) for text, (i, wide) in zip(parts, widths.items())
             )
-            lines.append((" " * GAP).join(parts).rstrip())
+            lines.append((" " * GAP).join(aligned).rstrip())
     return lines if len(grid) > 1 else [*lines, rule]
 
 
 def _folded(cell: str, width: int) -> list[str]:
-    if len(cell) <= width:
-        return [cell]
-    text = " ".join(_words(cell))
-    found = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False) or [""]
-    return [line.replace(_TIED, " ") for line in found]
+    return [cell] if len(cell) <= width else _wrapped(" ".join(_words(cell)), width) or [""]
+
+
+def _wrapped(tied: str, width: int, indent: str = "") -> list[str]:
+    lines = textwrap.wrap(tied, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return [line.replace(_TIED, " ") for line in lines]
 
 
 MISSING = "–"
@@ -158,13 +136,11 @@ class Table:
         return cls(title, tuple(rows[0] if rows else header), cells, rules, tuple(notes))
 
     def without_empty_rows(self) -> "Table":
-        """The same without rows that hold nothing but their label."""
         full = [i for i, row in enumerate(self.rows) if any(str(cell) != MISSING for cell in row[1:])]
         rules = dict.fromkeys(sum(i < rule for i in full) for rule in self.rules)
         return replace(self, rows=tuple(self.rows[i] for i in full), rules=tuple(rules))
 
     def without_empty_columns(self) -> "Table":
-        """The same without columns that hold nothing."""
         columns = zip(self.header, *self.rows)
         full = [column for column in columns if not self.rows or any(str(cell) != MISSING for cell in column[1:])]
         header, *rows = zip(*full)
@@ -191,7 +167,10 @@ class Table:
         """A `table` environment with booktabs rules; everything but Math cells is escaped."""
         sides = "".join("r" if right else "l" for right in self._right())
         lines = [r"\begin{table}", r"\centering"]
-        lines += _captioned(self.title) if self.title else []
+        if self.title:  # without a number of ours, which LaTeX gives, and with a label to refer to it by
+            caption = re.sub(r"^Table \d+\. ", "", self.title)
+            name = re.sub(r"[^a-z0-9]+", "-", caption.partition("[")[0].lower()).strip("-")
+            lines += [rf"\caption{{{_latex(caption)}}}", rf"\label{{tab:{name}}}"]
         lines += [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", _latex_row(self.header), r"\midrule"]
         for i, row in enumerate(self.rows):
             lines += [r"\midrule"] if i in self.rules and i > 0 else []
@@ -211,7 +190,6 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def _right(self) -> list[bool]:
-        """Which columns hold numbers and stand to the right; the first never does."""
         return [
             i > 0 and all(_NUMBER.match(str(row[i])) or str(row[i]) in ("", MISSING) for row in self.rows)
             for i in range(len(self.header))
@@ -222,13 +200,6 @@ def _cell(value: Any) -> Cell:
     if value is None or isinstance(value, Estimate):
         return interval(value)
     return value if isinstance(value, Cell) else str(value) if isinstance(value, Integral) else number(value)
-
-
-def _captioned(title: str) -> list[str]:
-    """The caption without a number of ours, which LaTeX gives, and a label to refer to it by."""
-    caption = re.sub(r"^Table \d+\. ", "", title)
-    name = re.sub(r"[^a-z0-9]+", "-", caption.partition("[")[0].lower()).strip("-")
-    return [rf"\caption{{{_latex(caption)}}}", rf"\label{{tab:{name}}}"]
 
 
 def number(x: float | None, digits: int = 4) -> str:
@@ -275,11 +246,7 @@ _LATEX = {
 
 
 def _noted(note: str, width: int | None) -> list[str]:
-    if width is None or len(note) <= width:
-        return [note]
-    tied = note.replace(" %", "\N{NO-BREAK SPACE}%")
-    lines = textwrap.wrap(tied, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
-    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
+    return [note] if width is None or len(note) <= width else _wrapped(note.replace(" %", f"{_TIED}%"), width, "  ")
 
 
 def _one_line(text: str) -> str:

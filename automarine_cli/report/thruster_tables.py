@@ -1,7 +1,5 @@
 """Sections of `fit-thrusters`: coefficients, forms, voltages, flagged points; and the points as CSV."""
 
-import csv
-import io
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -11,9 +9,9 @@ import numpy as np
 
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, numbers, sections
-from automarine_cli.report.tables import MISSING, Table, escape, interval, number
+from automarine_cli.report.tables import MISSING, Table, escape, number
 from automarine_cli.thrusters.fit import Analysis, FormScore, Parameter
-from automarine_cli.thrusters.forms import SIDES
+from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import ThrusterFit, scaled
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
@@ -21,29 +19,17 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 
 @sections.register
 def _(fit: ThrusterFit) -> Sections:
-    printed: list[Table | str] = [*tables(fit), *sentences(fit)]
-    maps = _maps(fit)
+    maps, lines = tables(fit), sentences(fit)
+    page = document("# Thruster map", "![Thrust](thrusters.png)", *maps, bullets(map(escape, lines)))
     files: dict[str, Content] = {
-        "thrusters.json": fit.to_json(),
-        "thrusters.csv": points_csv(fit),
-        "thrusters.md": document(
-            "# Thruster map", "![Thrust](thrusters.png)", *tables(fit), bullets(map(escape, sentences(fit)))
-        ),
-        **{name: of_part.to_json() for name, of_part in maps.items()},
-    }
-    figures = {"thrusters": partial(thruster_figure, fit)}
-    return Sections(printed, files, figures, rows=tuple(_rows(fit)))
-
-
-def _maps(fit: ThrusterFit) -> dict[str, ThrusterFit]:
-    """The map of each thruster by the name of its file; no two of one name."""
-    maps: dict[str, ThrusterFit] = {}
-    for part, of_part in fit.parts.items():
-        stem = "thrusters_" + (re.sub(r"[^A-Za-z0-9.+-]+", "_", part).strip("_.") or "unnamed")
-        name = next(name for i in count(1) if (name := f"{stem}{f'_{i}' * (i > 1)}.json") not in maps)
-        if not isinstance(of_part, str):
-            maps[name] = of_part
-    return maps
+        "thrusters.json": fit.to_json(), "thrusters.csv": points_csv(fit), "thrusters.md": page
+    }  # fmt: skip
+    for name, part in fit.parts.items():
+        if not isinstance(part, str):
+            stem = "thrusters_" + (re.sub(r"[^A-Za-z0-9.+-]+", "_", name).strip("_.") or "unnamed")
+            file = next(file for i in count(1) if (file := f"{stem}{f'_{i}' * (i > 1)}.json") not in files)
+            files[file] = part.to_json()
+    return Sections([*maps, *lines], files, {"thrusters": partial(thruster_figure, fit)}, rows=tuple(_rows(fit)))
 
 
 def _rows(fit: ThrusterFit) -> Iterator[dict[str, object]]:
@@ -63,23 +49,19 @@ def cells(parameter: Parameter) -> dict[str, object]:
 
 
 def tables(result: ThrusterFit) -> tuple[Table, ...]:
-    """All tables that the result has something for, in the order of reading: the map that is used leads."""
-    found = [coefficients(result), forms(result), parameters(result)]
-    if not _square(result.analysis):
-        found = [parameters(result), forms(result), coefficients(result)]
-    if result.voltages:
-        found.append(voltages(result))
-    if any(result.exponents.values()):
-        found.append(exponents(result))
-    if result.parts:
-        found.insert(0, thrusters(result))
-    if np.any(result.points.flag != ""):
-        found.append(flagged(result))
-    return tuple(found)
+    """Make all tables that the result has something for, in the order of reading: the map that is used leads."""
+    maps = [coefficients(result), forms(result), parameters(result)]
+    return (
+        *([thrusters(result)] if result.parts else []),
+        *(maps if _square(result.analysis) else reversed(maps)),
+        *([voltages(result)] if result.voltages else []),
+        *([exponents(result)] if any(result.exponents.values()) else []),
+        *([flagged(result)] if np.any(result.points.flag != "") else []),
+    )
 
 
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
-    """The choice, the tare, what was left out, and notes."""
+    """Say why this form, the tare, and what was left out."""
     dropped = result.reduction.dropped
     parts = [f"{count} {name.replace('_', ' ')}" for name, count in dropped.items() if count]
     said = [result.analysis.because, result.tare.says]
@@ -92,14 +74,14 @@ def sentences(result: ThrusterFit) -> tuple[str, ...]:
 
 
 def thrusters(result: ThrusterFit) -> Table:
-    """One row a thruster where a column names them: its square law, and whether it differs from the others."""
+    """Lay out each thruster where a column names them: its square law, and whether it differs from the others."""
     rows, unit = [], next(iter(result.analysis.square.values())).unit
     for part in result.compared:
-        row: dict[str, object] = {result.logs.by: part.name, "points": MISSING if part.why else str(part.points)}
+        row: dict[str, object] = {result.logs.by: part.name, "points": None if part.why else part.points}
         for side, _ in SIDES:
             off = part.percent.get(side)
-            row[f"a {side} [{unit}]"] = None if part.why else part.law.get(side)
-            row[f"{side} from the others"] = MISSING if part.why or off is None else f"{off:+.1f} %"
+            row[f"a {side} [{unit}]"] = part.law.get(side)
+            row[f"{side} from the others"] = None if off is None else f"{off:+.1f} %"
         rows.append(row | {"beyond chance": part.why or ("differs" if part.differs else "alike")})
     return Table.of(f"Each thruster by itself (column {result.logs.by})", rows, [
         "Square laws [95 % interval] against the median of the others; a thruster differs where chance is below 5 % "
@@ -108,7 +90,7 @@ def thrusters(result: ThrusterFit) -> Table:
 
 
 def coefficients(result: ThrusterFit) -> Table:
-    """Equation 2 for one thruster, and for all that pulled together (equation 3), with 95 % intervals."""
+    """Lay out equation 2 for one thruster, and for all that pulled together (equation 3), with 95 % intervals."""
     analysis, count, rows = result.analysis, result.thrusters_per_test, []
     for side, sign in SIDES:
         law = analysis.square.get(side)
@@ -125,32 +107,29 @@ def coefficients(result: ThrusterFit) -> Table:
 
 
 def forms(result: ThrusterFit) -> Table:
-    """All forms on the same points; errors in percent of full scale; a star marks the chosen one."""
+    """Lay out all forms on the same points; errors in percent of full scale; a star marks the chosen one."""
     analysis = result.analysis
-    rows = [
+    return Table.of("Forms side by side, cross-validated over levels (parameters in each direction; * chosen)", [
         {
             "form": score.form.name + " *" * (score.form.name == analysis.chosen.form.name),
-            "parameters": score.form.parameters,
-            "cv rmse [N]": number(score.cv_rmse, 3),
-            "cv [% of full scale]": number(analysis.percent(score.cv_rmse), 3),
-            "rmse [N]": number(score.rmse, 3),
+            "parameters": score.form.parameters, "cv rmse [N]": number(score.cv_rmse, 3),
+            "cv [% of full scale]": number(analysis.percent(score.cv_rmse), 3), "rmse [N]": number(score.rmse, 3),
             "rmse [% of full scale]": number(analysis.percent(score.rmse), 3),
             "within 1 s.e. of best": "yes" if score.within_reach else "no",
             "at bound": "; ".join(f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at),
         }
         for score in analysis.scores
-    ]
-    title = "Forms side by side, cross-validated over levels (parameters in each direction; * chosen)"
-    return Table.of(title, rows)
+    ])  # fmt: skip
 
 
 def parameters(result: ThrusterFit) -> Table:
-    """The chosen form's parameters in each direction, and how well it fits; the square law says that beside its a."""
+    """Lay out the chosen form's parameters, and how well it fits; the square law says that beside its a."""
     analysis, chosen = result.analysis, result.analysis.chosen
     rows = [
-        {"direction": side, "parameter": name, "value [95 % interval]": _parameter(value), "unit": value.unit}
+        {"direction": side, "parameter": name, "value [95 % interval]": value.estimate or _held(value),
+         "unit": value.unit}
         for (name, side), value in analysis.estimates.items()
-    ]
+    ]  # fmt: skip
     errors = [] if _square(analysis) else [_errors(analysis, chosen, analysis.chosen_r2)]
     return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, errors)
 
@@ -159,14 +138,11 @@ def _square(analysis: Analysis) -> bool:
     return analysis.chosen.form.name == "square"
 
 
-def _parameter(one: Parameter) -> str:
-    if one.estimate is not None:
-        return interval(one.estimate)
-    return one.why if one.value is None else f"{number(one.value)}, {one.why}"
+def _held(parameter: Parameter) -> str:
+    return parameter.why if parameter.value is None else f"{number(parameter.value)}, {parameter.why}"
 
 
 def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
-    """How well one form fits, in a sentence."""
     cross = "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
     said = (
         f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
@@ -180,41 +156,36 @@ def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
 
 
 def voltages(result: ThrusterFit) -> Table:
-    """One row a voltage: the square law's coefficients and error, the chosen form and its error."""
+    """Lay out the square law's coefficients and error at each voltage, the chosen form and its error."""
     unit = next(iter(result.analysis.square.values())).unit
-    rows = [
+    return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", [
         {
-            "voltage [V]": volts,
-            **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},
+            "voltage [V]": volts, **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},
             "square law [%]": number(analysis.percent(analysis.law.rmse), 3),
             "chosen form": analysis.chosen.form.name,
             "chosen form [%]": number(analysis.percent(analysis.chosen.rmse), 3),
             "full scale [N]": analysis.full_scale,
         }
         for volts, analysis in result.voltages
-    ]
-    return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", rows)
+    ])  # fmt: skip
 
 
 def exponents(result: ThrusterFit) -> Table:
-    """Thrust against voltage as a power law, at a fixed control signal and through a."""
-    rows = [
+    """Lay out thrust against voltage as a power law, at a fixed control signal and through a."""
+    return Table.of("Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]", [
         {
-            "direction": side,
-            "p": power.exponent,
+            "direction": side, "p": power.exponent,
             "between neighbouring voltages": ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in
                                                        power.between) or MISSING,
-            "exponent of a": power.coefficient,
-            "drift of a, lowest to highest": f"{power.drift_percent:+.1f} %",
+            "exponent of a": power.coefficient, "drift of a, lowest to highest": f"{power.drift_percent:+.1f} %",
         }
         for side, _ in SIDES
         if (power := result.exponents.get(side)) is not None
-    ]  # fmt: skip
-    return Table.of("Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]", rows)
+    ])  # fmt: skip
 
 
 def flagged(result: ThrusterFit) -> Table:
-    """Points that contradict their neighbours, with weight and reason; the heaviest contradictions first."""
+    """Lay out points that contradict their neighbours, with weight and reason; the heaviest contradictions first."""
     points = result.points
     order = sorted(np.flatnonzero(points.flag != ""), key=lambda index: (points.weight[index], index))
     rows = [
@@ -230,24 +201,18 @@ def flagged(result: ThrusterFit) -> Table:
 
 
 def points_csv(result: ThrusterFit) -> str:
-    """Every point of one thruster with the chosen form and the square law at it; missing values are empty."""
+    """Write every point of one thruster with both laws at it: ten digits, nothing for a missing value."""
     points, analysis = result.points, result.analysis
-    fitted, square = analysis.fitted(points.n), analysis.fitted(points.n, square=True)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+    fitted = analysis.fitted(points.n)
     columns = {
         "n": points.n, "force_N": points.force, "spread_N": points.spread, "count": points.count,
-        "stderr_N": points.stderr, "voltage_V": points.voltage, "fitted_N": fitted, "square_law_N": square,
-        "residual_N": points.force - fitted, "weight": points.weight,
+        "stderr_N": points.stderr, "voltage_V": points.voltage, "fitted_N": fitted,
+        "square_law_N": analysis.fitted(points.n, square=True), "residual_N": points.force - fitted,
+        "weight": points.weight,
     }  # fmt: skip
-    writer.writerow(("file", "run", *columns, "flag"))
+    rows = []
     for i in range(len(points)):
-        record = result.logs.records[int(points.record[i])]
-        values = (_cell(column[i]) for column in columns.values())
-        writer.writerow((record.source, record.run, *values, str(points.flag[i])))
-    return text.getvalue()
-
-
-def _cell(value: float) -> str:
-    """Ten significant digits, nothing for a missing value, no negative zero."""
-    return "" if not np.isfinite(value) else f"{value + 0.0:.10g}"
+        record, row = result.logs.records[int(points.record[i])], {name: x[i] + 0.0 for name, x in columns.items()}
+        texts = {name: f"{value:.10g}" if np.isfinite(value) else "" for name, value in row.items()}  # no negative zero
+        rows.append({"file": record.source, "run": record.run, **texts, "flag": str(points.flag[i])})
+    return Table.of("", rows).to_csv()

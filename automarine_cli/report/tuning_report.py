@@ -6,15 +6,14 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.control.design import Designed
-from automarine_cli.control.flown import TuningCheck, in_print
-from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, margins_of, promises
+from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, TuningCheck, in_print, margins_of, promises
 from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
 from automarine_cli.pipeline.result_files import TUNING
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
-from automarine_cli.report.sections import Content, Sections, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, number
 
 VERDICTS = {
@@ -28,42 +27,34 @@ FIRST_FLIGHT = (
 
 @sections.register
 def _(tuning: Tuning) -> Sections:
-    designed = tuning.designed
+    designed, listed = tuning.designed, [TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png"]
     verdict, *more = _sentences(designed)
     tables = [] if designed.new is None and designed.old is None else [_gains_table(designed), _promised_table(tuning)]
-    plan = []
     planned_runs, failure = tuning.plan or (None, "")
     if tuning.settling is not None and not failure:
-        where = (
-            f"are planned in {tuning.out / SETTLES}" if tuning.out else f"are planned with -o DIR, into DIR/{SETTLES}"
-        )
+        where = f"in {tuning.out / SETTLES}" if tuning.out else f"with -o DIR, into DIR/{SETTLES}"
         line = tuning.plan_command(str(tuning.out or "DIR"))
-        more.insert(1, f"Such runs {where}. To plan them within other limits: {line}")
+        more.insert(1, f"Such runs are planned {where}. To plan them within other limits: {line}")
     files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
-    figures: dict[str, Draw] = {}
-    for name, table in zip(("gains.csv", "tuning.csv"), tables):
-        files[name] = table.to_csv()
-    if tables:
-        figures["tuning"] = partial(tuning_figure, designed)
-    if designed.new is not None:
-        plan.append(designed.target.file)
-        files[designed.target.file] = tuning.target_text()
+    files |= {name: table.to_csv() for name, table in zip(("gains.csv", "tuning.csv"), tables)}
+    figures: dict[str, Draw] = {"tuning": partial(tuning_figure, designed)} if tables else {}
     if planned_runs is not None:
-        plan.append(f"{SETTLES}/")
+        listed.insert(0, f"{SETTLES}/")
         planned, limits = sections(planned_runs), planned_runs.campaign.limits
         moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
         goal = {"half_width_percent": limits.goal.half_width_percent}
         below = dict(planned.files) | {LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}
         files |= {f"{SETTLES}/{name}": content for name, content in below.items()}
         figures |= {f"{SETTLES}/{name}": draw for name, draw in planned.figures.items()}
-    listed = (*plan, TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png")
+    if designed.new is not None:
+        listed.insert(0, designed.target.file)
+        files[designed.target.file] = tuning.target_text()
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
     warnings = [failure] if failure else []
     return Sections((verdict, *more, *designed.notes, *tables), files, figures, listed, rows, warnings)
 
 
 def _sentences(designed: Designed) -> list[str]:
-    """The verdict, the run that would change it, and gains that the documented range holds back."""
     sentences = [f"{VERDICTS[designed.verdict]} {designed.why}"]
     if designed.run:
         sentences.append(f"What would settle it: {designed.run}.")
@@ -74,15 +65,12 @@ def _sentences(designed: Designed) -> list[str]:
             if gain.searched and math.isfinite(gain.high) and "MAX" not in gain.name and new[gain.name] >= gain.high
         ]  # fmt: skip
         if at_end:
-            sentences.append(
-                f"At the end of the documented range: {', '.join(at_end)}; with --beyond-range stiffer gains may be "
-                "found."
-            )
+            stiffer = "with --beyond-range stiffer gains may be found"
+            sentences.append(f"At the end of the documented range: {', '.join(at_end)}; {stiffer}.")
     return sentences
 
 
 def _gains_table(designed: Designed) -> Table:
-    """Old and new values in the target's own names."""
     rows = []
     after = {} if designed.new is None else designed.new.gains
     before = {} if designed.old is None else designed.old.gains
@@ -97,7 +85,6 @@ def _gains_table(designed: Designed) -> Table:
 
 
 def _promised_table(tuning: Tuning) -> Table:
-    """What to expect of the present and of the new gains: medians and bands of 95 %."""
     designed = tuning.designed
     dof, task = designed.nominal.dof, designed.task
     names, cells = [], dict[str, list[str]]()
@@ -125,14 +112,14 @@ def _promised_table(tuning: Tuning) -> Table:
 
 def _band(value: Estimate | None) -> str:
     """`12 [11, 14]`, with "never" for what never happens."""
-    if value is None:
-        return "never"
-    middle, low, high = (number(x, 3) if math.isfinite(x) else "never" for x in (value.value, *value.ci95))
-    return f"{middle} [{low}, {high}]"
+    return "never" if value is None else "{} [{}, {}]".format(*_never(value.value, *value.ci95))
+
+
+def _never(*values: float) -> list[str]:
+    return [number(value, 3) if math.isfinite(value) else "never" for value in values]
 
 
 def _page(tuning: Tuning, tables: list[Table]) -> str:
-    """tuning.md."""
     designed = tuning.designed
     nominal, noise = designed.nominal, designed.crowds[0].vehicles.noise[0]
     parts = [f"# A controller for {designed.target.name}, from {tuning.source}", *_sentences(designed)]
@@ -141,9 +128,7 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     if tuning.plan is not None and tuning.plan[0] is not None:
         page = f"{SETTLES}/plan.md"
         parts.append(f"Runs that settle it, with their command files: [{page}]({page}).")
-    parts += [table.to_markdown().rstrip() for table in tables]
-    if tables:
-        parts.append("![Step, load and margins of present and new gains](tuning.png)")
+    picture = ["![Step, load and margins of present and new gains](tuning.png)"] * bool(tables)
     rests_on = [
         *designed.notes,
         f"Explanations flown: {', '.join(crowd.name for crowd in designed.crowds)}.",
@@ -154,8 +139,7 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     ]
     if designed.target.firmware:
         rests_on.append(f"Names, units and ranges are those of {designed.target.firmware}.")
-    parts += ["## What it rests on", "\n".join(f"- {line}" for line in rests_on)]
-    return "\n\n".join(parts) + "\n"
+    return document(*parts, *tables, *picture, "## What it rests on", bullets(rests_on))
 
 
 @sections.register
@@ -171,8 +155,7 @@ def _(check: TuningCheck) -> Sections:
     for step in steps:
         size = "no step" if step.size is None else f"{dof.logged(step.size):+.3g} {dof.units.log}"
         for name, figure in step.figures.items():
-            values = (in_print(name, x, dof) for x in (figure.value, *figure.band))
-            flown, low, high = (number(x, 3) if math.isfinite(x) else "never" for x in values)
+            flown, low, high = _never(*(in_print(name, x, dof) for x in (figure.value, *figure.band)))
             where = f"{step.run}, {step.begins:.1f} s, {size}"
             rows.append((where, words[name], flown, f"{low} to {high}", "yes" if figure.held else "no"))
     table = Table("Flown and promised", ("step", "", "flown", "promised", "held"), tuple(rows))
@@ -181,10 +164,8 @@ def _(check: TuningCheck) -> Sections:
     if not failed:
         verdict = f"As promised: all {f'{len(steps)} steps are' if len(steps) > 1 else 'is'} within the bands."
     sentences = [verdict, *([check.changed] if check.changed else [])]
-    parts = ["# A log beside what was promised", *sentences, table.to_markdown().rstrip(),
-             "![Steps as flown, and the bands that were promised](tuning_check.png)"]  # fmt: skip
-    files: dict[str, Content] = {
-        "tuning_check.json": check.to_json(), "tuning_check.md": "\n\n".join(parts) + "\n"
-    }  # fmt: skip
+    picture = "![Steps as flown, and the bands that were promised](tuning_check.png)"
+    page = document("# A log beside what was promised", *sentences, table, picture)
+    files: dict[str, Content] = {"tuning_check.json": check.to_json(), "tuning_check.md": page}
     figures = {"tuning_check": partial(flown_figure, steps, dof)}
     return Sections((*sentences, table), files, figures, (*files, "tuning_check.png"), check.to_json()["steps"])

@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 from functools import partial
+from itertools import count
 
-from automarine_cli.comparison.planar import SCORES as PLANAR_SCORES
-from automarine_cli.comparison.planar import PlanarValidation
-from automarine_cli.comparison.planar import overall as planar_overall
-from automarine_cli.comparison.scores import SCORES, Overall, score_key
-from automarine_cli.comparison.validation import Ahead, Comparison, Validation
+from automarine_cli.comparison.scores import PLANAR_SCORES, SCORES, Overall, score_key
+from automarine_cli.comparison.validation import Ahead, Comparison, PlanarValidation, Validation
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.innovations import channel_sentences, measured_noises
@@ -57,32 +55,32 @@ def _(result: Validation) -> Sections:
 
 @sections.register
 def _(result: PlanarValidation) -> Sections:
-    table = planar_table(result)
-    names = (f"validation_{stem}" for stem in file_stems([free.run.name for free in result.free]))
+    table, scored = planar_table(result), result.scored
+    names = (f"validation_{stem}" for stem in file_stems([free.run.name for free in scored.free]))
     return Sections(
         [table],
         {"validation.json": result.to_json()} | forms_of("validation", table),
-        {name: partial(planar_figure, free) for name, free in zip(names, result.free)},
+        {name: partial(planar_figure, free) for name, free in zip(names, scored.free)},
         LISTED,
-        [{"run": free.run.name, "model": PLANAR.name, **free.scores} for free in result.free],
+        [{"run": free.run.name, "model": PLANAR.name, **values} for free, values in zip(scored.free, scored.values)],
     )
 
 
 def planar_table(result: PlanarValidation) -> Table:
-    """Lay out one row a run, and one over all."""
+    """Lay out each run, and all of them."""
 
     def row(run: str, length: float | None, scores: Mapping[str, float | None]) -> dict[str, str]:
         values = {PLANAR_HEADINGS[name]: number(scores.get(name), 3) for name in PLANAR_SCORES}
         return {"run": run, "s": number(length, 3)} | values
 
     rows = []
-    for free in result.free:
-        rows.append(row(free.run.name, float(free.run.time[-1] - free.run.time[0]), free.scores))
+    for free, values in zip(result.scored.free, result.scored.values):
+        rows.append(row(free.run.name, float(free.run.time[-1] - free.run.time[0]), values))
         if free.diverged:
             rows[-1] |= dict.fromkeys(PLANAR_HEADINGS.values(), MISSING) | {"heading deg": DIVERGED}
-    rows.append(row("all runs", None, planar_overall(result.free)))
-    count = len(result.free)
-    title = f"Validation over {count} run{'s' * (count != 1)}: surge, sway and yaw together"
+    rows.append(row("all runs", None, {name: whole.value for name, whole in result.scored.overall.items()}))
+    runs = len(result.scored.free)
+    title = f"Validation over {runs} run{'s' * (runs != 1)}: surge, sway and yaw together"
     return Table.of(title, rows, (
         "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
         "of measured less simulated.",
@@ -91,59 +89,51 @@ def planar_table(result: PlanarValidation) -> Table:
 
 
 def overall_table(comparison: Comparison) -> Table:
-    """Models down, scores across, each with its 95 % interval over runs."""
-    rows, dof, count = list[dict[str, str]](), _dof(comparison), len(comparison.runs)
+    """Lay out models down, scores across, each with its 95 % interval over runs."""
+    rows, dof, runs = list[dict[str, str]](), comparison.runs[0].dof, len(comparison.runs)
     for model, scored in comparison.models.items():
-        cells = dict.fromkeys(SCORES, MISSING) | {SCORES[0]: DIVERGED}
+        cells = dict.fromkeys(SCORES, MISSING) | {"rmse": DIVERGED}
         if not scored.diverged:
             cells = {name: _cell(name, scored.overall[name]) for name in SCORES}
         rows.append({"model": model} | {dof.fill(HEADINGS[name]): cell for name, cell in cells.items()})
     notes = (comparison.because, *_notes(comparison))
-    return Table.of(f"Validation over {count} run{'s' * (count != 1)}", rows, notes)
-
-
-def _dof(comparison: Comparison) -> Dof:
-    return comparison.runs[0].dof
+    return Table.of(f"Validation over {runs} run{'s' * (runs != 1)}", rows, notes)
 
 
 def run_table(comparison: Comparison) -> Table:
-    """One line for each run: noise level, then free-run and restarted rmse of each model."""
-    rows, dof = list[dict[str, str]](), _dof(comparison)
+    """Lay out each run: noise level, then free-run and restarted rmse of each model."""
+    rows, dof = list[dict[str, str]](), comparison.runs[0].dof
     for i, run in enumerate(comparison.runs):
         scores = {model: scored.scores[i] for model, scored in comparison.models.items()}
         free = {
-            f"model {model}": DIVERGED if score.diverged else number(score.value("rmse"), 3)
-            for model, score in scores.items()
+            model: DIVERGED if score.diverged else number(score.value("rmse"), 3) for model, score in scores.items()
         }
-        row: dict[str, str] = {
+        rows.append({
             "run": run.name,
             "s": number(float(run.time[-1] - run.time[0]), 3),
             f"noise {dof.units.shown}": number(comparison.floors[i], 2),
-            **free,
+            **{f"model {model}": error for model, error in free.items()},
             **{f"{model} restarted": number(score.value("restarted_rmse"), 3) for model, score in scores.items()},
             "horizon s": number(comparison.restarts[i].horizon, 3),
-            "start": next(iter(scores.values())).start.how.split(":")[0],
-        }
-        rows.append(row)
+            "start": next(iter(comparison.models.values())).free[i].start.how.split(":")[0],
+        })  # fmt: skip
     title = f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
     return Table.of(title, rows)
 
 
 def ahead_table(ahead: Ahead) -> Table:
-    """One line for each model and horizon: its error beside those of somebody who expects no change."""
+    """Lay out each model and horizon: its error beside those of somebody who expects no change."""
     dof, unit = ahead.dof, ahead.dof.units.shown
     rows = [
         {
-            "model": model,
-            "s ahead": f"{worth.horizon:g}",
-            f"error {unit}": number(float(dof.shown(worth.error)), 3),
+            "model": model, "s ahead": f"{worth.horizon:g}", f"error {unit}": number(float(dof.shown(worth.error)), 3),
             f"constant {dof.words.speed} {unit}": number(float(dof.shown(worth.constant_rate)), 3),
             f"constant {dof.position} {unit}": number(float(dof.shown(worth.constant)), 3),
             "predictions": worth.count,
         }
-        for model, each in ahead.worth.items()
-        for worth in each
-    ]
+        for model, horizons in ahead.worth.items()
+        for worth in horizons
+    ]  # fmt: skip
     return Table.of("Predictions from the filtered state", rows, (
         "Root mean square errors on these driven and disturbed runs. The filter knows the readings until each "
         "prediction begins, and the commands after that; how large disturbances and noise are is fitted on these runs, "
@@ -153,30 +143,27 @@ def ahead_table(ahead: Ahead) -> Table:
 
 
 def score_table(comparison: Comparison) -> Table:
-    """Everything, one line for each run and model and one for each model over all runs: for programs."""
-    dof, rows = _dof(comparison), list[dict[str, str]]()
+    """Lay out everything, each run and model and then each model over all runs: for programs."""
+    dof = comparison.runs[0].dof
 
-    def row(run: str, model: str, values: Mapping[str, float | None], floor: float) -> dict[str, str]:
+    def row(run: str, model: str, values: Mapping[str, float | None], floor: float, *restart: str) -> dict[str, str]:
         cells = {score_key(name, dof): number(value, 6) for name, value in values.items()}
-        return {"run": run, "model": model, **cells, f"noise_floor_{dof.units.key}": number(floor, 6)}
+        tail = zip(("restarted_horizon_s", "restarted_at", "start"), restart or [MISSING] * 3)
+        return {"run": run, "model": model, **cells, f"noise_floor_{dof.units.key}": number(floor, 6), **dict(tail)}
 
-    for i, run in enumerate(comparison.runs):
-        restarts = comparison.restarts[i]
+    rows = []
+    for run, floor, restarts, i in zip(comparison.runs, comparison.floors, comparison.restarts, count()):
         for model, scored in comparison.models.items():
-            score = scored.scores[i]
+            score, horizon = scored.scores[i], number(restarts.horizon, 6)
             values = {name: score.value(name) for name in SCORES}
-            tail = {"restarted_at": restarts.rule, "start": score.start.how}
-            horizon = {"restarted_horizon_s": number(restarts.horizon, 6)}
-            rows.append(row(run.name, model, values, comparison.floors[i]) | horizon | tail)
+            rows.append(row(run.name, model, values, floor, horizon, restarts.rule, scored.free[i].start.how))
     for model, scored in comparison.models.items():
         values = {name: scored.overall[name].value for name in SCORES}
-        tail = dict.fromkeys(("restarted_horizon_s", "restarted_at", "start"), MISSING)
-        rows.append(row("all runs", model, values, comparison.floor) | tail)
+        rows.append(row("all runs", model, values, comparison.floor))
     return Table.of("Scores", rows)
 
 
 def _cell(name: str, score: Overall) -> str:
-    """A score and its interval with the decimals that suit its kind."""
     if score.value is None:
         return MISSING
     form = ".1f" if name == "fit_percent" else ".2f"
@@ -187,18 +174,17 @@ def _cell(name: str, score: Overall) -> str:
 def _notes(comparison: Comparison) -> list[str]:
     """What each score means: its horizon, its start state, and what no model can undercut."""
     starts = [free.start.how for free in next(iter(comparison.models.values())).free]
-    rest, dof = sum(how.startswith("from rest") for how in starts), _dof(comparison)
+    rest, dof = sum(how.startswith("from rest") for how in starts), comparison.runs[0].dof
     *rules, last = dict.fromkeys(restarts.rule for restarts in comparison.restarts)
     logged = sum(dof.velocity in run.extras for run in comparison.runs)
     rate = f"the log in {logged} runs, else " if logged else ""
+    measured = f"Measured {dof.words.rate} from {rate}the smoothed {dof.position}."
     notes = [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "
         + _starts(rest, len(starts), dof),
         f"Restarted {'; '.join([*rules, f'or {last}']) if rules else last}; {dof.position} and {dof.words.speed} "
         "smoothed there, whose own error even a perfect model shows.",
-        f"Measured {dof.words.rate} from {rate}the smoothed {dof.position}."
-        if logged < len(starts)
-        else f"Measured {dof.words.rate} from the logs.",
+        measured if logged < len(starts) else f"Measured {dof.words.rate} from the logs.",
         f"Noise level of the {dof.position}, estimated without a model: {number(comparison.floor, 3)} "
         f"{dof.units.shown}.",
     ]
@@ -211,7 +197,6 @@ def _notes(comparison: Comparison) -> list[str]:
 
 
 def _starts(rest: int, runs: int, dof: Dof) -> str:
-    """How the runs were started, in one sentence."""
     still = f"start from rest, at the mean {dof.position} of the rest"
     moving = f"with the {dof.position} and {dof.words.speed} that follow their first second best"
     if rest == runs:

@@ -5,8 +5,6 @@ from dataclasses import asdict, dataclass
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.sections import Sections, sections
 
-SCHEMA = "automarine/verification/1"
-
 
 @dataclass(frozen=True)
 class Change:
@@ -36,7 +34,6 @@ class FolderVerified:
 
     @property
     def sentence(self) -> str:
-        """What is whole, in one line."""
         good = self.files - sum(change.what != "extra" for change in self.outputs)
         return (
             f"{self.folder} ({self.command}): {good} of {self.files} files as written, "
@@ -44,7 +41,6 @@ class FolderVerified:
         )
 
     def changes(self) -> list[str]:
-        """A line for each file that is not as recorded."""
         lines = [f"{self.folder}/{change.file}: {change.why}" for change in self.outputs]
         lines += [f"{self.folder}: input {change.file}: {change.why}" for change in self.inputs]
         return [printable(line) for line in lines]
@@ -52,19 +48,15 @@ class FolderVerified:
 
 @dataclass(frozen=True)
 class Verification:
-    """Every folder that was verified."""
-
     folders: tuple[FolderVerified, ...]
 
     @property
     def whole(self) -> bool:
-        """Whether nothing changed anywhere."""
         return all(folder.whole for folder in self.folders)
 
     def to_json(self) -> dict[str, object]:
-        """Return the result: schema automarine/verification/1."""
         folders = [{**asdict(folder), "whole": folder.whole} for folder in self.folders]
-        return {"schema": SCHEMA, "whole": self.whole, "folders": folders}
+        return {"schema": "automarine/verification/1", "whole": self.whole, "folders": folders}
 
 
 @sections.register

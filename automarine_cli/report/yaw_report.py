@@ -1,4 +1,4 @@
-"""All files of a yaw fit: tables, one row a run, figures."""
+"""What the fit of one motion shows and writes: tables, sentences, one row a run, figures."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -54,9 +54,8 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
             rows.append(_row(f"drag {way}{LIKELIEST}", {m: of.drag[way] for m, of in ways.items()}, interval))
         rows.append(_row("one drag both ways, p", ways, lambda ways: number(ways.p_value, 2)))
     if dof.has_constant:
-        constant = symbols.constant
-        rows.append(_row("constant force, 95 %", fits, partial(_between, constant)))
-        rows.append(_row(f"constant force{LIKELIEST}", ml, partial(_between, constant)))
+        rows.append(_row("constant force, 95 %", fits, partial(_between, symbols.constant)))
+        rows.append(_row(f"constant force{LIKELIEST}", ml, partial(_between, symbols.constant)))
     each = {model: effect_estimates(likeliest) for model, likeliest in ml.items()}
     names = {(effect, name): one.unit for groups in each.values() for effect, group in groups.items()
              for name, one in group.items() if one.stderr > 0}  # fmt: skip
@@ -74,7 +73,6 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
 
 
 def _row(label: Cell, of_model: Mapping[str, Any], cell: Callable[[Any], str]) -> tuple[Cell, ...]:
-    """A row with a cell of each model, and a dash for one that has none."""
     return (label, *(cell(of_model[model]) if model in of_model else MISSING for model in MODELS))
 
 
@@ -91,16 +89,13 @@ def _between(name: str, fit: DragFit | OutputErrorFit) -> str:
 
 
 def _signs(dof: Dof) -> tuple[str, ...]:
-    """What the signs of a translation's symbols are."""
     if dof.wraps:
         return ()
     (first, second), own, force = dof.words.ways, dof.symbols, dof.words.force
     constant = (
         f"; the constant {force} is weight less buoyancy, positive {first}: that of a vehicle that floats {second} is "
         "negative"
-        if dof.has_constant
-        else ""
-    )
+    ) * dof.has_constant
     v, quadratic = own.velocity, own.quadratic_print
     signs = (
         f"{first.capitalize()} is positive. {own.linear} and {quadratic} are positive where drag brakes, as in "
@@ -117,15 +112,12 @@ def _signs(dof: Dof) -> tuple[str, ...]:
 
 
 def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
-    """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and the mean at each moment
-    below."""
+    """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and mean at each moment below."""
     dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     tables = {} if fit.seed_method is None else fit.seed_method.inertia
-    inertia = Math(symbols.inertia, symbols.inertia)
-    ratio = Math(
-        f"{symbols.inertia}/{symbols.quadratic_print}", f"{symbols.inertia}/{symbols.quadratic_math}",
-        f" [{dof.units.base}]",
-    )  # fmt: skip
+    heavy = symbols.inertia
+    inertia = Math(heavy, heavy)
+    ratio = Math(f"{heavy}/{symbols.quadratic_print}", f"{heavy}/{symbols.quadratic_math}", f" [{dof.units.base}]")
     rows = [
         _row(inertia, tables, lambda table: number(table.overall.value)),
         _row(_with(inertia, ", 95 %"), tables, lambda table: interval(table.overall)),
@@ -133,14 +125,14 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
         _row(_with(ratio, LIKELIEST), ml, lambda fit: interval(fit.inertial_turn_angle)),
     ]
     for way in dof.words.ways if dof.directional else ():
-        ways = {m: model.ways for m, model in ml.items() if model.ways}
-        far = {m: of.distance.get(way) for m, of in ways.items()}
+        far = {m: model.ways.distance.get(way) for m, model in ml.items() if model.ways}
         rows.append(_row(_with(ratio, f" {way}{LIKELIEST}"), far, interval))
     levels = sorted({level for table in tables.values() for level in table.per_moment}) if means else []
+    rules = (1, len(rows)) if levels else (1,)
     for level in levels:
-        mean = {m: table.per_moment[level] for m, table in tables.items()}
-        rows.append(_row(f"mean at {level:+.4g} {unit}", mean, number))
-    rules = (1, len(rows) - len(levels)) if levels else (1,)
+        rows.append(
+            _row(f"mean at {level:+.4g} {unit}", {m: table.per_moment[level] for m, table in tables.items()}, number)
+        )
     each = f"; means over the runs at each {dof.words.force} are by the velocity error" * bool(levels)
     unit_note = f"{symbols.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals{each}."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
@@ -148,10 +140,8 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
-    """Tables 1 and 2 with what must be known of their parameters below them.
-
-    `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
-    """
+    """Make tables 1 and 2 with what must be known of their parameters below; `short`, for the terminal, leaves that to
+    the warnings, and leaves out the means at each moment."""
     notes = (fit.seed_method.tail_because(fit.dof),) if fit.seed_method is not None else (f"{fit.why_no_seed_method}.",)
     cautions = () if short else fit.cautions
     drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))
@@ -160,12 +150,10 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
-    """What a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
+    """Say what a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
     preferred, turn = fit.preferred, fit.preferred.inertial_turn_angle
     dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
-    lines = [fit.preference.because, *fit.told_of_known]
-    if fit.use is not None:
-        lines = [fit.use.sentence(dof), *lines]
+    lines = [*([] if fit.use is None else [fit.use.sentence(dof)]), fit.preference.because, *fit.told_of_known]
     if turn is not None:
         low, high = turn.ci95
         lines.append(
@@ -176,14 +164,14 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         low, high = lasting.ci95
         lines.append(f"Time constant {own.inertia}/{own.linear}: {lasting.value:.3g} s [{low:.3g}, {high:.3g}].")
     scatter, late = preferred.gain_scatter, preferred.offset
-    scattered = f"Thrust scatters from run to run by {100 * scatter.value:.1f} % {_ends(scatter, '.1f', 100.0)}"
+    more = (
+        f"{words.force.capitalize()}s switch {late.value:+.2f} sample intervals {_ends(late, '+.2f')} from the middle "
+        "between the first sample that shows them and the one before."
+    )
     if isinstance(preferred.mixed, InnovationsFit):
-        lines.append(f"{scattered}; {_noise(fit)}. {_disturbance(preferred, preferred.mixed)}")
-    else:
-        lines.append(
-            f"{scattered}; {_noise(fit)}. {words.force.capitalize()}s switch {late.value:+.2f} sample intervals "
-            f"{_ends(late, '+.2f')} from the middle between the first sample that shows them and the one before."
-        )
+        more = _disturbance(preferred, preferred.mixed)
+    scattered = f"Thrust scatters from run to run by {100 * scatter.value:.1f} % {_ends(scatter, '.1f', 100.0)}"
+    lines.append(f"{scattered}; {_noise(fit)}. {more}")
     lines += fit_sentences(fit.channels, preferred.mixed, dof)
     if preferred.ways is not None:
         lines.append(_by_way(preferred.ways, dof))
@@ -195,25 +183,20 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
 
 
 def _ends(one: Estimate, form: str, times: float = 1.0) -> str:
-    """The interval behind a number, or that it has none."""
     low, high = one.ci95
     return "(at its bound)" if one.at_bound else f"[{times * low:{form}}, {times * high:{form}}]"
 
 
-def _disturbance(fit: OutputErrorFit, found: InnovationsFit) -> str:
-    """What pushes the vehicle and is not logged, in a sentence."""
-    model = fit.model
-    dof, unit = model.dof, model.moment_unit
-    size = model.inertia * found.value(f"{dof.name}.disturbance")
-    time, thrust = (found.value(f"{dof.name}.{name}") for name in ("disturbance-time", "thrust-noise"))
+def _disturbance(fit: OutputErrorFit, innovations: InnovationsFit) -> str:
+    model, dof, names = fit.model, fit.model.dof, ("disturbance", "disturbance-time", "thrust-noise")
+    size, time, thrust = (innovations.value(f"{dof.name}.{name}") for name in names)
     return (
-        f"The runs are disturbed by a {dof.words.force} of {size:.3g} {unit} that lasts {time:.2g} s, and the thrust "
-        f"is unsteady by {100 * thrust:.0f} % over a second."
+        f"The runs are disturbed by a {dof.words.force} of {model.inertia * size:.3g} {model.moment_unit} that lasts "
+        f"{time:.2g} s, and the thrust is unsteady by {100 * thrust:.0f} % over a second."
     )
 
 
 def _noise(fit: YawFit) -> str:
-    """The noise of the sensor that the fit rests on first."""
     words, units, noise = fit.dof.words, fit.dof.units, fit.preferred.noise
     if noise is not None:
         bound = " (at its bound)" * channel_noises(fit.preferred.mixed, fit.dof)[fit.dof.position].at_bound
@@ -222,7 +205,6 @@ def _noise(fit: YawFit) -> str:
 
 
 def _by_way(ways: Ways, dof: Dof) -> str:
-    """Whether drag differs between the ways, in a sentence."""
     symbol = dof.symbols.quadratic_print if ways.role == "quadratic" else dof.symbols.linear
     told = " and ".join(f"{interval(one)} {way}" for way, one in ways.drag.items())
     unit = next(iter(ways.drag.values())).unit
@@ -239,20 +221,19 @@ def _(fit: YawFit) -> Sections:
     files: dict[str, Content] = {model: fit.to_json()}
     for name, table in zip(("table1", "table2"), tables(fit)):
         files |= forms_of(name, table)
-    files["runs.parquet"] = parquet(pa.Table.from_pylist(run_rows(fit)))
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.Table.from_pylist(run_rows(fit)), sink, compression="zstd")
+    files["runs.parquet"] = sink.getvalue().to_pybytes()
     drawings = _drawings(fit)
     listed = (model, "table1 and table2 (.csv, .md, .tex)", "runs.parquet", *(f"{name}.png" for name in drawings))
     return Sections((*tables(fit, short=True), *sentences(fit)), files, drawings, listed, tuple(_numbers(fit)))
 
 
 def _drawings(fit: YawFit) -> dict[str, Draw]:
-    """What draws each figure, by the name of its file."""
-    seed, data = fit.seed_method, fit.data
+    seed, data, use = fit.seed_method, fit.data, fit.use
     if seed is None or data is None:
-        use = fit.use
-        if isinstance(use, Use):
-            return {"whole_runs": partial(runs.driven_runs_figure, fit, use)}
-        return {"whole_runs": partial(runs.whole_runs_figure, fit)}
+        driven = partial(runs.driven_runs_figure, fit, use) if isinstance(use, Use) else None
+        return {"whole_runs": driven or partial(runs.whole_runs_figure, fit)}
     return {
         fit.dof.steps_key: partial(figures.half_turns_figure, fit),
         "drag": partial(figures.drag_figure, fit, seed),
@@ -262,34 +243,31 @@ def _drawings(fit: YawFit) -> dict[str, Draw]:
 
 
 def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
-    """One row a parameter of each model, by each method."""
+    rows = list[tuple[str, str, Mapping[str, Estimate]]]()
     for model, likeliest in fit.output_error.items():
-        estimates = dict(likeliest.estimates)
-        for effect, group in effect_estimates(likeliest).items():
-            estimates |= {f"{effect} {name}": estimate for name, estimate in group.items()}
+        effects = effect_estimates(likeliest).items()
+        added = {f"{effect} {name}": estimate for effect, group in effects for name, estimate in group.items()}
+        rows.append((model, "maximum likelihood", {**likeliest.estimates, **added}))
+    seed = fit.seed_method
+    for model, drag in () if seed is None else seed.drag.items():
+        if seed and model in fit.output_error:  # with a constant moment: a test of symmetry, no model of its own
+            table = seed.inertia.get(model)
+            heavy = {} if table is None else {fit.dof.symbols.inertia: table.overall}
+            rows.append((model, "velocity error", {**drag.estimates, **heavy}))
+    for model, method, estimates in rows:
         for name, estimate in estimates.items():
-            yield {"model": model, "method": "maximum likelihood", "parameter": name} | numbers(estimate)
-    if fit.seed_method is None:
-        return
-    for model, drag in fit.seed_method.drag.items():
-        if model not in fit.output_error:  # with a constant moment: a test of symmetry, no model of its own
-            continue
-        estimates = dict(drag.estimates)
-        if model in fit.seed_method.inertia:
-            estimates[fit.dof.symbols.inertia] = fit.seed_method.inertia[model].overall
-        for name, estimate in estimates.items():
-            yield {"model": model, "method": "velocity error", "parameter": name} | numbers(estimate)
+            yield {"model": model, "method": method, "parameter": name} | numbers(estimate)
 
 
 def run_rows(fit: YawFit) -> list[dict[str, object]]:
-    """One row a run: what was kept of it, why, and what both methods found in it."""
+    """List what was kept of each run, why, and what both methods give of it."""
     dof, words, data, seed = fit.dof, fit.dof.words, fit.data, fit.seed_method
     key, rate_key, mixed, rows = dof.units.key, dof.units.rate_key, fit.preferred.mixed, list[dict[str, object]]()
     gains = np.exp(mixed.own(GAIN)[:, 0])
     if seed is None or data is None or isinstance(fit.use, Use):
         for i, run in enumerate(fit.runs):
-            length = float(run.time[-1] - run.time[0])
-            row: dict[str, object] = {"run": run.name, "file": run.source, "samples": len(run), "duration_s": length}
+            row: dict[str, object] = {"run": run.name, "file": run.source, "samples": len(run)}
+            row["duration_s"] = float(run.time[-1] - run.time[0])
             if isinstance(fit.use, Use):  # what was predicted of it when it was left out of the fit
                 row["gain"] = float(gains[i])
                 for ahead in fit.use.predictions:
@@ -307,18 +285,11 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
     for i, turn in enumerate(fit.turns):
         off = dof.shown((data.heading[i] - read[i])[data.seen[i]])
         rows.append({
-            "run": turn.name,
-            "file": turn.step.run.source,
-            words.force: turn.moment,
-            "time_from_s": float(turn.time[0]),
-            "time_to_s": float(turn.time[-1]),
-            "samples": len(turn.time),
-            f"{words.gone_key}_{key}": float(dof.shown(turn.turned)),
-            "cut_by": turn.cut_by,
-            "steady": turn.steady,
+            "run": turn.name, "file": turn.step.run.source, words.force: turn.moment,
+            "time_from_s": float(turn.time[0]), "time_to_s": float(turn.time[-1]), "samples": len(turn.time),
+            f"{words.gone_key}_{key}": float(dof.shown(turn.turned)), "cut_by": turn.cut_by, "steady": turn.steady,
             f"start_{words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
-            "switch_from_s": turn.switch_from,
-            "switch_to_s": turn.switch_to,
+            "switch_from_s": turn.switch_from, "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
             f"steady_{words.speed}_{rate_key}": float(dof.shown(seed.tails.rate[i])),
             f"steady_{words.speed}_stderr_{rate_key}": float(dof.shown(np.sqrt(seed.variance[i]))),
@@ -329,10 +300,3 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
             f"rmse_{key}": float(np.sqrt(np.mean(off**2))),
         })  # fmt: skip
     return rows
-
-
-def parquet(table: pa.Table) -> bytes:
-    """The table as Parquet bytes, the same each time."""
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink, compression="zstd")
-    return bytes(sink.getvalue().to_pybytes())

@@ -6,13 +6,14 @@ Marine Craft Hydrodynamics and Motion Control, second edition (control allocatio
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.pipeline.records import FILLER, to_mapping
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED, Run
@@ -29,9 +30,11 @@ FEWEST = 3  # Samples at one largest value that make it a limit, and samples tha
 
 @dataclass(frozen=True)
 class Commanded:
-    """Total command (N,) of a degree of freedom beside the thrusters' commands (N, T) called `names`, without gaps."""
+    """Total command (N,) [`unit`] of a degree of freedom beside the thrusters' commands (N, T) called `names`, without
+    gaps."""
 
     dof: Dof
+    unit: str
     names: tuple[str, ...]
     total: Floats
     single: Floats
@@ -42,7 +45,7 @@ class AllocationLimit:
     """What the thrusters did not give: `share` of the samples; of the worst of them what was `asked` and `given`
     [`unit`], and the `thrusters` at their limits, by name with the command there."""
 
-    dof: Dof
+    dof: Dof = field(metadata=FILLER)
     unit: str
     share: float
     asked: float
@@ -65,10 +68,7 @@ class AllocationLimit:
 
     def to_json(self) -> dict[str, object]:
         """Its form in check.json."""
-        return {
-            "command": self.dof.command, "unit": self.unit, "share": self.share, "asked": self.asked,
-            "given": self.given, "thrusters": dict(self.thrusters),
-        }  # fmt: skip
+        return {"command": self.dof.command} | to_mapping(self)
 
 
 @dataclass(frozen=True)
@@ -107,16 +107,24 @@ def commanded(run: Run) -> list[Commanded]:
     totals = {dof: run.extras[dof.command] for dof in DOFS.values() if dof.command in run.extras}
     total = run.extras.get(ASKED, run.moment)
     totals |= {run.dof: total} if total is not None else {}
-    return [Commanded(dof, names, total, single) for dof, total in totals.items() if np.isfinite(total).all()]
+    units = {dof: run.moment_unit if dof is run.dof else dof.units.forces[1] for dof in totals}
+    finite = {dof: total for dof, total in totals.items() if np.isfinite(total).all()}
+    return [Commanded(dof, units[dof], names, total, single) for dof, total in finite.items()]
 
 
-def law_of(several: Sequence[Commanded]) -> Law | None:
+def laws_of(runs: Sequence[Sequence[Commanded]]) -> Iterator[tuple[Law, dict[int, Commanded]]]:
+    """The allocation of each degree of freedom of which runs show one, with what these ask, by their numbers."""
+    for dof in DOFS.values():
+        asked = {i: part for i, parts in enumerate(runs) for part in parts if part.dof is dof}
+        if law := _law([*asked.values()]):
+            yield law, asked
+
+
+def _law(several: Sequence[Commanded]) -> Law | None:
     """The allocation of one degree of freedom over several runs; None where the logs show none, or no limit."""
-    names = several[0].names
-    if any(one.names != names for one in several):
+    if len({part.names for part in several}) != 1:
         return None
-    total = np.concatenate([one.total for one in several])
-    single = np.concatenate([one.single for one in several])
+    total, single, names = *_together(several), several[0].names
     sound = np.isfinite(single).all(axis=1)
     total, single = total[sound], single[sound]
     if not total.any():
@@ -141,44 +149,41 @@ def law_of(several: Sequence[Commanded]) -> Law | None:
     return min(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def limit_of(law: Law, several: Sequence[Commanded], unit: str) -> AllocationLimit | None:
+def _together(several: Sequence[Commanded]) -> tuple[Floats, Floats]:
+    return np.concatenate([part.total for part in several]), np.concatenate([part.single for part in several])
+
+
+def limit_of(law: Law, several: Sequence[Commanded]) -> AllocationLimit | None:
     """What runs ask of the thrusters beyond their limits, None where that is nothing."""
-    total = np.concatenate([one.total for one in several])
-    single = np.concatenate([one.single for one in several])
+    total, single = _together(several)
     short = law.short(total, single)
     if np.count_nonzero(short) < FEWEST:
         return None
     given = law.given(single)
     worst = int(np.argmax(np.where(short, np.abs(total - given), 0.0)))
     held = _at(single[[worst]], law.low, law.high)[0] & (law.shares(single[[worst]])[0] > 0.1 * law.tolerance)
-    thrusters = {name: float(n) for name, n, one in zip(law.names, single[worst], held) if one}
-    return AllocationLimit(
-        several[0].dof, unit, float(short.mean()), float(total[worst]), float(given[worst]), thrusters
-    )
+    thrusters = {name: float(n) for name, n, at_limit in zip(law.names, single[worst], held) if at_limit}
+    dof, unit = several[0].dof, several[0].unit
+    return AllocationLimit(dof, unit, float(short.mean()), float(total[worst]), float(given[worst]), thrusters)
 
 
 def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
     """The runs of one campaign driven by what their thrusters gave, where that is not what was commanded, which the
     notes of each tell; and what all of them together asked beyond the limits."""
     limited, limits = list(runs), []
-    for dof in DOFS.values():
-        asked = {i: part for i, run in enumerate(runs) for part in commanded(run) if part.dof is dof}
-        law = law_of([*asked.values()]) if asked else None
-        unit = runs[0].moment_unit if dof is runs[0].dof else dof.units.forces[1]
-        limit = None if law is None else limit_of(law, [*asked.values()], unit)
-        if law is None or limit is None:
+    for law, asked in laws_of([commanded(run) for run in runs]):
+        limit = limit_of(law, [*asked.values()])
+        if limit is None:
             continue
         limits.append(limit)
         for i, part in asked.items():
             short, run = law.short(part.total, part.single), limited[i]
-            if not short.any():
-                continue
-            of_run = limit_of(law, [part], unit)
+            of_run = limit_of(law, [part])
             notes = () if of_run is None else (of_run.sentence,)
             run = replace(run, notes=(*run.notes, *notes), reading=(*run.reading, *notes))
             total = np.where(short, law.given(part.single), part.total)
-            if dof is not run.dof:
-                run = replace(run, extras={**run.extras, dof.command: total})
+            if part.dof is not run.dof:
+                run = replace(run, extras={**run.extras, part.dof.command: total})
             elif ASKED not in run.extras:
                 run = replace(run, moment=total)
             limited[i] = run

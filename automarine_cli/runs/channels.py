@@ -17,7 +17,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.noise import median, position_noise, slope
+from automarine_cli.runs.noise import median, position_noise, slope, summed
 from automarine_cli.runs.run import Run
 
 MIN_READINGS = 8  # Readings
@@ -33,8 +33,7 @@ def unbiased_velocity(run: Run) -> Floats | None:
     if good.sum() < MIN_READINGS:
         return None
     time, velocity = run.time[good], read[good]
-    summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
-    return np.asarray(read - slope(time, summed - run.position[good])[0])
+    return np.asarray(read - slope(time, summed(time, velocity) - run.position[good])[0])
 
 
 def velocity_noise(run: Run) -> float:
@@ -151,11 +150,9 @@ class Agreement:
 def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
     """Compare the channel `quantity`, a velocity, with the positions of the runs that have both."""
     both = [run for run in runs if run.channel(quantity) is not None and not run.summed_up and len(run) >= MIN_SAMPLES]
-    stuck = [(run.name, at) for run in both if (at := _stuck_at(run, quantity)) is not None]
-    names = tuple(name for name, _ in stuck)
-    at = median(np.array([one for _, one in stuck])) if stuck else 0.0
-    free = [run for run in both if run.name not in names]
-    every = [one for run in free for one in stretches(run, quantity)]
+    stuck = {run.name: at for run in both if (at := _stuck_at(run, quantity)) is not None}
+    names, at = tuple(stuck), median(np.array([*stuck.values()])) if stuck else 0.0
+    every = [stretch for run in both if run.name not in stuck for stretch in stretches(run, quantity)]
     if len(every) > MAX_STRETCHES:
         every = [every[i] for i in np.linspace(0, len(every) - 1, MAX_STRETCHES).astype(int)]
     follows = noise_followed([(one.position, one.velocity) for one in every])
@@ -193,21 +190,14 @@ def stretches(run: Run, quantity: str) -> list[Stretch]:
         if len(chosen) < MIN_SAMPLES:
             continue
         time, position, velocity = run.time[chosen], run.position[chosen], read[chosen]
-        summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
-        found.append(
-            Stretch(
-                time - time[0], position, velocity, summed, period,
-                position_noise(time, position), position_noise(time, velocity),
-            )
-        )  # fmt: skip
+        noises = position_noise(time, position), position_noise(time, velocity)
+        found.append(Stretch(time - time[0], position, velocity, summed(time, velocity), period, *noises))
     return found
 
 
 def _stuck_at(run: Run, quantity: str) -> float | None:
-    """The one value that the sensor repeats while the position goes elsewhere, or None.
-
-    A steady turn repeats a coarse reading, and rightly so: the position has to bend meanwhile.
-    """
+    """The one value that the sensor repeats while the position goes elsewhere, and bends, as a steady turn repeats a
+    coarse reading rightly; or None."""
     read = run.channel(quantity)
     assert read is not None
     good = np.isfinite(read)
@@ -288,8 +278,6 @@ def _delay(moving: Sequence[Stretch], scale: float | None) -> tuple[float, float
     misfit = _misfit(moving, fine, scale)
     whole = misfit.sum(axis=0)
     late = _lowest(fine, whole)
-    if len(moving) < MIN_STRETCHES:
-        return late, np.inf, float(whole.min())
     count = len(moving)
     drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), DRAWS)
     again = np.array([_lowest(fine, row) for row in drawn @ misfit])
@@ -317,8 +305,6 @@ def _scale(moving: Sequence[Stretch], late: float) -> tuple[float, float, float]
     slopes, weights = across / squares, wholes / wholes.sum()
     correlation = _reached(across / np.sqrt(squares * wholes), weights)
     scale = _weighted_median(slopes, weights)
-    if len(slopes) < MIN_STRETCHES:
-        return correlation, scale, np.inf
     spread = 1.4826 * _weighted_median(np.abs(slopes - scale), weights) * np.sqrt((weights**2).sum())
     least = np.sqrt((weights**2 * doubts / squares**2).sum())
     return correlation, scale, 1.2533 * float(max(spread, least))
@@ -332,9 +318,7 @@ def _reached(correlations: Floats, weights: Floats) -> float:
 
 
 def _weighted_median(values: Floats, weights: Floats, share: float = 0.5) -> float:
-    order = np.argsort(values)
-    below = np.cumsum(weights[order]) / weights.sum()
-    return float(values[order][np.searchsorted(below, share)])
+    return float(np.quantile(values, share, weights=weights, method="inverted_cdf"))
 
 
 def _pace(moving: Sequence[Stretch], name: str) -> float:
@@ -397,9 +381,8 @@ def _without_velocity(run: Run) -> Run:
 NOTHING_TO_CHOOSE = ChannelChoice()
 
 
-def wanted_channels(text: str, dof: Dof, key: str = "channels") -> tuple[str, ...] | None:
-    """The quantities that the setting `key` names; None for "auto" and "all". Raises SettingError for what is none of
-    them."""
+def wanted_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
+    """The quantities that the setting names; None for "auto" and "all". Raises SettingError for what is none."""
     if text in (AUTO, ALL):
         return None
     if text == POSITION:
@@ -408,7 +391,7 @@ def wanted_channels(text: str, dof: Dof, key: str = "channels") -> tuple[str, ..
     unknown = [name for name in names if name not in dof.channels]
     if unknown or not names:
         raise SettingError(
-            f"{key} is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
+            f"channels is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
             "commas between"
         )
     return names

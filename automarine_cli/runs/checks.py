@@ -138,16 +138,11 @@ def is_slow(position: Floats, repeats: int) -> bool:
 
 def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
     """Length and value of the longest stretch of one exact position among the samples `where`."""
-    same = np.diff(position) == 0
-    if not same.any():
-        return 1, float(position[0])
-    same &= where[1:] & where[:-1]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    starts, stops = edges[::2], edges[1::2]
-    if not len(starts):
-        return 1, float(position[0])
-    best = int(np.argmax(stops - starts))
-    return int(stops[best] - starts[best]) + 1, float(position[starts[best]])
+    same = (np.diff(position) == 0) & where[1:] & where[:-1]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]])))
+    lengths = np.append(edges[1::2] - edges[::2], 0)
+    best = int(np.argmax(lengths))
+    return int(lengths[best]) + 1, float(position[edges[2 * best] if lengths[best] else 0])
 
 
 ALIKE = 1.25  # pushes of one size: steps that end at one angle are logged a sample more or less

@@ -41,16 +41,10 @@ class CommandRange:
 
 @dataclass(frozen=True)
 class Misfit:
-    """Why commands do not fit a map, and the `rule` of a column map that would mend it; `impossible` where they cannot
-    be of this map at all."""
+    """Why commands do not fit a map, and what would mend it; `impossible` where they cannot be of this map at all."""
 
-    why: str
-    rule: str
+    sentence: str
     impossible: bool
-
-    @property
-    def sentence(self) -> str:
-        return f"{self.why}; write {self.rule} under [columns] to mend that, or give the map of this signal"
 
 
 def misfit_of(ranges: Iterable[CommandRange]) -> Misfit | None:
@@ -72,7 +66,9 @@ def misfit_of(ranges: Iterable[CommandRange]) -> Misfit | None:
     scale = f"{most if size <= 1.01 else most / 100:.4g}" if size <= 101 else "FACTOR"
 
     def misfit(why: str, key: str, value: str, impossible: bool) -> Misfit:
-        return Misfit(said + why, f'{names[0]} = {{ from = "NAME", {key} = {value} }}', impossible)
+        rule = f'{names[0]} = {{ from = "NAME", {key} = {value} }}'
+        mend = f"write {rule} under [columns] to mend that, or give the map of this signal"
+        return Misfit(f"{said}{why}; {mend}", impossible)
 
     if PULSES[0] <= low and high <= PULSES[2] and most < PULSES[0]:
         return misfit("pulses of which the neutral was not subtracted", "subtract", "1500", True)

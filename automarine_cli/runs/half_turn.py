@@ -16,12 +16,13 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import is_slow, longest_repeat, undriven
+from automarine_cli.runs.clean import Mask
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import Step, find_steps, start_position
-from automarine_cli.runs.unwrap import Mask
 
 COMMAND_ENDS = "the {force} changed"
+NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
 LOG_ENDS, WINDOW = "the log ended", "the window"
 
 FEWEST_SAMPLES = 8
@@ -47,8 +48,6 @@ class Trim:
         """Tell which positions (N,) are no longer followed; the ends of a window are as sure as the noise lets them
         be."""
         far = np.abs(position - zero) > (dof.limits.trim if self.reach is None else self.reach)
-        if math.isinf(self.low) and math.isinf(self.high):
-            return np.asarray(far)
         margin = MARGIN_IN_SIGMA * noise
         return np.asarray(far | (position < self.low - margin) | (position > self.high + margin))
 
@@ -115,10 +114,8 @@ class HalfTurn:
 
 
 def all_half_turns(run: Run, trim: Trim = UNTRIMMED) -> list[HalfTurn]:
-    """Trim every step of a run to |psi - psi0| <= pi and judge it, in the order of time.
-
-    Trimming what was trimmed changes nothing. Raises RunError where the run has no moment.
-    """
+    """Trim every step of a run to |psi - psi0| <= pi and judge it, in the order of time. Raises RunError where the run
+    has no moment."""
     return [_half_turn(step, trim) for step in find_steps(run)]
 
 
@@ -127,12 +124,9 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
     good: list[HalfTurn] = []
     aside: list[SetAside] = []
     for run in runs:
-        turns = []
-        for step in find_steps(run):
-            turns.append(_half_turn(step, trim))
-            if turns[-1].serves:
-                good.append(turns[-1])
-                break
+        turns = all_half_turns(run, trim)
+        if first := next((turn for turn in turns if turn.serves), None):
+            good.append(first)
         else:
             aside.append(SetAside(run.source, run.name, why_none(run, turns)))
     return tuple(good), tuple(aside)
@@ -141,10 +135,11 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
 def _half_turn(step: Step, trim: Trim) -> HalfTurn:
     run, first = step.run, step.first
     dof, noise, zero = run.dof, run.noise, start_position(step)
-    beyond = trim.beyond(run.position[step.segment], zero, noise, dof)
+    held = run.position[first : step.stop]
+    beyond = trim.beyond(held, zero, noise, dof)
     crossed, stop = bool(beyond.any()), step.stop
     if crossed:
-        stop = first + _kept_samples(run.position[step.segment], int(np.argmax(beyond)), noise)
+        stop = first + _kept_samples(held, int(np.argmax(beyond)), noise)
     time, position = run.time[first:stop], run.position[first:stop]
     last = slice(max(first, stop - 6), stop)  # the end is read from the line through the last six samples
     rate, _ = slope(run.time[last], run.position[last])
@@ -164,8 +159,7 @@ def _half_turn(step: Step, trim: Trim) -> HalfTurn:
         steady=_is_steady(time, position, noise),
         why="",
     )
-    why = _why_not(turn, crossed)
-    return replace(turn, why=why) if why else turn
+    return replace(turn, why=_why_not(turn, crossed))
 
 
 def _kept_samples(position: Floats, crossing: int, noise: float) -> int:
@@ -197,9 +191,7 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     at = f"the step of {turn.moment:.4g} {run.moment_unit}".rstrip()
     shown = round(abs(float(dof.shown(turn.turned))))
     way = f"{shown} {words.unit if shown == 1 else words.units}"
-    repeats = 1
-    if np.count_nonzero(turn.position[1:] == turn.position[:-1]) >= FEWEST_STUCK - 1:
-        repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
+    repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
     if repeats >= max(FEWEST_STUCK, count / 2) and not is_slow(run.position, repeats):
         return (
             f"{words.sensor} stuck: {repeats} of {count} samples of {at} show one {words.position}. "
@@ -242,10 +234,7 @@ def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
         return why
     dof, extent = run.dof, float(np.ptp(run.position))
     if not turns:
-        held = (
-            "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
-        )
-        return dof.fill(held)
+        return dof.fill(NO_STEP)
     first = next((turn for turn in turns if turn.moved), turns[0])
     if first.moved or extent < dof.limits.least:
         return first.why
@@ -254,6 +243,3 @@ def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
         f"no step: the vehicle {words.moved} over {dof.shown(extent):.3g} {unit}, but under a changing {words.force}; "
         f"none that is constant lasts. Hold the {words.force} constant, or fit whole runs"
     )
-
-
-NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"

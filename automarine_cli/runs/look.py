@@ -1,63 +1,32 @@
-"""What can be said of one run or one thruster test without fitting anything: what `check` and `init` show."""
+"""What can be said of logs without fitting anything: their runs and thruster tests, as `check` lists them; of a folder,
+for `init`, what its columns are taken for, and what kind of test each log is."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
-from automarine_cli.logs.find import stem_of
-from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, law_of, limit_of
-from automarine_cli.runs.command_range import undirected
+from automarine_cli.logs.canonical import driven, names_of
+from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of, quantities_of
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress
+from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, laws_of, limit_of
+from automarine_cli.runs.clean import Indices
+from automarine_cli.runs.command_range import CommandRange, misfit_of, undirected
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none
-from automarine_cli.runs.load import runs_of_table, unreadable
+from automarine_cli.runs.load import read_runs, rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, segments
 
-Kind = Literal["step", "manoeuvre", "idle"]
-
-
-@dataclass(frozen=True)
-class RunKind:
-    """One run: a `step` has one constant command, whether or not it serves; `idle` none at all; else a manoeuvre.
-
-    `with_moment` and `against` count the stretches from rest that went with and against the sign of their
-    command; `low` and `high` are the smallest and the largest one [`unit`].
-    """
-
-    name: str
-    kind: Kind
-    unit: str
-    low: float
-    high: float
-    with_moment: int
-    against: int
-
-
-def kind_of(run: Run) -> RunKind:
-    """The kind of one run. Thruster commands without a moment count as they add up."""
-    driven = run.as_commanded()
-    levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
-    steps = [step for step in find_steps(driven) if step.from_rest]
-    ways = [(step.moment, driven.position[step.stop - 1] - driven.position[step.first]) for step in steps]
-    moved = [float(moment * way) for moment, way in ways if abs(way) > run.dof.limits.still]
-    return RunKind(
-        name=run.name,
-        kind=("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre",
-        unit=driven.moment_unit,
-        low=float(driven.command.min()),
-        high=float(driven.command.max()),
-        with_moment=sum(one > 0 for one in moved),
-        against=sum(one < 0 for one in moved),
-    )
-
-
-Indices = NDArray[np.int64]
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
 
 
@@ -97,7 +66,7 @@ class RunSeen:
         keys = {"noise": noise, "extent": words.range_key, "moment_unit": unit, "half_turn": dof.step_key}
         limits = {"allocation_limits": [limit.to_json() for limit in self.limits]} if self.limits else {}
         plain = {name: value for name, value in vars(self).items() if name not in ("dof", "commanded", "limits")}
-        return {keys.get(name, name): value for name, value in plain.items()} | {"counts": dict(self.counts), **limits}
+        return {keys.get(name, name): value for name, value in plain.items()} | limits
 
 
 @dataclass(frozen=True)
@@ -118,10 +87,7 @@ class ThrusterTestSeen:
     notes: list[str]
 
 
-LogContents: TypeAlias = tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]
-
-
-def look_at_log(file: LogFile, columns: ColumnMap) -> LogContents:
+def look_at_log(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
     """Describe the runs and thruster tests of a file, and what is set aside; samples are dropped."""
     try:
         table = read_log(file, columns, dof=None)
@@ -130,8 +96,6 @@ def look_at_log(file: LogFile, columns: ColumnMap) -> LogContents:
             return [], *look_at_tests(table)
         runs, set_aside = runs_of_table(file, table)
     except LogError as error:
-        if file.named:
-            raise
         return [], [], [unreadable(file, error)]
     return [look_at_run(run) for run in runs], [], set_aside
 
@@ -142,6 +106,7 @@ def look_at_run(run: Run) -> RunSeen:
     driven = run.as_commanded()
     turns = all_half_turns(driven)
     spans = np.diff(run.time)
+    jitter = float(np.percentile(np.abs(spans - run.sample_period), 95))
     best = next((turn for turn in turns if turn.serves), None)
     levels = sorted({moment for _, _, moment in segments(driven.command)})
     return RunSeen(
@@ -152,9 +117,7 @@ def look_at_run(run: Run) -> RunSeen:
         begins_s=float(run.time[0]),
         duration_s=float(run.time[-1] - run.time[0]),
         rate_hz=1 / run.sample_period,
-        jitter_ms=round(
-            1000 * float(np.percentile(np.abs(spans - run.sample_period), 95)), 6
-        ),  # not the clock's rounding
+        jitter_ms=round(1000 * jitter, 6),  # not the clock's rounding
         longest_step_s=float(spans.max()),
         counts=dict(run.counts),
         noise=float(run.dof.shown(position_noise(run.time, run.position))),
@@ -171,17 +134,15 @@ def look_at_run(run: Run) -> RunSeen:
 
 
 def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
-    """Tell of each run of a campaign what it asks of its thrusters beyond their limits, as all runs show these."""
+    """Tell of each run of a campaign what it asks of its thrusters beyond their limits, as all runs of its motion show
+    these."""
     runs = list(runs)
-    for run_dof, dof in {(run.dof, one.dof): None for run in runs for one in run.commanded}:
-        asked = {i: one for i, run in enumerate(runs) if run.dof is run_dof for one in run.commanded if one.dof is dof}
-        unit = runs[next(iter(asked))].moment_unit if dof is run_dof else dof.units.forces[1]
-        law = law_of([*asked.values()])
-        for i, one in asked.items():
-            limit = None if law is None else limit_of(law, [one], unit)
-            if limit is not None:
-                notes = [*runs[i].notes, limit.sentence]
-                runs[i] = replace(runs[i], limits=[*runs[i].limits, limit], notes=notes)
+    for motion in dict.fromkeys(run.dof for run in runs):
+        for law, asked in laws_of([run.commanded if run.dof is motion else [] for run in runs]):
+            for i, part in asked.items():
+                if limit := limit_of(law, [part]):
+                    notes = [*runs[i].notes, limit.sentence]
+                    runs[i] = replace(runs[i], limits=[*runs[i].limits, limit], notes=notes)
     return runs
 
 
@@ -207,13 +168,12 @@ def _step_seen(turn: HalfTurn) -> dict[str, Any]:
 
 def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAside]]:
     """The runs of a thruster test, and those without a single point."""
-    names = np.full(len(table), stem_of(table.source.rsplit("/", 1)[-1])) if table.run is None else table.run
     good = ~(np.isnan(table.columns["n"]) | np.isnan(table.columns["force"]))
     seen, aside = [], []
-    for name in dict.fromkeys(names.tolist()):
-        rows = names == name
-        if (rows & good).any():
-            seen.append(_test(table, name, np.flatnonzero(rows & good), int((rows & ~good).sum())))
+    for name, rows in rows_of_runs(table):
+        both = rows[good[rows]]
+        if len(both):
+            seen.append(_test(table, name, both, len(rows) - len(both)))
         else:
             aside.append(SetAside(table.source, name, "no row has both a control signal and a force"))
     return seen, aside
@@ -236,3 +196,188 @@ def _test(table: LogTable, name: str, rows: Indices, missing: int) -> ThrusterTe
         columns=sorted(table.extras),
         notes=[*table.notes, *filter(None, [undirected(n, force)])],
     )
+
+
+@dataclass(frozen=True)
+class RunKind:
+    """One run: a `step` has one constant command, whether or not it serves; `idle` none at all; else a manoeuvre.
+
+    `with_moment` and `against` count the stretches from rest that went with and against the sign of their
+    command; `low` and `high` are the smallest and the largest one [`unit`].
+    """
+
+    name: str
+    kind: Literal["step", "manoeuvre", "idle"]
+    unit: str
+    low: float
+    high: float
+    with_moment: int
+    against: int
+
+
+def kind_of(run: Run) -> RunKind:
+    """The kind of one run. Thruster commands without a moment count as they add up."""
+    driven = run.as_commanded()
+    levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
+    steps = [step for step in find_steps(driven) if step.from_rest]
+    ways = [(step.moment, driven.position[step.stop - 1] - driven.position[step.first]) for step in steps]
+    moved = [float(moment * way) for moment, way in ways if abs(way) > run.dof.limits.still]
+    return RunKind(
+        name=run.name,
+        kind=("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre",
+        unit=driven.moment_unit,
+        low=float(driven.command.min()),
+        high=float(driven.command.max()),
+        with_moment=sum(one > 0 for one in moved),
+        against=sum(one < 0 for one in moved),
+    )
+
+
+HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
+VALIDATION = "_validation"  # and how they may end
+TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
+
+Placed = Mapping[str, tuple[LogFile, ...]]
+"""Logs by the kind of test that they are."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Everything that was seen: kinds of files with what their columns are taken for, the map of all columns, the runs
+    of each log, what could not be read; the logs of yaw and the bollard tests by kind, and those of other motions.
+    `unread` are logs that show what they are only once a question is answered, `strangers` are files of no vehicle.
+    """
+
+    folder: Path
+    layouts: tuple[Layout, ...]
+    maps: Maps
+    runs: Mapping[LogFile, tuple[RunKind, ...]]
+    set_aside: tuple[SetAside, ...]
+    placed: Placed
+    forces: Mapping[str, Placed]
+    unread: tuple[LogFile, ...]
+    strangers: tuple[LogFile, ...]
+
+    @property
+    def count(self) -> int:
+        bad = {run.file for run in self.set_aside}
+        return sum(file.name not in bad for layout in self.layouts for file in layout.files)
+
+    @property
+    def columns(self) -> tuple[Recognised, ...]:
+        every = [column for layout in self.layouts for column in layout.columns]
+        unique = {(column.key, column.source, str(column.rule)): column for column in reversed(every)}
+        return tuple(unique.values())[::-1]
+
+    @property
+    def thrusters_drive(self) -> bool:
+        return bool(self.commands) and not {column.key for column in self.columns} & {*names_of(YAW.command)}
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """The columns of the commands of both thrusters, none where the logs do not hold both."""
+        sides = {column.key: column.source for column in self.columns if column.key in YAW.thrusters}
+        return tuple(sides.values()) if driven(YAW, sides.keys()) else ()
+
+    @property
+    def misfit(self) -> str:
+        """How the commands of the logs do not fit those of the bollard tests, which would make their map; "" where
+        they do."""
+        ends = {column.key: end for layout in self.layouts for column in layout.columns
+                if (end := layout.ends(column)) is not None}  # fmt: skip
+        if not {"n", *YAW.thrusters} <= ends.keys():
+            return ""
+        low, high, _ = ends["n"]
+        unit = next(column.rule.get("unit", "") for column in self.columns if column.key == "n")
+        misfit = misfit_of([CommandRange(*ends[side], YAW.thrusters, (low, high), str(unit)) for side in YAW.thrusters])
+        return misfit.sentence if misfit else ""
+
+    @property
+    def turns(self) -> tuple[int, int]:
+        others = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
+        kinds = [kind for file, runs in self.runs.items() if file not in others for kind in runs]
+        return sum(kind.with_moment for kind in kinds), sum(kind.against for kind in kinds)
+
+    @property
+    def turned_round(self) -> bool:
+        """Whether nearly all turn against their moment: heading or moment counts the other way."""
+        good, bad = self.turns
+        return bad >= 2 and bad >= TURNED_ROUND * (good + bad)
+
+
+KINDS = ("thrusters", "steps", "manoeuvres", "validation")
+
+
+def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int, progress: Progress) -> Survey:
+    """Look at every log: its columns first (by the map `columns` where the user has one), then which files are one
+    log, then its runs by what the columns are taken for, then its kind."""
+    logs, layouts, maps, errors = layouts_of(folder, files, columns, jobs, progress)
+    layout_of = {file: layout for layout in layouts for file in layout.files}
+    readable = [(file, layout_of[file]) for file in logs if file in layout_of]
+    look = partial(_look, taken_for=maps.columns(), columns=columns)
+    work = [(file, layout.bollard, layout.dof) for file, layout in readable]
+    looks = ordered_map(look, work, jobs, progress=progress, stage="looking at runs")
+    headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
+    aside = [unreadable(file, error) for file, error in errors.items()]
+    unread: list[LogFile] = []
+    placed: dict[str, list[LogFile]] = {kind: [] for kind in KINDS}
+    forces: dict[str, dict[str, list[LogFile]]] = {}
+    for (file, layout), (runs, bad) in zip(readable, looks):
+        asked = layout.lacking or any(column.open for column in layout.columns)
+        unclear = asked and not (runs or layout.bollard) and not (headed and YAW.position in layout.lacking)
+        if unclear:  # it shows what it is once a question is answered
+            unread.append(file)
+        else:
+            aside += bad
+        kind = _kind_of(file, runs, unclear) if not layout.bollard else "" if bad else "thrusters"
+        if not kind:
+            continue
+        if not layout.dof.wraps:
+            forces.setdefault(layout.dof.name, {name: [] for name in KINDS[1:]})[kind].append(file)
+        elif layout.dof is YAW and _of_three(layout.names):
+            planar = forces.setdefault(PLANAR.name, {"runs": [], "validation": []})
+            planar["validation" if kind == "validation" else "runs"].append(file)
+        else:
+            placed[kind].append(file)
+
+    def fixed(kinds: Mapping[str, Sequence[LogFile]]) -> Placed:
+        return {kind: tuple(members) for kind, members in kinds.items()}
+
+    return Survey(
+        folder, layouts, maps, {file: runs for (file, _), (runs, _) in zip(readable, looks)}, tuple(aside),
+        fixed(placed), {motion: fixed(forces[motion]) for motion in (*DOFS, PLANAR.name) if motion in forces},
+        tuple(unread), tuple(file for file in logs if file not in layout_of and file not in errors),
+    )  # fmt: skip
+
+
+def _look(
+    log: tuple[LogFile, bool, Dof], taken_for: ColumnMap, columns: ColumnMap
+) -> tuple[tuple[RunKind, ...], list[SetAside]]:
+    """The kinds of the runs of a log, none of a bollard test, and what of it cannot be used."""
+    file, bollard, dof = log
+    try:
+        if bollard:
+            require_thruster(read_log(file, taken_for, dof=YAW))
+            return (), []
+        runs, aside = read_runs(replace(file, named=False), taken_for if dof.wraps else columns, dof=dof)
+    except LogError as error:  # a guess that does not fit this log
+        return (), [unreadable(file, error)]
+    return tuple(kind_of(run) for run in runs), aside
+
+
+def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> str:
+    """The kind of test that a log of runs holds; none where nothing is commanded. A log that only an answer makes
+    readable is taken for steps."""
+    kinds = Counter(run.kind for run in runs)
+    if not unread and (not kinds or set(kinds) == {"idle"}):
+        return ""
+    if any(part.lower().startswith(HELD_BACK) or part.lower().endswith(VALIDATION) for part in file.name.split("/")):
+        return "validation"
+    return "manoeuvres" if kinds["manoeuvre"] else "steps"
+
+
+def _of_three(names: Sequence[str]) -> bool:
+    there = quantities_of(names)
+    pushed = {SURGE.command, SWAY.command} & there
+    moved = {SURGE.velocity, SWAY.velocity} & there or {"north", "east"} <= there
+    return YAW.position in there and bool(pushed) and bool(moved)

@@ -23,24 +23,15 @@ def position_noise(time: Floats, position: Floats) -> float:
     """
     if len(time) < 7:
         return 0.0
-    last, step = len(time) - 2, time[1:] - time[:-1]
-    # from each of the four neighbours to the sample, and between neighbours
-    near, far = step[1:-2], step[2:-1]
-    off = (step[:-3] + near, near, -far, -(far + step[3:]))
-    apart = {(j, m): off[j] - off[m] for j in range(4) for m in range(j + 1, 4)}
-    before, after = off[0] * off[1], off[2] * off[3]
-    weights = (
-        off[1] * after / (-apart[0, 1] * apart[0, 2] * apart[0, 3]),
-        off[0] * after / (apart[0, 1] * apart[1, 2] * apart[1, 3]),
-        before * off[3] / (-apart[0, 2] * apart[1, 2] * apart[2, 3]),
-        before * off[2] / (apart[0, 3] * apart[1, 3] * apart[2, 3]),
-    )
+    last = len(time) - 2
+    off = [time[2 + k : last + k] - time[2:last] for k in (-2, -1, 1, 2)]  # from the sample to its four neighbours
     residual, square = position[2:last].copy(), np.ones(len(time) - 4)
-    for weight, k in zip(weights, (-2, -1, 1, 2)):
+    for k, at in zip((-2, -1, 1, 2), off):  # Lagrange's weights
+        weight = np.prod([other / (other - at) for other in off if other is not at], axis=0)
         residual -= weight * position[2 + k : last + k]
-        square += weight * weight
+        square += weight**2
     sigma = NORMAL * median(np.abs(residual) / np.sqrt(square))
-    moved = np.abs(position[1:] - position[:-1])
+    moved = np.abs(np.diff(position))
     still = moved < SAME
     if np.count_nonzero(still) >= len(still) / 3 and not still.all():
         sigma = max(sigma, float(moved[~still].min()) / np.sqrt(12))
@@ -55,11 +46,14 @@ def slope(time: Floats, position: Floats) -> tuple[float, float]:
     """Least-squares slope [rad/s or m/s] and its standard error for a noise of 1 rad or m a sample; (0, inf) for one
     sample.
     """
-    centred = time - np.add.reduce(time) / len(time)
+    centred = time - time.mean()
     square = float(centred @ centred)
-    if square == 0:
-        return 0.0, math.inf
-    return float(centred @ (position - np.add.reduce(position) / len(time))) / square, 1 / math.sqrt(square)
+    return (float(centred @ (position - position.mean())) / square, square**-0.5) if square else (0.0, math.inf)
+
+
+def summed(time: Floats, velocity: Floats) -> Floats:
+    """Positions (N,) from zero on, by the trapezium over the samples."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
 
 
 def fresh_readings(read: Floats) -> NDArray[np.bool_]:

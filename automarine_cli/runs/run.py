@@ -50,42 +50,25 @@ class Run:
     commanded: CommandRange | None = None
     dof: Dof = field(kw_only=True)
 
-    def __post_init__(self) -> None:
-        for name, column in {"position": self.position, "command": self.moment, **self.extras}.items():
-            if column is not None and column.shape != self.time.shape:
-                raise RunError(
-                    f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
-                    f"for {self.time.shape} samples; this is a bug, please report it"
-                )
-        if (self.time[1:] <= self.time[:-1]).any():
-            raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
-
     def __len__(self) -> int:
         return len(self.time)
 
     @property
     def command(self) -> Floats:
         """Commanded moment or force [`moment_unit`], shape (N,). Raises RunError where the log has none."""
-        if self.moment is None:
-            dof, names = self.dof, ", ".join(names_of(self.dof.command))
-            arm = " and --arm METRES" * dof.levered
-            thrusters = f"give --thrusters MAP.json{arm} for {' and '.join(dof.thrusters)}, or "
-            raise RunError(
-                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({names}) in the log; "
-                f"{thrusters * bool(dof.thrusters)}name the {dof.words.force}'s column with --columns"
-            )
-        return self.moment
+        return self.command_of(self.dof)
 
     def command_of(self, dof: Dof) -> Floats:
         """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
-        if dof is self.dof:
-            return self.command
-        if dof.command not in self.extras:
+        command = self.moment if dof is self.dof else self.extras.get(dof.command)
+        if command is None:
+            arm = " and --arm METRES" * dof.levered
+            thrusters = f"give --thrusters MAP.json{arm} for {' and '.join(dof.thrusters)}, or " * bool(dof.thrusters)
             raise RunError(
                 f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in "
-                "the log; name its column with --columns"
+                f"the log; {thrusters}name the {dof.words.force}'s column with --columns"
             )
-        return self.extras[dof.command]
+        return command
 
     def channel(self, quantity: str) -> Floats | None:
         """What a sensor logged, (N,) [base units], NaN where it has no reading; None where there is no such sensor."""

@@ -14,7 +14,6 @@ FEWEST_AT_REST = 2
 SHORT_REST = 10
 SLOW = 0.1  # of the mean rate of the step: a slower start counts as standing still
 SURE = 4.0  # standard errors
-OFTEN_IDLE = 1000  # samples before a step that are looked at before all of them are
 
 
 @dataclass(frozen=True)
@@ -44,10 +43,6 @@ class Step:
     notes: tuple[str, ...] = ()
 
     @property
-    def segment(self) -> slice:
-        return slice(self.first, self.stop)
-
-    @property
     def switch_mid(self) -> float:
         """Middle of the interval in which the command switched [s]."""
         return (self.switch_from + self.switch_to) / 2
@@ -57,14 +52,10 @@ ALREADY_ON = "the log begins with the {force} already on: its switch is taken wi
 
 
 def find_steps(run: Run) -> tuple[Step, ...]:
-    """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time.
-
-    Raises RunError where the run has no moment.
-    """
-    stretches = segments(run.command)
-    held = [(a, b, moment) for a, b, moment in stretches if moment != 0 and b - a >= FEWEST_SAMPLES]
-    least = _least_change(run.command)
-    return tuple(_step(run, first, stop, moment, least) for first, stop, moment in held)
+    """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time. Raises
+    RunError where the run has no moment."""
+    held = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= FEWEST_SAMPLES)
+    return tuple(_step(run, first, stop, moment, _least_change(run.command)) for first, stop, moment in held)
 
 
 def segments(moment: Floats) -> list[tuple[int, int, float]]:
@@ -108,22 +99,17 @@ def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
     )
 
 
-def _mean_rate(run: Run, first: int, stop: int) -> float:
-    """Mean rate of a stretch [rad/s or m/s], as far as a step is followed at most."""
-    far = np.abs(run.position[first:stop] - run.position[first]) > run.dof.limits.trim
-    last = first + int(np.argmax(far)) if far.any() else stop - 1
-    if last == first:
-        return 0.0
-    return float((run.position[last] - run.position[first]) / (run.time[last] - run.time[first]))
-
-
 def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
     """The first sample of the longest stretch of zero moment right before the samples `first` to `stop` - 1 over which
     the position shows no slope, `first` where there is none; and the mean rate of these samples [rad/s or m/s].
 
     Where a constant force acts, the stretch is one of any one command: that may be the one that balances it.
     """
-    pace = _mean_rate(run, first, stop)
+    far = np.abs(run.position[first:stop] - run.position[first]) > run.dof.limits.trim
+    last = first + int(np.argmax(far)) if far.any() else stop - 1  # as far as a step is followed at most
+    pace = 0.0
+    if last > first:
+        pace = float((run.position[last] - run.position[first]) / (run.time[last] - run.time[first]))
     length, most = first - _idle_since(run, first, least), SLOW * abs(pace)
     while length >= FEWEST_AT_REST:
         start = first - length
@@ -139,11 +125,8 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
 def _idle_since(run: Run, first: int, least: float) -> int:
     command = run.command
     idle = command[first - 1] if run.dof.has_constant and first else 0.0
-    for start in (max(0, first - OFTEN_IDLE), 0):
-        acting = np.flatnonzero(np.abs(command[start:first] - idle) > least)
-        if acting.size:
-            return start + int(acting[-1]) + 1
-    return 0
+    acting = np.flatnonzero(np.abs(command[:first] - idle) > least)
+    return int(acting[-1]) + 1 if acting.size else 0
 
 
 def released(run: Run) -> int:
@@ -158,19 +141,15 @@ def released(run: Run) -> int:
 
 
 def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:
-    """Rate at the first sample [rad/s or m/s] and its standard error, from a parabola through the start of a
-    step.
-
-    The start is what moved less than `way` [rad or m] (at least 6 samples, all if fewer). `sigma` [rad or m] is the
-    noise.
-    """
+    """Rate at the first sample [rad/s or m/s] and its standard error, from a parabola through the start of a step: what
+    moved less than `way` [rad or m], at least 6 samples. `sigma` [rad or m] is the noise."""
     count = start_length(position, way)
-    coefficients, root = _parabola(time[:count], position[:count])
-    if abs(position[count - 1] - position[0]) > 2 * way:  # a slow logger sees more than a parabola
-        powers = np.vander(time[:count] - time[0], len(coefficients), increasing=True)
-        left = position[:count] - powers @ coefficients
-        sigma = max(sigma, float(np.sqrt(left @ left / max(count - 3, 1))))
-    return float(coefficients[1]), sigma * float(np.sqrt((root @ root.T)[1, 1]))
+    since, position = time[:count] - time[0], position[:count]
+    coefficients, covariance = np.polyfit(since, position, min(2, count - 1), cov="unscaled")
+    if abs(position[-1] - position[0]) > 2 * way:  # a slow logger sees more than a parabola
+        residual = position - np.polyval(coefficients, since)
+        sigma = max(sigma, float(np.sqrt(residual @ residual / max(count - 3, 1))))
+    return float(coefficients[-2]), sigma * float(np.sqrt(covariance[-2, -2]))
 
 
 def start_length(position: Floats, way: float) -> int:
@@ -182,30 +161,14 @@ def start_length(position: Floats, way: float) -> int:
 
 
 def start_position(step: Step) -> float:
-    """Position at the step [rad or m]: the mean over the rest before it, else carried back from the start of the
-    motion.
-
-    Without rest a parabola through the start of the step is read at the middle of the switch interval (from a
-    standstill without slope there). It depends on the first samples of the step only.
-    """
+    """Position at the step [rad or m]: the mean over the rest before it, else a parabola through the start of the step,
+    read at the middle of the switch interval (from a standstill without slope there)."""
     if step.start_position is not None:
         return step.start_position
-    position = step.run.position[step.segment]
+    position = step.run.position[step.first : step.stop]
     count = start_length(position, step.run.dof.limits.start)
     time = step.run.time[step.first : step.first + count] - step.switch_mid
     if step.from_rest:
         design = np.column_stack([np.ones(count), time**2])
         return float(np.linalg.lstsq(design, position[:count], rcond=None)[0][0])
-    return float(_parabola(time, position[:count], at=0.0)[0][0])
-
-
-def _parabola(time: Floats, position: Floats, at: float | None = None) -> tuple[Floats, Floats]:
-    """Coefficients of the parabola about `at` (default: the first time), and the matrix that makes them of
-    positions.
-    """
-    shifted = time - (time[0] if at is None else at)
-    powers = np.arange(min(3, len(time)))[:, None]
-    unit = float(np.abs(shifted).max()) or 1.0
-    design = (shifted / unit) ** powers
-    inverse = np.linalg.solve(design @ design.T, design) / unit**powers
-    return inverse @ position, inverse
+    return float(np.polyfit(time, position[:count], min(2, count - 1))[-1])

@@ -1,5 +1,4 @@
-"""Many runs padded to one array: simulation grid, held commands, and command changes that may move, worked
-out once."""
+"""Many runs padded to one array: simulation grid, held commands, and command changes that may move."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,8 +21,7 @@ WINDOW = 2.0  # length [s] of the windows in which a disturbance moment is held
 WHITE = 2.33
 """Standard deviations of von Neumann's ratio by which neighbouring readings are more alike than white noise (1 %)."""
 MOST_SWITCHES = 24
-"""Runs with more changes of command than this (closed-loop driving) get one delay for all their changes
-together."""
+"""Runs with more changes of command than this (closed-loop driving) get one delay for all changes together."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,6 @@ class Batch:
 
     @property
     def dof(self) -> Dof:
-        """The degree of freedom, where there is only one."""
         (only,) = self.motion.dofs
         return only
 
@@ -102,8 +99,7 @@ class Batch:
         return np.take_along_axis(clock, self.node, axis=1)
 
     def commands(self, switch_delay: Floats | None = None) -> tuple[Commands, ...]:
-        """Commands of each degree of freedom on the grid, (P or 1, R, M), with the instants of change moved by
-        `switch_delay` (P, R, E) [s]."""
+        """Commands of each degree of freedom, (P or 1, R, M), changes moved by `switch_delay` (P, R, E) [s]."""
         length = self.length[None]
         if switch_delay is not None:
             index = np.broadcast_to(self.switch[None], (len(switch_delay), *self.switch.shape))
@@ -126,14 +122,9 @@ class _Grid:
 
 
 def make_batch(
-    runs: Sequence[Run],
-    max_step: float,
-    signals: Sequence[str] = (),
-    hold: bool = True,
-    *,
-    motion: Motion | None = None,
-    channels: Sequence[str] | None = None,
-) -> Batch:
+    runs: Sequence[Run], max_step: float, signals: Sequence[str] = (), hold: bool = True, *,
+    motion: Motion | None = None, channels: Sequence[str] | None = None,
+) -> Batch:  # fmt: skip
     """Lay `runs` out for simulation with steps of at most `max_step` [s].
 
     `motion` is by default that of the runs' one degree of freedom. `channels` names the quantities measured that are to
@@ -172,25 +163,21 @@ def make_batch(
 
 
 def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
-    """The one unit of the runs' moments or forces. Raises RunError for no runs, several units, or a signal that a run
-    lacks."""
+    """The one unit of the runs' moments. Raises RunError for no runs, several units, or a signal that a run lacks."""
     if not runs:
         raise RunError("no runs to simulate; give at least one log")
     units = {run.moment_unit for run in runs}
     if len(units) > 1:
-        raise RunError(
-            f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with --columns"
-        )
+        several = ", ".join(sorted(units))
+        raise RunError(f"the logs give moments in different units ({several}); map them to one with --columns")
     for run in runs:
-        missing = [name for name in signals if run.signal(name) is None]
-        if missing:
+        if missing := [name for name in signals if run.signal(name) is None]:
             raise RunError(f"{run.source}, run {run.name!r}: the model needs {lacking_signal(missing[0])}")
     return units.pop()
 
 
 def signals_of(runs: Sequence[Run], name: str) -> list[Floats]:
-    """A signal of every run that has it, (N,) each; measured ones, which commands are not, without noise where they
-    are nothing else."""
+    """A signal of every run that has it, (N,) each; measured ones without noise where they are nothing else."""
     signals = [found for run in runs if (found := run.signal(name)) is not None]
     return signals if name in PARTS else [without_noise(signal) for signal in signals]
 
@@ -242,8 +229,7 @@ def _held(run: Run, grid: _Grid) -> _Grid:
 
 
 def _grid(run: Run, force: Floats, max_step: float) -> _Grid:
-    """Steps between the samples of one run; an interval in which a command, of `force` (D, N), changes is halved at
-    the change."""
+    """Steps between the samples of one run; one in which a command, of `force` (D, N), changes is halved there."""
     intervals = np.diff(run.time)
     changed = np.any(np.diff(force, axis=1) != 0, axis=0)
     count = np.maximum(np.ceil(intervals / max_step - 1e-9).astype(int), 1)
@@ -268,9 +254,5 @@ def _grid(run: Run, force: Floats, max_step: float) -> _Grid:
 
 def _held_before(run: Run, dof: Dof) -> float:
     """What was commanded before the first sample: nothing if the vehicle starts from rest, else what that shows."""
-    force = run.command_of(dof)
-    if dof is not run.dof:
-        return float(force[0])
-    steps = find_steps(run)
-    from_rest = bool(steps) and steps[0].begins_log and steps[0].from_rest
-    return 0.0 if from_rest else float(force[0])
+    first = next(iter(find_steps(run)), None) if dof is run.dof else None
+    return 0.0 if first and first.begins_log and first.from_rest else float(run.command_of(dof)[0])

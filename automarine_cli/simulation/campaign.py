@@ -1,16 +1,21 @@
-"""A specification becomes runs with known truth: their plans, what is drawn for each, its motion, and its log."""
+"""A specification becomes runs with known truth: their plans, what is drawn for each, its motion, and its log, as CSV
+(the same bytes on every machine), CSV in gzip or Parquet."""
 
-from collections.abc import Iterator, Sequence
+import struct
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby, islice
+from itertools import chain, groupby, islice
 from math import exp, floor, log2
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from automarine_cli import effects
-from automarine_cli.dofs import SURGE, SWAY
+from automarine_cli.dofs import DOFS, SURGE, SWAY
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.models.allocation import Vehicle
@@ -21,16 +26,19 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
-from automarine_cli.simulation.run_groups import PlanarRuns, RunGroup
 from automarine_cli.simulation.specification import (
+    TOO_MANY_SAMPLES,
     AnySpecification,
     Logger,
     PlanarLogger,
+    PlanarRuns,
     PlanarSpecification,
+    RunGroup,
     Sensor,
     Specification,
+    normal,
+    uniform,
 )
-from automarine_cli.simulation.streams import normal, uniform
 
 FINER = 8.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
 PLANAR_STEP = 0.02  # s: the error stays far below the last digit logged
@@ -81,7 +89,6 @@ class Drawn:
 
     @property
     def gain(self) -> float:
-        """Moment or force delivered over the one commanded."""
         return exp(self.log_gain)
 
 
@@ -128,7 +135,7 @@ def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: AnySpe
 
 
 def _step(plan: Plan, model: Vehicle) -> float:
-    """Step [s] for one run, a power of two: few different ones, and none depends on the other runs."""
+    """A power of two [s]: few different ones, and none depends on the other runs."""
     if not isinstance(model, YawModel):
         return PLANAR_STEP
     largest = max((abs(moment) for moment in plan.moments), default=0.0)
@@ -156,7 +163,7 @@ def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) 
     if isinstance(specification, PlanarSpecification):
         disturbance, windows = specification.disturbance, int(time[-1] / WINDOW) + 2
         share, sizes = np.exp(-WINDOW / disturbance.time_s), zip(disturbance.sizes, PLANAR.dofs)
-        pushed = [size * _process(normal(windows, seed, key, dof.name), share) for size, dof in sizes]
+        pushed = [size * lasting(normal(windows, seed, key, dof.name), share) for size, dof in sizes]
         return replace(drawn, disturbance=np.stack(pushed))
     bias = specification.logger.rate_bias or 0.0
     return replace(
@@ -225,8 +232,7 @@ def _truth(
 
 
 def _own_phases(model: YawModel, plans: Sequence[Plan], seed: int) -> dict[str, Floats]:
-    """Sine and cosine (1, R, 2) of each run's own wave, for effects that vary from run to run: any phase is as
-    likely."""
+    """Sine and cosine (1, R, 2) of each run's own wave, for effects that vary from run to run, at any phase."""
     own = {}
     for term in model.terms:
         if effects.get(term.name).varies(term.values):
@@ -260,10 +266,7 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
     if total > MOST_SAMPLES:
-        raise SettingError(
-            f"{specification.source}: {total:.3g} samples would be made; expected at most {MOST_SAMPLES:.0g}. "
-            "Ask for fewer or shorter runs, or a lower rate_hz"
-        )
+        raise SettingError(f"{specification.source}: {TOO_MANY_SAMPLES.format(total, MOST_SAMPLES)}")
     if specification.campaign.order == "random":
         plans.sort(key=lambda plan: float(uniform(1, seed, plan.key, "order")[0]))
     placed, clock = [], 0.0
@@ -275,7 +278,6 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
 
 
 def _listed(specification: AnySpecification, seed: int) -> Iterator[Plan]:
-    """Plans in the order of the specification, repeats of a run one after the other."""
     turn, vehicle = 0, specification.vehicle.model
     for group in specification.runs:
         for name, key, commands in group.runs(vehicle, seed):  # type: ignore[arg-type]
@@ -287,8 +289,7 @@ def _listed(specification: AnySpecification, seed: int) -> Iterator[Plan]:
 def _on_the_grid(
     commands: Sequence[tuple[Any, float]], specification: AnySpecification
 ) -> tuple[int, tuple[int, ...], tuple[Any, ...]]:
-    """Number of samples (in the plane the end is one), first sample of each command, the commands: rests included,
-    zeros at the start left out."""
+    """Number of samples (in the plane the end is one), first sample of each command, the commands; rests included."""
     schedule, turns = specification.campaign, specification.motion.turns
     nothing = (0.0, 0.0, 0.0) if turns else 0.0
     whole = ((nothing, schedule.rest_before_s), *commands, (nothing, schedule.rest_after_s))
@@ -310,9 +311,8 @@ def _refuse_clashes(plans: list[Plan], specification: AnySpecification) -> None:
         owners[specification.bollard.file.lower()] = ("the bollard test", -1)
     for plan in plans:
         if plan.samples < 2:
-            raise SettingError(
-                f"{specification.source}: run {plan.name!r} has {plan.samples} samples; expected at least 2"
-            )
+            wrong = f"run {plan.name!r} has {plan.samples} samples; expected at least 2"
+            raise SettingError(f"{specification.source}: {wrong}")
         file = plan.file.lower()  # some file systems do not tell A from a
         several = plan.group.together is not None
         owner = ("one file together", 0) if several else (plan.name, plan.turn)
@@ -334,7 +334,6 @@ def sample_times(plan: Plan, logger: Logger | PlanarLogger, seed: int) -> Floats
 
 
 def switch_times(plan: Plan, logger: Logger | PlanarLogger, seed: int) -> Floats:
-    """Draw the instants at which the commands change [s], each anywhere within the sample interval before it shows."""
     share = uniform(len(plan.changes), seed, plan.key, "switch")
     return np.asarray((np.array(plan.changes, dtype=float) - share) * logger.period)
 
@@ -349,8 +348,7 @@ def commanded(time: Floats, switches: Floats, plan: Plan) -> Floats:
 def _log(
     plan: Plan, drawn: Drawn, time: Floats, truth: Floats, specification: Specification, seed: int
 ) -> SimulatedRun:
-    """Log a run of one degree of freedom whose position and velocity are `truth` (N, 2) at `time` (N,) [s since its
-    first sample]."""
+    """Log a run of one degree of freedom, position and velocity `truth` (N, 2) at `time` (N,) [s since its start]."""
     logger, dof, count = specification.logger, specification.vehicle.dof, len(time)
     position, rate = truth[:, 0] + drawn.zero, truth[:, 1] + drawn.rate_bias
     reading = dof.logged(position) + logger.noise * normal(count, seed, plan.key, "noise")
@@ -365,12 +363,13 @@ def _log(
     if plan.group.fault == "ends-early":
         beyond = np.abs(position - position[0]) > EARLY_END * dof.limits.least
         logged[int(np.argmax(beyond)) if beyond.any() else count // 2 :] = False
+    if logger.quantisation > 0:
+        reading = np.round(reading / logger.quantisation) * logger.quantisation
+    low, force = {"0..360": 0.0, "-180..180": -180.0}.get(logger.wrap), commanded(time, drawn.switches, plan)[:, 0]
     columns = {
         "time_s": _rounded(plan.start + time),
-        dof.column(dof.position, dof.units.log): _wrapped(reading, logger),
-        dof.column(dof.command, specification.vehicle.force_unit): _rounded(
-            commanded(time, drawn.switches, plan)[:, 0], MOMENT_DECIMALS
-        ),
+        dof.column(dof.position, dof.units.log): _rounded(reading) if low is None else _turned(reading, low),
+        dof.column(dof.command, specification.vehicle.force_unit): _rounded(force, MOMENT_DECIMALS),
     }
     if logger.rate_noise is not None:
         noise = logger.rate_noise * normal(count, seed, plan.key, "rate noise")
@@ -387,20 +386,10 @@ def _log_in_plane(
     forces = zip(("force_X_N", "force_Y_N", "tau_Nm"), commanded(time, drawn.switches, plan).T)
     columns = {
         "time_s": _rounded(plan.start + time),
-        **{
-            name: _sensed(sensor, time, true[name], seed, plan.key, name)
-            for name, sensor in specification.sensors.items()
-        },
+        **{name: _sensed(s, time, true[name], seed, plan.key, name) for name, s in specification.sensors.items()},
         **{name: _rounded(force) for name, force in forces},
     }
     return SimulatedRun(plan, drawn, columns)
-
-
-def _wrapped(reading: Floats, logger: Logger) -> Floats:
-    """Quantised, wrapped and rounded as the sensor says it."""
-    if logger.quantisation > 0:
-        reading = np.round(reading / logger.quantisation) * logger.quantisation
-    return _rounded(reading) if logger.wrap == "none" else _turned(reading, 0.0 if logger.wrap == "0..360" else -180.0)
 
 
 def _turned(reading: Floats, low: float) -> Floats:
@@ -413,11 +402,11 @@ def _rounded(values: Floats, decimals: int = DECIMALS) -> Floats:
     return np.asarray(np.round(values, decimals) + 0.0)
 
 
-def _process(drawn: Floats, share: float) -> Floats:
-    """An Ornstein-Uhlenbeck process of unit size on even instants; this `share` is left from one to the next."""
+def lasting(drawn: Floats, share: float) -> Floats:
+    """Ornstein-Uhlenbeck processes of unit size on even instants (..., N); a `share` is left from one to the next."""
     process = drawn.copy()
-    for i in range(1, len(drawn)):
-        process[i] = share * process[i - 1] + np.sqrt(1.0 - share**2) * drawn[i]
+    for i in range(1, drawn.shape[-1]):
+        process[..., i] = share * process[..., i - 1] + np.sqrt(1.0 - share**2) * drawn[..., i]
     return process
 
 
@@ -429,3 +418,63 @@ def _sensed(sensor: Sensor, time: Floats, true: Floats, seed: int, key: str, nam
         rows = np.flatnonzero(np.diff(np.floor((time + 1e-9) / sensor.every_s), prepend=-1.0) > 0)
         read = read[rows[np.searchsorted(rows, np.arange(count), side="right") - 1]]
     return _turned(read, 0.0) if name == "heading_deg" else _rounded(read)
+
+
+Column: TypeAlias = Floats | Sequence[str]
+STORED = 65535  # bytes in one block of a gzip file that is stored as it is
+COMMANDS = {"n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
+"""Columns of CSV that have as many decimals as the number; every other one has `DECIMALS`."""
+
+
+def label(specification: AnySpecification, seed: int) -> str:
+    return f"Simulated by automarine from {specification.source}, seed {seed}: no measurement."
+
+
+def runs_by_file(runs: Sequence[SimulatedRun]) -> dict[str, list[SimulatedRun]]:
+    """Sort the runs by the name of the log that they are in, in the order of the specification."""
+    files: dict[str, list[SimulatedRun]] = {}
+    for run in sorted(runs, key=lambda run: run.plan.turn):
+        files.setdefault(run.plan.file, []).append(run)
+    return files
+
+
+def log_of(runs: Sequence[SimulatedRun], specification: AnySpecification, seed: int) -> bytes:
+    group, columns = runs[0].plan.group, dict[str, Column]()
+    if group.together is not None:
+        columns["run"] = [run.plan.name for run in runs for _ in run.columns["time_s"]]
+    columns |= {name: np.concatenate([run.columns[name] for run in runs]) for name in runs[0].columns}
+    return log_bytes(columns, group.format, label(specification, seed))
+
+
+def log_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
+    """One log in the format "csv", "csv.gz" or "parquet"; `comment` goes first, or into Parquet's metadata."""
+    if format == "parquet":
+        return parquet_bytes(columns, comment)
+    head = [f"# {comment}", ",".join(columns)]
+    rows = map(",".join, zip(*(_cells(name, column) for name, column in columns.items())))
+    text = "\n".join(chain(head, rows)) + "\n"
+    return text.encode() if format == "csv" else gzip_bytes(text.encode())
+
+
+def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def _cells(name: str, column: Column) -> Iterable[str]:
+    if not isinstance(column, np.ndarray):
+        return column
+    if name in COMMANDS:
+        return (f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".") for value in column.tolist())
+    return (f"{value:.{DECIMALS}f}" for value in column.tolist())
+
+
+def gzip_bytes(data: bytes) -> bytes:
+    """A gzip file that holds the data as they are: what a compressor makes of them changes with its version."""
+    blocks = [data[i : i + STORED] for i in range(0, len(data), STORED)] or [b""]
+    out = bytearray(b"\x1f\x8b\x08\0\0\0\0\0\0\xff")  # deflate, no time, no operating system
+    for i, block in enumerate(blocks):
+        last = i + 1 == len(blocks)
+        out += struct.pack("<BHH", last, len(block), len(block) ^ 0xFFFF) + block
+    return bytes(out) + struct.pack("<II", zlib.crc32(data), len(data) & 0xFFFFFFFF)

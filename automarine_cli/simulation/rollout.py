@@ -49,7 +49,6 @@ class Start:
     water: ArrayLike = 0.0
 
     def bind(self, term: Bound) -> Bound:
-        """A term with each run's own coefficients after its values."""
         if not term.effect.per_run:
             return term
         own = self.own.get(term.effect.name, np.zeros((1, 1, term.effect.per_run)))
@@ -114,19 +113,16 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
     """
     theta = np.atleast_2d(model.theta if theta is None else theta)
     start = start or Start()
-    shape = np.broadcast_shapes(
-        (len(model.motion.dofs), len(theta), len(batch.names)),
-        np.shape(start.position),
-        np.shape(start.velocity),
-        np.shape(start.log_gain),
-    )
+    starts = map(np.shape, (start.position, start.velocity, start.log_gain))
+    shape = np.broadcast_shapes((len(model.motion.dofs), len(theta), len(batch.names)), *starts)
     terms = [start.bind(term) for term in model.forces(theta)]
     commands = list(batch.commands(start.switch_delay))
     for term in actuators(terms):
-        commands[term.dof] = _actuated(commands[term.dof], term)
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # a fit may try parameters that no vehicle has; it sees the infinity
+        held = commands[term.dof]
+        forward = replace(held, length=np.maximum(held.length, 0.0))  # it only knows time to pass
+        commands[term.dof] = replace(held, force=term.effect.deliver(forward, term.wide()))
+    # a fit may try parameters that no vehicle has; it sees the infinity
+    with np.errstate(over="ignore", invalid="ignore"):
         true, velocities, stirred = _integrate(model, theta, terms, batch, commands, start, shape)
         clock = commands[0]
         time = np.concatenate([np.zeros_like(clock.start[..., :1]), clock.start + clock.length], axis=2)
@@ -141,11 +137,6 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
     return Trajectory((read, true, velocities, stirred), batch.node)
 
 
-def _actuated(commands: Commands, term: Bound) -> Commands:
-    forward = replace(commands, length=np.maximum(commands.length, 0.0))  # it only knows time to pass
-    return replace(commands, force=term.effect.deliver(forward, term.wide()))
-
-
 def _at_nodes(commands: Commands) -> Floats:
     """What is delivered as each node is reached, (P, R, M + 1)."""
     before = np.broadcast_to(commands.before, (*commands.force.shape[:2], 1))
@@ -153,14 +144,9 @@ def _at_nodes(commands: Commands) -> Floats:
 
 
 def _integrate(
-    model: Vehicle,
-    theta: Floats,
-    terms: Sequence[Bound],
-    batch: Batch,
-    commands: Sequence[Commands],
-    start: Start,
+    model: Vehicle, theta: Floats, terms: Sequence[Bound], batch: Batch, commands: Sequence[Commands], start: Start,
     shape: tuple[int, ...],
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1), and the water's states, (W, P, R, M + 1).
 
     Velocities and the states of the water are advanced step by step; positions only where something depends on them,

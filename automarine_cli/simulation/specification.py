@@ -1,8 +1,9 @@
-"""What a simulated campaign is made from: frozen settings, to and from TOML (schema automarine/simulation/1).
+"""What a simulated campaign is made from: frozen settings, to and from TOML (schema automarine/simulation/1), the kinds
+of runs, and the streams of random numbers that are drawn for them.
 
-Keys that a motion calls its own way are templates, filled from its record; the kinds of runs are in `run_groups`. An
-unknown key, a value that makes no sense and an effect that is not in the library are refused with the key's path.
-Motion in the plane has tables of its own:
+Keys that a motion calls its own way are templates, filled from its record; a new kind of runs is one class. An unknown
+key, a value that makes no sense and an effect that is not in the library are refused with the key's path. Motion in the
+plane has tables of its own:
 
 [vehicle]     motion = "planar", and parameters under the names that planar_model.json has: "surge.m_u", "sway.Y_vv"
 [hidden]      more of them, which a model may not know of: "yaw.N_v", "current.north", "yaw.dead-band.width"
@@ -11,27 +12,376 @@ Motion in the plane has tables of its own:
 [[runs]]      commands as [X, Y, N, seconds], or drawn at random
 """
 
-from collections.abc import Mapping
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, TypeAlias
+from functools import partial
+from itertools import pairwise
+from string import ascii_lowercase
+from typing import Any, ClassVar, Literal, TypeAlias
+
+import numpy as np
+from scipy import optimize
+from scipy.special import ndtri
 
 from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR, Motion
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.models.closed_form import response
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel
-from automarine_cli.pipeline.records import FILLER, Codec, Place, everything, in_words, key_of, keyed, told
+from automarine_cli.pipeline.records import FILLER, Codec, Place, Record, everything, in_words, key_of, keyed, told
 from automarine_cli.pipeline.result_files import PLANAR_MODEL
-from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
-from automarine_cli.simulation.run_groups import Format, Levels, PlanarRuns, RunGroup, group_from, levels_of
+from automarine_cli.quantities import Floats
+
+
+def positive(settings: Record, *names: str, zero: bool = False) -> None:
+    """Refuse a value that is not above zero, or is below it (None is fine)."""
+    for name in names:
+        value = getattr(settings, name)
+        if value is not None and (value < 0 or (value == 0 and not zero)):
+            expected = "0 or more" if zero else "more than 0"
+            raise SettingError(f"{key_of(settings, name)} is {value:g}; expected {expected}")
+
+
+at_least_zero = partial(positive, zero=True)
+
+
+def between(settings: Record, low: float, high: float, *names: str) -> None:
+    """Refuse a value outside [low, high]."""
+    for name in names:
+        value = getattr(settings, name)
+        if not low <= value <= high:
+            raise SettingError(f"{key_of(settings, name)} is {value:g}; expected {low:g} to {high:g}")
+
+
+def safe_path(settings: Record, *names: str) -> None:
+    """Refuse a name for files that could lead out of the result folder, or that some system cannot write."""
+    for name in names:
+        value = getattr(settings, name)
+        part = r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]*(?<!\.)"
+        if value is not None and not re.fullmatch(f"{part}(/{part})*", value):
+            expected = "expected a name of letters, digits and - + _ . (folders with /)"
+            raise SettingError(f"{key_of(settings, name)} is {value!r}; {expected}")
+
+
+TINY = 2.0**-54  # keeps a uniform deviate off zero
+
+
+def uniform(count: int, seed: int, *words: str) -> Floats:
+    """Uniform deviates in [0, 1), shape (count,), of the stream with that key."""
+    return _stream(seed, words).random(count)
+
+
+def normal(count: int, seed: int, *words: str) -> Floats:
+    """Standard normal deviates, shape (count,), of the stream with that key."""
+    return np.asarray(ndtri(_stream(seed, words).random(count) + TINY))
+
+
+def _stream(seed: int, words: tuple[str, ...]) -> np.random.Generator:
+    key = hashlib.sha256("\0".join(words).encode()).digest()
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int.from_bytes(key, "big")])))
+
+
+Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
+Fault: TypeAlias = Literal["never-moves", "stuck-compass", "ends-early"]
+Commands: TypeAlias = tuple[tuple[float, float], ...]
+
+Run: TypeAlias = tuple[str, str, tuple[tuple[Any, float], ...]]
+"""Its name, the key of its random streams, and what is commanded."""
+MOST_LEVELS = 100_000
+ABOVE_ZERO = ("repeats", "way", "duration_s", "coast_s", "back_s", "steps")
+LABELS = {"step": "{f}", "coast-down": "coast"}  # what labels begin with where it is not the kind
+
+
+@dataclass(frozen=True)
+class Range:
+    """Values from one to the other in equal steps, both ends included, without zero."""
+
+    from_: float
+    to: float
+    step: float
+
+    def __post_init__(self) -> None:
+        positive(self, "step")
+        if self.to < self.from_:
+            raise SettingError(f"to is {self.to:g}; expected at least from, {self.from_:g}")
+        if (self.to - self.from_) / self.step > MOST_LEVELS:
+            raise SettingError(f"step is {self.step:g}; that makes more than {MOST_LEVELS} values; give a larger step")
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        count = int((self.to - self.from_) / self.step + 1e-9) + 1
+        every = (round(self.from_ + i * self.step, 10) for i in range(count))  # three steps of 0.1 are 0.3
+        return tuple(value for value in every if value != 0)
+
+
+Levels: TypeAlias = tuple[float, ...] | Range
+
+
+def levels_of(levels: Levels) -> tuple[float, ...]:
+    values = levels.values if isinstance(levels, Range) else levels
+    if not values:
+        raise SettingError("no values are left in the list or range of levels; expected at least one")
+    return values
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunGroup:
+    """What all kinds share: where the logs go and what is wrong with them on purpose.
+
+    Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
+    group go into the one file of that name, distinguished by a column `run`. `wait_after_s` takes the place of the
+    campaign's wait after each of these runs.
+    """
+
+    kind: str
+    name: str = ""
+    folder: str = "runs"
+    format: Format = "csv"
+    together: str | None = None
+    repeats: int = 1
+    suffix: str | None = None
+    fault: Fault | None = None
+    wait_after_s: float | None = None
+    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
+
+    def __post_init__(self) -> None:
+        positive(self, *(name for name in ABOVE_ZERO if name in self.__dataclass_fields__))
+        at_least_zero(self, "wait_after_s")
+        safe_path(self, "folder", "together", "suffix")
+        if self.name:
+            safe_path(self, "name")
+        if self.suffix is not None and self.repeats > 1:
+            raise SettingError("suffix names a single run; expected repeats = 1 with it")
+
+    def runs(self, model: YawModel, seed: int) -> Iterator[Run]:
+        for label, commands in self.cases(model):
+            for repeat in range(self.repeats):
+                key = f"{self.folder}/{label}#{self.suffix or repeat}"
+                yield named(label, repeat, self.repeats, self.suffix), key, commands
+
+    @property
+    def base(self) -> str:
+        return self.name or self.dof.fill(LABELS.get(self.kind, self.kind))
+
+    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+        """Label and commands of each run of the group, repeats left out."""
+        raise NotImplementedError
+
+
+def named(label: str, repeat: int, repeats: int, suffix: str | None = None) -> str:
+    """Return the name of a run: its label, and a letter (or number) where there are several."""
+    letter = ascii_lowercase[repeat] if repeats <= len(ascii_lowercase) else str(repeat + 1)
+    return f"{label}_{suffix or (letter if repeats > 1 else '')}".rstrip("_")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRuns(RunGroup):
+    """One constant moment or force, each of `levels`, held until the base vehicle has gone its `way` [unit of logs], or
+    for `duration_s`. In a file of yaw they are `moments` and `turn_deg`, of a translation `forces` and `travel_m`.
+    """
+
+    kind: Literal["step"] = "step"
+    levels: Levels = field(metadata=keyed("{forces}"))
+    way: float | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
+    duration_s: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.way is None) == (self.duration_s is None):
+            raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
+        if 0.0 in levels_of(self.levels):
+            name = key_of(self, "levels")
+            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
+
+    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+        for moment in levels_of(self.levels):
+            way = self.dof.inner(self.way or 0.0)
+            hold = time_to_turn(way, moment, model) if self.duration_s is None else self.duration_s
+            yield f"{self.base}_{moment_text(moment)}", self.commands(moment, hold)
+
+    def commands(self, moment: float, hold: float) -> Commands:
+        return ((moment, hold),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoastDownRuns(StepRuns):
+    kind: Literal["coast-down"] = "coast-down"  # type: ignore[assignment]
+    coast_s: float
+
+    def commands(self, moment: float, hold: float) -> Commands:
+        return ((moment, hold), (0.0, self.coast_s))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReversalRuns(StepRuns):
+    """A step, then the opposite command for `back_s`, by default for twice as long as the step."""
+
+    kind: Literal["reversal"] = "reversal"  # type: ignore[assignment]
+    back_s: float | None = None
+
+    def commands(self, moment: float, hold: float) -> Commands:
+        return ((moment, hold), (-moment, 2.0 * hold if self.back_s is None else self.back_s))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceRuns(RunGroup):
+    """Any `commands`, each [moment or force, seconds], like the source paper's figure 10."""
+
+    kind: Literal["sequence"] = "sequence"
+    commands: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.commands or min(seconds for _, seconds in self.commands) <= 0:
+            force = self.dof.words.force
+            raise SettingError(f"commands: expected at least one [{force}, seconds], each longer than 0 s")
+
+    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+        joined: list[tuple[float, float]] = []
+        for moment, seconds in self.commands:
+            if joined and joined[-1][0] == moment:
+                joined[-1] = (moment, joined[-1][1] + seconds)
+            else:
+                joined.append((moment, seconds))
+        yield self.base, tuple(joined)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RampRuns(RunGroup):
+    """The command goes from `from_` to `to` in `steps` equal stairs over `duration_s`."""
+
+    kind: Literal["ramp"] = "ramp"
+    to: float
+    duration_s: float
+    from_: float = 0.0
+    steps: int = 20
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.to == self.from_:
+            raise SettingError(f"to is {self.to:g}, the same as from; expected another {self.dof.words.force}")
+
+    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+        stairs = [self.from_ + (self.to - self.from_) * (i + 1) / self.steps for i in range(self.steps)]
+        commands = tuple((round(moment, 6), self.duration_s / self.steps) for moment in stairs)
+        if any(before == after for (before, _), (after, _) in pairwise(commands)):
+            raise SettingError(f"steps is {self.steps}; expected fewer, the stairs are below 1e-6")
+        yield f"{self.base}_{moment_text(self.to)}", commands
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestRuns(RunGroup):
+    kind: Literal["rest"] = "rest"
+    duration_s: float
+
+    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+        yield self.base, ((0.0, self.duration_s),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarRuns:
+    """Runs of one kind in the plane: `commands` one after the other as [X N, Y N, N N m, seconds]; or drawn anew for
+    each of the `repeats`, between minus and plus the `largest` of each, held for `hold_s` [least, most], over
+    `duration_s`."""
+
+    name: str
+    folder: str = "runs"
+    format: Format = "csv"
+    repeats: int = 1
+    commands: tuple[tuple[float, float, float, float], ...] = ()
+    largest: tuple[float, float, float] | None = None
+    hold_s: tuple[float, float] = (2.0, 5.0)
+    duration_s: float = 40.0
+    kind: ClassVar[str] = PLANAR.name
+    together: ClassVar[None] = None
+    fault: ClassVar[None] = None
+    wait_after_s: ClassVar[None] = None
+
+    def __post_init__(self) -> None:
+        safe_path(self, "name", "folder")
+        positive(self, "repeats", "duration_s")
+        if bool(self.commands) == (self.largest is not None):
+            raise SettingError("expected one of commands = [[X, Y, N, seconds], ...] and largest = [X, Y, N]")
+        if any(seconds <= 0 for *_, seconds in self.commands):
+            raise SettingError("commands: expected each longer than 0 s")
+        if not 0 < self.hold_s[0] <= self.hold_s[1]:
+            raise SettingError("hold_s: expected [least, most], both above 0")
+
+    @property
+    def length(self) -> float:
+        return sum(seconds for *_, seconds in self.commands) if self.commands else self.duration_s
+
+    @property
+    def shortest(self) -> float:
+        return min((seconds for *_, seconds in self.commands), default=min(self.hold_s[0], self.duration_s))
+
+    def runs(self, model: object, seed: int) -> Iterator[Run]:
+        for repeat in range(self.repeats):
+            name = named(self.name, repeat, self.repeats)
+            key = f"{self.folder}/{name}"
+            drawn = self._drawn(seed, key) if self.largest else [(row[:3], row[3]) for row in self.commands]
+            yield name, key, tuple(drawn)
+
+    def _drawn(self, seed: int, key: str) -> list[tuple[tuple[float, ...], float]]:
+        least, most = self.hold_s
+        holds: list[float] = []
+        for share in uniform(int(self.duration_s / least) + 1, seed, key, "hold"):
+            left = self.duration_s - sum(holds)
+            if left < least:
+                break
+            hold = least + (most - least) * float(share)
+            holds.append(left if left - hold < least else hold)
+        draw = np.stack([uniform(len(holds), seed, key, "command", dof.name) for dof in PLANAR.dofs], axis=1)
+        commands = np.round((2.0 * draw - 1.0) * np.array(self.largest), 3) + 0.0
+        return [(tuple(row), hold) for row, hold in zip(commands.tolist(), holds)]
+
+
+_CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestRuns)
+KINDS: Mapping[str, type[RunGroup]] = {str(vars(group)["kind"]): group for group in _CLASSES}
+
+
+def _group(table: object, codec: Codec, place: Place) -> RunGroup:
+    kind = table.get("kind") if isinstance(table, Mapping) else None
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise codec.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
+    return codec.read(KINDS[kind], table, place)
+
+
+def moment_text(moment: float) -> str:
+    text = f"{moment:+.10g}"
+    return text if set(text) & {".", "e"} else f"{text}.0"
+
+
+def time_to_turn(angle: float, moment: float, model: YawModel) -> float:
+    """Return the time [s] in which the vehicle goes `angle` [rad or m] from rest under a constant moment or force."""
+    net = abs(moment + sum(term.values[0] for term in model.terms if term.name == CONSTANT))
+    if net == 0:
+        force = model.dof.words.force
+        raise SettingError(f"{force}s holds {moment:g}, which the constant force balances; expected others")
+    drag = model.drag()
+
+    def turned(time: float) -> float:
+        return float(response(time, net, model.inertia, *drag)[0])
+
+    high = 1.0
+    while turned(high) < angle:
+        high *= 2.0
+    return float(optimize.brentq(lambda time: turned(time) - angle, 0.0, high, xtol=1e-14))
+
 
 SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 MOST_JITTER = 0.3  # of a sample period: the clock must keep rising
 PLANAR_SENSORS = ("heading_deg", "yaw_rate_deg_s", "surge_m_s", "sway_m_s", "north_m", "east_m")
 MOST_PLANAR_RUNS, MOST_PLANAR_SAMPLES = 10_000, 20_000_000
+TOO_MANY_SAMPLES = (
+    "{:.3g} samples would be made; expected at most {:.0g}. Ask for fewer or shorter runs, or a lower rate_hz"
+)
 
 
 @dataclass(frozen=True)
@@ -52,17 +402,14 @@ class Vehicle:
         positive(self, "inertia")
         at_least_zero(self, "quadratic", "linear")
         if self.force_unit not in self.dof.units.forces:
-            raise SettingError(
-                f"{key_of(self, 'force_unit')}: expected one of {', '.join(map(repr, self.dof.units.forces))}, "
-                f"found {told(self.force_unit)}"
-            )
+            units = ", ".join(map(repr, self.dof.units.forces))
+            raise SettingError(f"{key_of(self, 'force_unit')}: expected one of {units}, found {told(self.force_unit)}")
         if self.linear + self.quadratic == 0:
             both = f"{key_of(self, 'quadratic')} and {key_of(self, 'linear')}"
             raise SettingError(f"{both} are both 0; expected a drag, or the vehicle never gets steady")
 
     @property
     def terms(self) -> list[tuple[str, float]]:
-        """Effects that the vehicle is made of, with their one value."""
         return [("quadratic-drag", self.quadratic), ("linear-drag", self.linear)]
 
     @property
@@ -89,10 +436,8 @@ class TranslatingVehicle(Vehicle):
             names = f"{key_of(self, 'difference')} is not below {key_of(self, 'quadratic')}"
             raise SettingError(f"{names}; expected a drag that brakes both ways")
         if self.constant_force and not self.dof.has_constant:
-            those = " and ".join(dof.name for dof in DOFS.values() if dof.has_constant)
-            raise SettingError(
-                f'{key_of(self, "constant_force")} is of {those}; elsewhere expected the effect "bias-moment"'
-            )
+            those, key = " and ".join(dof.name for dof in DOFS.values() if dof.has_constant), "constant_force"
+            raise SettingError(f'{key_of(self, key)} is of {those}; elsewhere expected the effect "bias-moment"')
 
     @property
     def terms(self) -> list[tuple[str, float]]:
@@ -127,15 +472,11 @@ class Logger:
         at_least_zero(self, "noise", "quantisation", "clock_jitter_s", "glitch_size", "rate_noise", "rate_bias")
         between(self, 0.0, 0.9, "dropout", "glitch")
         if self.rate_noise is None and self.rate_bias is not None:
-            raise SettingError(
-                f"{key_of(self, 'rate_bias')} is of the {self.dof.words.speed}s logged; expected "
-                f"{key_of(self, 'rate_noise')} with it (0 for none)"
-            )
-        if self.clock_jitter_s > MOST_JITTER * self.period:
-            raise SettingError(
-                f"clock_jitter_s is {self.clock_jitter_s:g}; expected at most {MOST_JITTER:g} of the sample "
-                f"period, {MOST_JITTER * self.period:g} s"
-            )
+            bias, expected = key_of(self, "rate_bias"), f"expected {key_of(self, 'rate_noise')} with it (0 for none)"
+            raise SettingError(f"{bias} is of the {self.dof.words.speed}s logged; {expected}")
+        if self.clock_jitter_s > (most := MOST_JITTER * self.period):
+            expected = f"expected at most {MOST_JITTER:g} of the sample period, {most:g} s"
+            raise SettingError(f"clock_jitter_s is {self.clock_jitter_s:g}; {expected}")
 
     @property
     def period(self) -> float:
@@ -234,9 +575,8 @@ class EffectSetting:
             )
         names = effect.names_in(self.dof)
         allowed = ", ".join(names)
-        for name in self.values:
-            if name not in names:
-                raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
+        if unknown := next((name for name in self.values if name not in names), None):
+            raise SettingError(f"effect {self.name!r} has no parameter {unknown!r}; it has {allowed}")
         if lacking := effect.lacking(self.values, self.ordered, self.dof):
             raise SettingError(f"effect {self.name!r} needs its parameter {lacking!r} (of {allowed}); give it")
 
@@ -249,8 +589,6 @@ class EffectSetting:
 
 @dataclass(frozen=True)
 class Specification:
-    """A whole campaign; `source` is the name of the file that it was read from, for the logs' first line."""
-
     vehicle: Vehicle
     logger: Logger
     scatter: Scatter
@@ -266,10 +604,9 @@ class Specification:
 
     @property
     def motion(self) -> Motion:
-        return self.model().motion
+        return self.vehicle.model.motion
 
     def model(self) -> YawModel:
-        """Return the true model: the vehicle's drag and the effects, in their order."""
         model = self.vehicle.model
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)
@@ -355,8 +692,6 @@ class PlanarScatter:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarSpecification:
-    """A whole campaign; `source` is the name of the file that it was read from, for the logs' first line."""
-
     schema: str
     vehicle: PlanarVehicle
     hidden: Mapping[str, float] = field(default_factory=dict)
@@ -389,16 +724,11 @@ class PlanarSpecification:
             raise SettingError(f"runs: more than {MOST_PLANAR_RUNS} would be made; ask for fewer")
         samples = self.logger.rate_hz * sum(group.repeats * group.length for group in self.runs)
         if samples > MOST_PLANAR_SAMPLES:
-            raise SettingError(
-                f"runs: {samples:.3g} samples would be made; expected at most {MOST_PLANAR_SAMPLES:.0g}. Ask for fewer "
-                "or shorter runs, or a lower rate_hz"
-            )
-        shortest = min(group.shortest for group in self.runs)
-        if shortest * self.logger.rate_hz < 2.0:
-            raise SettingError(
-                f"runs: a command is held for {shortest:g} s; expected at least two samples, "
-                f"{2.0 / self.logger.rate_hz:g} s"
-            )
+            raise SettingError(f"runs: {TOO_MANY_SAMPLES.format(samples, MOST_PLANAR_SAMPLES)}")
+        shortest, least = min(group.shortest for group in self.runs), 2.0 / self.logger.rate_hz
+        if shortest < least:
+            expected = f"expected at least two samples, {least:g} s"
+            raise SettingError(f"runs: a command is held for {shortest:g} s; {expected}")
         self.model()  # refused where it is none
 
     @property
@@ -442,19 +772,15 @@ class _Raw:
 
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> AnySpecification:
-    """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key.
-
-    Headings wrap and begin anywhere, and who sinks or rises is held: that goes without saying.
-    """
+    """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key."""
     vehicle = mapping.get("vehicle")
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
     if motion == PLANAR.name:
         _refuse_unlikely(mapping, where)
         return Codec(where, YAW).read(PlanarSpecification, {**mapping, "source": where})
-    dof = DOFS.get(motion) if isinstance(motion, str) else None
-    if dof is None:
+    if not isinstance(motion, str) or (dof := DOFS.get(motion)) is None:
         raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")
-    log, turns = dof.units.log, dof.wraps
+    log, turns = dof.units.log, dof.wraps  # headings wrap and begin anywhere, and who sinks or rises is held
     defaults: dict[str, dict[str, object]] = {
         "logger": {"wrap": "0..360" if turns else "none", f"glitch_{log}": 90.0 if turns else 1.0},
         "scatter": {f"start_{dof.position}_{log}": "random" if turns else 0.0},
@@ -472,29 +798,25 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     if not raw.runs and raw.bollard is None:
         raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")
     effects = tuple(_effect(table, codec, ("effects", i)) for i, table in enumerate(raw.effects))
-    runs = tuple(group_from(table, codec, ("runs", i)) for i, table in enumerate(raw.runs))
+    runs = tuple(_group(table, codec, ("runs", i)) for i, table in enumerate(raw.runs))
     return Specification(base, raw.logger, raw.scatter, raw.campaign, raw.seed, effects, runs, raw.bollard, where)
 
 
 def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
     """Refuse another schema, and numbers that no campaign has. Raises SettingError with the key's path."""
     if mapping.get("schema") != SCHEMA:
-        raise SettingError(
-            f'{where}: schema: found {told(mapping.get("schema"))}, expected the line schema = "{SCHEMA}"'
-        )
+        schema = told(mapping.get("schema"))
+        raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SCHEMA}"')
     for value, place in everything(mapping):
-        number = isinstance(value, (int, float)) and value and place != ("seed",)
-        if number and not SMALLEST <= abs(value) <= LARGEST:  # type: ignore[arg-type]
-            raise SettingError(
-                f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}"
-            )
+        if isinstance(value, int | float) and value and place != ("seed",) and not SMALLEST <= abs(value) <= LARGEST:
+            sizes = f"{SMALLEST:g} to {LARGEST:g}"
+            raise SettingError(f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {sizes}")
 
 
 def _effect(table: object, codec: Codec, place: Place) -> EffectSetting:
     """An effect's table: its name, and every other key a parameter."""
     if not isinstance(table, Mapping) or "name" not in table:
-        raise codec.refusal(
-            place, f"found {told(table)}, expected a table with name = one of {', '.join(library.names())}"
-        )
+        expected = f"a table with name = one of {', '.join(library.names())}"
+        raise codec.refusal(place, f"found {told(table)}, expected {expected}")
     values = {key: value for key, value in table.items() if key != "name"}
     return codec.read(EffectSetting, {"name": table["name"], "values": values}, place)

@@ -23,12 +23,12 @@ from automarine_cli.thrusters.bollard_data import (
     groups_of,
     left_out,
     levels_of,
+    reduce_series,
     subtract_tare,
     voltage_steps,
 )
 from automarine_cli.thrusters.fit import OPPOSITE, Side, behind_of, best_curve, left_out_squares, sides_of, sums_of
-from automarine_cli.thrusters.forms import FORMS, SIDES, Curve, Form, jacobian, thrust_both_ways
-from automarine_cli.thrusters.plateaus import reduce_series
+from automarine_cli.thrusters.map import FORMS, SIDES, Curve, Form, jacobian, thrust_both_ways
 
 CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
 ASYMMETRY, VOLTAGE, SAG = "thrust-asymmetry", "voltage-exponent", "battery-sag"
@@ -138,8 +138,7 @@ def bollard_data(
     if step is not None:
         level = np.unique(np.stack([level, step]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
     places = tuple(record.place for record in logs.records)
-    stderr = tare.stderr if tare.subtracted else 0.0
-    return BollardData(points.where(keep), step, level, group[keep], order[keep], stderr, n_unit, places)
+    return BollardData(points.where(keep), step, level, group[keep], order[keep], tare.thrust_stderr, n_unit, places)
 
 
 def held_out_levels(data: BollardData, seed: int) -> NDArray[np.bool_]:
@@ -167,11 +166,11 @@ def noise_level(data: BollardData) -> tuple[float, str]:
     samples = float(np.sqrt(np.mean(stderr**2))) if len(stderr) else 0.0
     squares, freedom = 0.0, 0
     for number in np.unique(data.level):
-        mask = (data.level == number) & (points.flag == "")
+        repeats = points.where((data.level == number) & (points.flag == ""))
         # A measured speed is never the same twice: its neighbours are no repeats.
-        if np.count_nonzero(mask) > 1 and np.ptp(points.n[mask]) <= SAME_COMMAND * np.max(np.abs(points.n)):
-            squares += float(np.sum((points.force[mask] - points.force[mask].mean()) ** 2))
-            freedom += int(np.count_nonzero(mask)) - 1
+        if len(repeats) > 1 and np.ptp(repeats.n) <= SAME_COMMAND * np.max(np.abs(points.n)):
+            squares += float(np.sum((repeats.force - repeats.force.mean()) ** 2))
+            freedom += len(repeats) - 1
     if freedom >= MIN_REPEATS:
         noise, source = float(np.sqrt(squares / freedom)), "repeats at one command"
     else:
@@ -282,7 +281,6 @@ class Fitted:
 
     @cached_property
     def predicted(self) -> Floats:
-        """Thrust [N] of every point, (P,)."""
         return self.thrust(self.data)
 
     @cached_property
@@ -313,7 +311,6 @@ class Fitted:
 
     @property
     def squares(self) -> float:
-        """Weighted sum of squared residuals [N²]."""
         return float(self.data.points.weight @ self.residual**2)
 
     def rmse(self, held_out: bool = False) -> float:
@@ -328,15 +325,9 @@ def fit_shape(data: BollardData, shape: Shape) -> Fitted:
     parts, effects = data.parts(shape.tied), dict(shape.curves)
     fit = Fitted(data, shape, {}, {}, 0.0, 0.0, reference)
     for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
-        gain = fit.gain(data)
-        best = {
-            name: best_curve(without_gain(side, gain[index]), form_of(effects[name]))
-            for name, (index, side) in parts.items()
-        }
-        curves, at_bound = (
-            {name: curve for name, (curve, _) in best.items()},
-            {name: at for name, (_, at) in best.items()},
-        )
+        gain, curves, at_bound = fit.gain(data), {}, {}
+        for name, (index, side) in parts.items():
+            curves[name], at_bound[name] = best_curve(without_gain(side, gain[index]), form_of(effects[name]))
         fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
     return fit
 
@@ -384,11 +375,6 @@ class CandidateFit:
     held_out: float = 0.0
     stderr: float = np.inf
 
-    @property
-    def convincing(self) -> bool:
-        """Beyond chance, and better at levels it was not fitted to by over one standard error."""
-        return self.p_value <= ALPHA and self.held_out > self.stderr
-
     def behind(self, other: "CandidateFit") -> tuple[float, float]:
         """Left-out squares [N²] more than those of another candidate, and their standard error over groups."""
         behind, stderr = behind_of(self.fit.loss, other.fit.loss)
@@ -397,8 +383,6 @@ class CandidateFit:
 
 @dataclass(frozen=True)
 class SearchStep:
-    """One look for a missing effect: the map before, all candidates, the gain that chance reaches."""
-
     before: CandidateFit
     candidates: tuple[CandidateFit, ...]
     threshold: float
@@ -491,21 +475,14 @@ class _Levels(Judge[CandidateFit, SearchStep]):
             self.fits[shape] = fit_shape(self.data, shape)
         return self.fits[shape]
 
-    def has_levels(self, shape: Shape) -> bool:
-        """Whether every direction has levels enough to leave some out."""
-        parts = self.data.parts(shape.tied)
-        return all(parts[name][1].can_leave_out(form_of(effects)) for name, effects in shape.curves)
-
     def look(self, model: CandidateFit, number: int) -> SearchStep:
-        data, current = self.data, model.fit
-        offered = [
-            (effect, where, shape)
-            for effect, where, shape in current.shape.additions(data)
-            if self.has_levels(shape) and (len(model.added) < MOST_EFFECTS or effect in model.added)
-        ]
-        if np.sqrt(current.squares / len(data.points)) <= ROUNDING * data.full_scale:
-            offered = []
-        fits = {(effect, where): self.fitted(shape) for effect, where, shape in offered}
+        data, current, fits = self.data, model.fit, dict[tuple[str, str], Fitted]()
+        if np.sqrt(current.squares / len(data.points)) > ROUNDING * data.full_scale:
+            for effect, where, shape in current.shape.additions(data):
+                parts = data.parts(shape.tied)
+                enough = all(parts[name][1].can_leave_out(form_of(effects)) for name, effects in shape.curves)
+                if enough and (len(model.added) < MOST_EFFECTS or effect in model.added):
+                    fits[effect, where] = self.fitted(shape)
         chance = evidence_by_chance(current, fits, self.random) if fits else Chance(np.zeros(1))
         candidates = []
         for (effect, where), fit in fits.items():
@@ -518,7 +495,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         return SearchStep(model, tuple(candidates), max(chance.threshold(ALPHA), 0.0))
 
     def able(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
-        taken = _best([candidate for candidate in look.candidates if candidate.convincing])
+        taken = _best([c for c in look.candidates if c.p_value <= ALPHA and c.held_out > c.stderr])
         return [] if taken is None else [taken]
 
     def added(self, model: CandidateFit) -> tuple[str, ...]:

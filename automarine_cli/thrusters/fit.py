@@ -10,8 +10,18 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.command_range import usual_neutral
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
-from automarine_cli.thrusters.forms import FORMS, HIGH, LOW, SIDES, SQUARE, Curve, Form, fit_direction, thrust_both_ways
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import (
+    FORMS,
+    HIGH,
+    LOW,
+    SIDES,
+    SQUARE,
+    Curve,
+    Form,
+    ThrusterMap,
+    fit_direction,
+    thrust_both_ways,
+)
 
 FEWEST_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
@@ -36,12 +46,8 @@ class Side:
     stderr: Floats
     tare_stderr: float
 
-    @property
-    def groups(self) -> int:
-        return len(np.unique(self.group))
-
     def can_leave_out(self, form: Form) -> bool:
-        return self.groups >= form.parameters + 2
+        return len(np.unique(self.group)) >= form.parameters + 2
 
 
 @dataclass(frozen=True)
@@ -66,11 +72,10 @@ class Parameter:
         if self.estimate is not None:
             return self.estimate.to_json()
         nothing = {"value": self.value, "stderr": None, "ci95": None, "unit": self.unit, "at_bound": self.why}
-        return self.value if self.fixed else nothing
+        return nothing if self.why else self.value
 
 
 def parameters_json(parameters: Mapping[str, Mapping[str, Parameter]]) -> dict[str, object]:
-    """Parameters by direction, in a map's file; null where there is no curve."""
     return {
         side: {name: parameter.to_json() for name, parameter in parameters[side].items()}
         if side in parameters
@@ -113,8 +118,7 @@ def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
 
 def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str) -> dict[str, Parameter]:
     """Estimates of the form's parameters by name; one at its bound has no standard error and says so."""
-    level = side.magnitude if curve.n_sat is None else np.minimum(side.magnitude, curve.n_sat)
-    above = np.maximum(level - curve.n_0, 0.0)
+    above = np.minimum(side.magnitude, curve.n_sat or np.inf) - curve.n_0
     on = above > 0.0
     safe = np.where(on, above, 1.0)
     slope = np.where(on, curve.a * curve.p * safe ** (curve.p - 1.0), 0.0)
@@ -240,19 +244,14 @@ def select_form(
         raise FitError(f"no thrust curve is called {forced!r}; choose one of {', '.join(FORMS)}")
     scores, losses = {}, {}
     for form in FORMS.values():
-        fits = {name: best_curve(side, form) for name, side in sides.items()}
-        curves = {name: curve for name, (curve, _) in fits.items()}
-        squares = zero_squares + sum(
-            float(side.weight @ (side.thrust - curves[name].thrust(side.magnitude)) ** 2)
-            for name, side in sides.items()
-        )
-        cross = None
+        curves, bounds, squares, cross = {}, {}, zero_squares, None
+        for name, side in sides.items():
+            curves[name], bounds[name] = best_curve(side, form)
+            squares += float(side.weight @ (side.thrust - curves[name].thrust(side.magnitude)) ** 2)
         if all(side.can_leave_out(form) for side in sides.values()):
-            losses[form.name] = np.concatenate(
-                [sums_of(left_out_squares(side, form), side.group) for side in sides.values()]
-            )
+            by_side = [sums_of(left_out_squares(side, form), side.group) for side in sides.values()]
+            losses[form.name] = np.concatenate(by_side)
             cross = float(np.sqrt((zero_squares + losses[form.name].sum()) / total_weight))
-        bounds = {name: at_bound for name, (_, at_bound) in fits.items()}
         scores[form.name] = FormScore(form, curves, bounds, float(np.sqrt(squares / total_weight)), cross)
     if not losses:
         chosen = scores[forced or next(iter(scores))]
@@ -262,9 +261,9 @@ def select_form(
     for name, loss in losses.items():
         behind, stderr = (size / total_weight for size in behind_of(loss, losses[best]))
         scores[name] = replace(scores[name], behind=behind, behind_stderr=stderr + (EQUAL * full_scale) ** 2)
-    near = [score for score in scores.values() if score.within_reach]
-    simplest = min(near, key=lambda score: (score.form.parameters, score.cv_rmse))
     every = tuple(scores.values())
+    near = [score for score in every if score.within_reach]
+    simplest = min(near, key=lambda score: (score.form.parameters, score.cv_rmse))
     if forced is None:
         return every, simplest, _sentence(simplest, scores[best], every, full_scale)
     because = f"it was asked for (--form); cross-validation would choose {simplest.form.name}."
@@ -343,7 +342,7 @@ class Analysis:
 
     @property
     def law(self) -> FormScore:
-        """The square law: the first of the forms."""
+        """The square law."""
         return self.scores[0]
 
     @property
@@ -378,18 +377,14 @@ def analyse(
     Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels."""
     full_scale = points.full_scale
     if len(points) == 0 or full_scale == 0.0:
-        raise FitError(
-            f"{where}: every thrust is zero; expected pulls at several commands. "
-            "Check that the force column is the load cell's"
-        )
+        check = "Check that the force column is the load cell's"
+        raise FitError(f"{where}: every thrust is zero; expected pulls at several commands. {check}")
     sides = sides_of(points, step, tare_stderr)
     without = _refused_directions(sides, full_scale, where)
     sides = {name: side for name, side in sides.items() if name not in without}
     if not sides:
-        raise FitError(
-            f"{where}: no direction can be fitted ({'; '.join(without.values())}); expected at least "
-            f"{FEWEST_LEVELS} different commands in one direction. Pull at more levels"
-        )
+        expected = f"expected at least {FEWEST_LEVELS} different commands in one direction. Pull at more levels"
+        raise FitError(f"{where}: no direction can be fitted ({'; '.join(without.values())}); {expected}")
     square = {name: square_law(side, amplitude_unit(n_unit)) for name, side in sides.items()}
     used = points.where(np.isin(np.sign(points.n), [0.0, *(side.sign for side in sides.values())]))
     zero = used.n == 0.0
@@ -435,11 +430,10 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
         mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
         if count < FEWEST_LEVELS:
             without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {FEWEST_LEVELS} needed"
-        elif mean <= 0.0:
-            if abs(mean) <= FAINT * full_scale:
-                without[name] = f"no {name} thrust measured"
-            else:
-                against.append(name)
+        elif -FAINT * full_scale <= mean <= 0.0:
+            without[name] = f"no {name} thrust measured"
+        elif mean < 0.0:
+            against.append(name)
     if against and set(against) == set(sides) - set(without):
         raise FitError(f"{where}: {OPPOSITE}")
     if against:

@@ -15,8 +15,7 @@ from automarine_cli.models.allocation import twin_forces
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Source
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.load import Campaign, load_runs, none_left, refused_by_strict
-from automarine_cli.runs.planar import read_planar
+from automarine_cli.runs.load import Campaign, load_runs, none_left, read_planar, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -27,8 +26,7 @@ def thrust_of(run: Run, thrusters: ThrusterMap, arm: float) -> list[Floats]:
     Raises RunError for a run without these, and ModelError for an arm [m] that is no length or a direction that the map
     lacks."""
     names = run.dof.thrusters
-    lacking = [name for name in names if name not in run.extras]
-    if lacking:
+    if lacking := [name for name in names if name not in run.extras]:
         raise RunError(
             f"{run.source}, run {run.name!r}: no thruster command {' or '.join(lacking)} in the log, which "
             f"--thrusters needs; map the log's columns to {' and '.join(names)} with --columns, or leave "
@@ -80,10 +78,8 @@ def map_and_arm(
         levered = " and ".join(one.name for one in DOFS.values() if one.levered)
         raise SettingError(f"--arm is of {levered}; in {dof.name} thrusters push as hard at any arm, so leave it out")
     if thrusters is not None and not dof.thrusters:
-        raise SettingError(
-            f"--thrusters makes no {dof.words.full_force}; leave it out, and name the {dof.words.force}'s column with "
-            "--columns"
-        )
+        remedy = f"leave it out, and name the {dof.words.force}'s column with --columns"
+        raise SettingError(f"--thrusters makes no {dof.words.full_force}; {remedy}")
     if thrusters is None:
         if arm is not None:
             raise SettingError("--arm goes with the thrusters' map; give --thrusters MAP.json too")
@@ -92,9 +88,8 @@ def map_and_arm(
     if not dof.levered:
         length = 1.0  # of no account
     if not isinstance(length, int | float):
-        raise SettingError(
-            f"--thrusters makes {dof.words.force}s only with the thrusters' lever arm; give --arm METRES"
-        )
+        force = dof.words.force
+        raise SettingError(f"--thrusters makes {force}s only with the thrusters' lever arm; give --arm METRES")
     known = ThrusterMap.load(thrusters) if isinstance(thrusters, Source) else thrusters
     return known, float(length)
 

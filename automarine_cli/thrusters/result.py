@@ -1,6 +1,6 @@
 """The result of `fit-thrusters`: the map over all points and at each voltage, thrusters compared, and its JSON."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -22,17 +22,17 @@ from automarine_cli.runs.run import runs_json
 from automarine_cli.thrusters.bollard_data import (
     Ints,
     Points,
+    Reduction,
     Tare,
     ThrusterLogs,
     flag_contradictions,
     levels_of,
+    reduce_series,
     subtract_tare,
     voltage_steps,
 )
 from automarine_cli.thrusters.fit import FEWEST_LEVELS, Analysis, FormScore, Side, analyse, parameters_json
-from automarine_cli.thrusters.forms import SIDES
-from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.plateaus import Reduction, reduce_series
+from automarine_cli.thrusters.map import SIDES, ThrusterMap
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
 CHANCE = 0.05  # that any of the thrusters of one make is told to differ
@@ -69,22 +69,20 @@ class Compared:
 def compared(parts: Mapping[str, Analysis | str]) -> tuple[Compared, ...]:
     """Each thruster, or why it has no map, against the median of the others, which one that differs does not move;
     beyond chance over all thrusters and directions together (Bonferroni)."""
-    laws = {name: one.square for name, one in parts.items() if not isinstance(one, str)}
+    laws = {name: part.square for name, part in parts.items() if not isinstance(part, str)}
     tests = sum(len(law) for law in laws.values())
-    found = []
-    for name, one in parts.items():
-        if isinstance(one, str):
-            found.append(Compared(name, 0, {}, {}, {}, False, why=one))
-            continue
+
+    def against_others(name: str, part: Analysis | str) -> Compared:
+        if isinstance(part, str):
+            return Compared(name, 0, {}, {}, {}, False, why=part)
         percent, chance = {}, {}
-        for side, _ in SIDES:
-            others = [law[side] for other, law in laws.items() if other != name and side in law]
-            if side in laws[name] and others:
-                percent[side], chance[side] = _against(laws[name][side], others)
-        differs, error = any(p < CHANCE / tests for p in chance.values()), float(one.percent(one.chosen.rmse) or 0.0)
-        of_form = (one.chosen.form.name, error)
-        found.append(Compared(name, len(one.points), laws[name], percent, chance, differs, *of_form))
-    return tuple(found)
+        for side, law in part.square.items():
+            if others := [theirs[side] for other, theirs in laws.items() if other != name and side in theirs]:
+                percent[side], chance[side] = _against(law, others)
+        differs, error = any(p < CHANCE / tests for p in chance.values()), float(part.percent(part.chosen.rmse) or 0.0)
+        return Compared(name, len(part.points), part.square, percent, chance, differs, part.chosen.form.name, error)
+
+    return tuple(against_others(name, part) for name, part in parts.items())
 
 
 def _against(own: Estimate, others: list[Estimate]) -> tuple[float, float]:
@@ -95,9 +93,9 @@ def _against(own: Estimate, others: list[Estimate]) -> tuple[float, float]:
     return 100.0 * off / middle, float(2.0 * special.ndtr(-abs(off) / max(np.hypot(_error(own), spread), 1e-300)))
 
 
-def _error(one: Estimate) -> float:
+def _error(law: Estimate) -> float:
     """Standard error, widened for few levels as the 95 % interval is."""
-    return float((one.ci95[1] - one.ci95[0]) / (2.0 * special.ndtri(0.975)))
+    return float(np.ptp(law.ci95) / (2.0 * special.ndtri(0.975)))
 
 
 PLACES = 20
@@ -176,15 +174,13 @@ def _slope(x: Floats, y: Floats) -> Estimate | None:
     """
     centred = x - x.mean()
     slopes = centred @ y / (centred @ centred)
-    value = float(slopes.mean())
-    if len(x) >= 3:
-        mean = y.mean(axis=1)
-        rest = mean - mean.mean() - value * centred
-        stderr = float(np.sqrt(rest @ rest / (len(x) - 2) / (centred @ centred)))
-        return Estimate.from_stderr(value, stderr, len(x) - 2, "1")
-    if len(slopes) < 2:
-        return None
-    return Estimate.from_stderr(value, float(np.std(slopes, ddof=1) / np.sqrt(len(slopes))), len(slopes) - 1, "1")
+    value, dof = float(slopes.mean()), len(x) - 2
+    if dof < 1:
+        dof = len(slopes) - 1
+        return Estimate.from_stderr(value, np.std(slopes, ddof=1) / np.sqrt(dof + 1), dof, "1") if dof else None
+    mean = y.mean(axis=1)
+    rest = mean - mean.mean() - value * centred
+    return Estimate.from_stderr(value, np.sqrt(rest @ rest / dof / (centred @ centred)), dof, "1")
 
 
 ONE_PULLED = (
@@ -215,7 +211,7 @@ class ThrusterFit(Shown):
 
     @property
     def compared(self) -> tuple[Compared, ...]:
-        return compared({name: one if isinstance(one, str) else one.analysis for name, one in self.parts.items()})
+        return compared({name: part if isinstance(part, str) else part.analysis for name, part in self.parts.items()})
 
     @property
     def points(self) -> Points:
@@ -228,7 +224,6 @@ class ThrusterFit(Shown):
         return json_document("thrusters.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
-        """Content of thrusters.json (schema automarine/thruster-map/1)."""
         analysis, points, tare, reduction = self.analysis, self.points, self.tare, self.reduction
         together = {side: scaled(analysis.square.get(side), self.thrusters_per_test) for side, _ in SIDES}
         result: dict[str, object] = {
@@ -238,30 +233,29 @@ class ThrusterFit(Shown):
             "thrusters_per_test": self.thrusters_per_test,
             **_scores_json(analysis),
             "n_unit": analysis.n_unit,
-        }
-        if points.n_range is not None:
-            result["n_range"] = list(points.n_range)
-        result["tare"] = {
-            "value_N": tare.value, "stderr_N": tare.stderr, "readings": tare.readings, "drift_N": tare.drift,
-            "subtracted": tare.subtracted,
+            **({} if points.n_range is None else {"n_range": list(points.n_range)}),
+            "tare": {
+                "value_N": tare.value, "stderr_N": tare.stderr, "readings": tare.readings, "drift_N": tare.drift,
+                "subtracted": tare.subtracted,
+            },
+            "points": {
+                "used": len(points), "plateaus": reduction.plateaus, "samples": reduction.samples,
+                "samples_left_out": reduction.dropped, "rows_with_missing_values": self.logs.missing,
+            },
+            "flagged": [
+                {
+                    "file": record.source, "run": record.run, "n": float(points.n[i]),
+                    "force_N": float(points.force[i]), "weight": float(points.weight[i]), "why": str(points.flag[i]),
+                }
+                for i in np.flatnonzero(points.flag != "")
+                for record in (self.logs.records[int(points.record[i])],)
+            ],
         }  # fmt: skip
-        result["points"] = {
-            "used": len(points), "plateaus": reduction.plateaus, "samples": reduction.samples,
-            "samples_left_out": reduction.dropped, "rows_with_missing_values": self.logs.missing,
-        }  # fmt: skip
-        result["flagged"] = [
-            {
-                "file": record.source, "run": record.run, "n": float(points.n[i]), "force_N": float(points.force[i]),
-                "weight": float(points.weight[i]), "why": str(points.flag[i]),
-            }
-            for i in np.flatnonzero(points.flag != "")
-            for record in (self.logs.records[int(points.record[i])],)
-        ]  # fmt: skip
         if np.any(np.isfinite(points.voltage)):
             result["voltage_range_V"] = [float(np.nanmin(points.voltage)), float(np.nanmax(points.voltage))]
         if self.voltages:
             result["voltages"] = [
-                {"voltage_V": volts, **_square_json(one), **_scores_json(one)} for volts, one in self.voltages
+                {"voltage_V": volts, **_square_json(a), **_scores_json(a)} for volts, a in self.voltages
             ]
             result["voltage_exponent"] = {side: power and power.to_json() for side, power in self.exponents.items()}
         if self.parts:
@@ -301,20 +295,17 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
 
     forms = [
         {
-            "form": score.form.name,
-            "equation": score.form.equation,
+            "form": score.form.name, "equation": score.form.equation,
             "parameters_per_direction": score.form.parameters,
-            "cv_rmse_N": score.cv_rmse,
-            "cv_rmse_percent_of_full_scale": percent(score.cv_rmse),
-            "rmse_N": score.rmse,
-            "rmse_percent_of_full_scale": percent(score.rmse),
+            "cv_rmse_N": score.cv_rmse, "cv_rmse_percent_of_full_scale": percent(score.cv_rmse),
+            "rmse_N": score.rmse, "rmse_percent_of_full_scale": percent(score.rmse),
             "cv_mean_square_behind_best_N2": None if score.cv_rmse is None else score.behind,
             "cv_mean_square_behind_best_stderr_N2": None if score.cv_rmse is None else score.behind_stderr,
             "within_one_stderr_of_best": score.within_reach,
             "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
         }
         for score in analysis.scores
-    ]
+    ]  # fmt: skip
     return {
         **errors(analysis.law, analysis.r2),
         "full_scale_N": analysis.full_scale,
@@ -340,25 +331,28 @@ def fit_records(
     reduction = reduce_series(list(loaded.records))
     points = reduction.points.divided(thrusters)
     step = voltage_steps(points.voltage)
-    unsorted = _without_voltages(points, step)
     differ = _differ(loaded, points, thrusters, where)
     logged = points
     points, apart = (points, differ) if differ else _flagged(loaded, points, step)
     points, tare = subtract_tare(points)
     varied = step if step is not None and step.max() > 0 else None
     try:
-        analysis, _ = analyse(points, varied, tare.stderr if tare.subtracted else 0.0, n_unit, form, where)
+        analysis, _ = analyse(points, varied, tare.thrust_stderr, n_unit, form, where)
     except FitError as refusal:
         raise _with_rest(refusal, logged, thrusters, loaded.rule) from None
-    voltages, exponents, notes = _by_voltage(points, step, tare, n_unit, form, jobs, progress)
-    notes = (*apart, *reduction.notes, *unsorted, *_notes(points), *notes)
-    parts = _by_part(loaded, thrusters, n_unit, form) if loaded.asked else {}
+    voltages, exponents, notes = _by_voltage(points, varied, tare, n_unit, form, jobs, progress)
+    notes = (*apart, *reduction.notes, *_notes(points, step), *notes)
+    parts: dict[str, ThrusterFit | str] = {}
+    for name in loaded.parts if loaded.asked else ():
+        try:
+            parts[name] = fit_records(loaded.of(name), thrusters, n_unit, form, 1, silent)
+        except FitError as refusal:
+            parts[name] = str(refusal)
     return ThrusterFit(loaded, reduction, analysis, tare, thrusters, voltages, exponents, notes, parts)
 
 
 def _differ(loaded: ThrusterLogs, points: Points, thrusters: int, where: str) -> tuple[str, ...]:
-    """What to know where one command gave very different thrusts and no voltage tells why. Raises FitError where a
-    column may hold the supply."""
+    """What to know where one command gave very different thrusts. Raises FitError where a column may be the supply."""
     if np.any(np.isfinite(points.voltage)) or len(loaded.parts) > 1:
         return ()
     level, size = levels_of(points.n), np.abs(points.force)
@@ -421,35 +415,24 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
     return apart, (told,)
 
 
-def _by_part(loaded: ThrusterLogs, thrusters: int, n_unit: str, form: str | None) -> dict[str, ThrusterFit | str]:
-    found: dict[str, ThrusterFit | str] = {}
-    for name in loaded.parts:
-        try:
-            found[name] = fit_records(loaded.of(name), thrusters, n_unit, form, 1, silent)
-        except FitError as refusal:
-            found[name] = str(refusal)
-    return found
-
-
 def _by_voltage(
     points: Points, step: Ints | None, tare: Tare, n_unit: str, form: str | None, jobs: int, progress: Progress
 ) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, VoltageExponent | None], tuple[str, ...]]:
-    if step is None or step.max() == 0:
+    if step is None:
         return (), {}, ()
-    stderr = tare.stderr if tare.subtracted else 0.0
     groups = [points.where(step == number) for number in np.unique(step)]
-    judge = partial(_one_voltage, tare_stderr=stderr, n_unit=n_unit, form=form)
-    found = ordered_map(judge, groups, jobs, progress=progress, stage="voltages")
-    notes = [f"No map at this voltage: {one}." for one in found if isinstance(one, str)]
-    fits = [one for one in found if not isinstance(one, str)]
-    volts = np.array([one[0] for one in fits])
+    judge = partial(_one_voltage, tare_stderr=tare.thrust_stderr, n_unit=n_unit, form=form)
+    outcomes = ordered_map(judge, groups, jobs, progress=progress, stage="voltages")
+    notes = [f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, str)]
+    fits = [outcome for outcome in outcomes if not isinstance(outcome, str)]
     exponents = {
         name: voltage_exponent(
-            volts, [sides.get(name) for _, _, sides in fits], [fit.square.get(name) for _, fit, _ in fits]
+            np.array([volts for volts, _, _ in fits]), [sides.get(name) for _, _, sides in fits],
+            [fit.square.get(name) for _, fit, _ in fits],
         )
         for name, _ in (SIDES if len(fits) > 1 else ())
-    }
-    powers = [found.exponent.value for found in exponents.values() if found and found.exponent]
+    }  # fmt: skip
+    powers = [power.exponent.value for power in exponents.values() if power and power.exponent]
     if powers and max(abs(power) for power in powers) > FELT:
         notes.append(
             f"Thrust at the same control signal grows with the voltage to the power {np.mean(powers):.2f}: "
@@ -469,21 +452,16 @@ def _one_voltage(
     return volts, analysis, sides
 
 
-def _without_voltages(points: Points, step: Ints | None) -> tuple[str, ...]:
-    """Why there is no map for each voltage although voltages were logged."""
-    if step is not None or not np.any(np.isfinite(points.voltage)):
-        return ()
-    missing = int(np.count_nonzero(~np.isfinite(points.voltage)))
-    why = f"{missing} of {len(points)} points have none" if missing else "it drifts without steps"
-    return (f"The supply voltage is not used: {why}.",)
-
-
-def _notes(points: Points) -> tuple[str, ...]:
-    """What a person should know of the points: exact zeros at a command may never have been measured."""
+def _notes(points: Points, step: Ints | None) -> Iterator[str]:
+    """Why no map for each voltage, where they were logged; that exact zeros may never have been measured."""
+    if step is None and np.any(np.isfinite(points.voltage)):
+        missing = int(np.count_nonzero(~np.isfinite(points.voltage)))
+        why = f"{missing} of {len(points)} points have none" if missing else "it drifts without steps"
+        yield f"The supply voltage is not used: {why}."
     without_thrust = np.abs(points.n[(points.n != 0.0) & (points.force == 0.0) & (points.flag == "")])
-    if (count := len(without_thrust)) == 0:
-        return ()
-    return (
-        f"{count} point{'s have' if count > 1 else ' has'} exactly zero thrust at a command (up to |n| = "
-        f"{without_thrust.max():.4g}): a dead band, or readings that were set to zero or never taken; they are kept.",
-    )
+    if count := len(without_thrust):
+        yield (
+            f"{count} point{'s have' if count > 1 else ' has'} exactly zero thrust at a command (up to |n| = "
+            f"{without_thrust.max():.4g}): a dead band, or readings that were set to zero or never taken; they are "
+            "kept."
+        )

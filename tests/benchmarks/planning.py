@@ -32,10 +32,8 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.planning.campaign import Campaign, fitting_of, plan_campaign, specification
-from automarine_cli.planning.candidates import Supply, paper_grid, scheduled
-from automarine_cli.planning.information import ANGLE
-from automarine_cli.planning.limits import Goal, Limits, Logger, Pool, Runs
-from automarine_cli.planning.prior_results import Doubt, PriorResults
+from automarine_cli.planning.candidates import Goal, Limits, Logger, Pool, Runs, Supply, paper_grid, scheduled
+from automarine_cli.planning.information import ANGLE, Doubt, PriorResults
 from automarine_cli.planning.rivals import pairs_of
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run

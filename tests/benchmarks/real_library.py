@@ -9,8 +9,7 @@ from identified import identify
 from numpy.typing import NDArray
 from real_baseline import HORIZONS, Anchors
 
-from automarine_cli.comparison.rollouts import roll
-from automarine_cli.comparison.simulated_runs import free_runs
+from automarine_cli.comparison.simulated_runs import free_runs, roll
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import carried, follow, shown_channel

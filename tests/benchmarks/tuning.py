@@ -26,8 +26,7 @@ import numpy as np
 from tuning_truth import STEP, Floats, Truth, Vehicle, write_logs
 
 import automarine_cli as am
-from automarine_cli.control.closed_loop import Flight, Scores, scores, step_and_load
-from automarine_cli.control.design import FINE, Crowd, all_margins, grid_for
+from automarine_cli.control.design import FINE, Crowd, Flight, Scores, all_margins, grid_for, scores, step_and_load
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.vehicles import Vehicles

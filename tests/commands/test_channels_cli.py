@@ -16,8 +16,8 @@ from automarine_cli.logs.canonical import names_of
 from automarine_cli.models.closed_form import response
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.planning.campaign import fitting_of
-from automarine_cli.planning.limits import Limits, Logger
-from automarine_cli.planning.prior_results import read_prior_results
+from automarine_cli.planning.candidates import Limits, Logger
+from automarine_cli.planning.information import read_prior_results
 from automarine_cli.report.yaw_report import sentences
 from automarine_cli.runs.load import load_runs
 

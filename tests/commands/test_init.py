@@ -16,8 +16,7 @@ from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import LogError, OutputError, SettingError
-from automarine_cli.logs.layouts import places_of
-from automarine_cli.logs.recognise import Span, recognise, words_of
+from automarine_cli.logs.recognise import Span, places_of, recognise, words_of
 from automarine_cli.report.campaign_file import NewCampaign
 from automarine_cli.runs.run import Run
 

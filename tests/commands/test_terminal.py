@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import Result
 from hypothesis import given
@@ -127,5 +128,7 @@ def test_what_takes_minutes_is_foretold_in_a_pipe_and_on_a_terminal(capsys: pyte
         foretell(progress, "the diagnosis", 230.0)
         progress("fitting", 0, 10)
         assert capsys.readouterr().err == "The diagnosis takes about 4 min.\n"
-    foretell(terminal_progress(quiet=True), "the diagnosis", 230.0)
+    with click.Context(click.Command("quiet")) as ctx:
+        ctx.meta["automarine.verbosity"] = -1
+        foretell(terminal_progress(), "the diagnosis", 230.0)
     assert capsys.readouterr().err == ""

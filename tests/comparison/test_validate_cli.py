@@ -22,8 +22,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.report.figures.runs import validation_figure
 from automarine_cli.report.figures.style import MODEL_COLOURS
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Run = Callable[..., Result]
 
@@ -102,7 +101,7 @@ def test_refusals(pool: Path, run: Run, tmp_path: Path) -> None:
     newton = model_file(tmp_path / "newton.json", moment_unit="N m")
     assert refused(logs, "--model", newton) == (
         "Error: newton.json was fitted to moments in N m, logs/a.csv gives them in nu; there is no factor between "
-        "the two. Validate with logs in N m, or fit a model to logs in nu"
+        "the two. Give logs in N m, or fit a model to logs in nu"
     )
     wrong = model_file(tmp_path / "wrong.json", preferred="9")
     assert refused(logs, "--model", wrong).startswith('Error: wrong.json: preferred: found "9", expected')

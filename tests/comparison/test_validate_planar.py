@@ -11,7 +11,9 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.commands.validate import validate
-from automarine_cli.comparison.planar import SCORES, PlanarValidation, free_runs, overall, start_of
+from automarine_cli.comparison.scores import PLANAR_SCORES, planar_score
+from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, planar_start
+from automarine_cli.comparison.validation import PlanarValidation, planar_scored
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import planar_json
@@ -23,6 +25,10 @@ from automarine_cli.runs.run import Run
 CRAFT = Craft(np.diag([20.0, 32.0, 2.6]), linear=np.diag([8.0, 20.0, 3.0]))
 MODEL = PlanarModel(Inertia(20.0, 32.0, 2.6), *((Term("linear-drag", (size,)),) for size in (8.0, 20.0, 3.0)))  # type: ignore[misc]
 NAMES = ("north", "east", "heading", "surge", "sway", "yaw_rate")
+
+
+def scores_of(free: FreeRun) -> dict[str, float | None]:
+    return {name: planar_score(free).value(name) for name in PLANAR_SCORES}
 
 
 def logged(seed: int = 0, side: float = 1.0, moving: bool = False, noise: float = 0.0) -> Run:
@@ -44,54 +50,61 @@ def logged(seed: int = 0, side: float = 1.0, moving: bool = False, noise: float 
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_true_model_makes_no_error(side: float, moving: bool) -> None:
-    (free,) = free_runs(MODEL, [logged(1, side, moving)])
+    (free,) = planar_free_runs(MODEL, [logged(1, side, moving)])
+    scores = scores_of(free)
     close = 2e-3 if moving else 2e-4  # a command that comes at once is half a sample late in a log
-    assert max(value for name, value in free.scores.items() if value and name.endswith("m_s")) < close
-    assert free.scores["heading_rmse_deg"] < 200 * close and free.scores["position_rmse_m"] < 10 * close
-    assert not free.diverged and set(free.scores) == set(SCORES)
+    assert max(value for name, value in scores.items() if value and name.endswith("m_s")) < close
+    assert scores["heading_rmse_deg"] < 200 * close and scores["position_rmse_m"] < 10 * close  # type: ignore[operator]
+    assert not free.diverged
 
 
 def test_the_error_is_the_noise_and_a_wrong_model_s_is_more() -> None:
     runs = [logged(seed, noise=0.02) for seed in range(3)]
-    truth, wrong = (overall(free_runs(one, runs)) for one in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6))))
+    truth, wrong = (planar_scored(one, runs).overall for one in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6))))
     for name in ("surge_rmse_m_s", "sway_rmse_m_s"):
-        assert truth[name] == pytest.approx(0.02, rel=0.15)
-    assert truth["heading_rmse_deg"] == pytest.approx(np.rad2deg(0.02), rel=0.3)
-    assert wrong["sway_rmse_m_s"] > 1.5 * truth["sway_rmse_m_s"]  # type: ignore[operator]
+        assert truth[name].value == pytest.approx(0.02, rel=0.15)
+        low, high = truth[name].ci95  # type: ignore[misc]
+        assert low < truth[name].value < high
+    assert truth["heading_rmse_deg"].value == pytest.approx(np.rad2deg(0.02), rel=0.3)
+    assert wrong["sway_rmse_m_s"].value > 1.5 * truth["sway_rmse_m_s"].value  # type: ignore[operator]
 
 
 def test_starts() -> None:
-    still = start_of(logged(2, noise=0.05), MODEL)
+    still = planar_start(logged(2, noise=0.05), MODEL)
     np.testing.assert_allclose(still[:3], (1.0, 2.0, 0.3), atol=0.05)
     assert not still[3:].any()
     run = logged(2, moving=True)
-    np.testing.assert_allclose(start_of(run, MODEL), (1.0, 2.0, 0.3, 0.5, 0.1, 0.2), atol=0.01)
+    np.testing.assert_allclose(planar_start(run, MODEL), (1.0, 2.0, 0.3, 0.5, 0.1, 0.2), atol=0.01)
     bare = replace(run, extras={name: run.extras[name] for name in ("force_X", "force_Y")})
-    np.testing.assert_allclose(start_of(bare, MODEL)[:2], 0.0, atol=1e-6)
-    assert start_of(bare, MODEL)[5] == pytest.approx(0.2, abs=0.01)
+    np.testing.assert_allclose(planar_start(bare, MODEL)[:2], 0.0, atol=1e-6)
+    assert planar_start(bare, MODEL)[5] == pytest.approx(0.2, abs=0.01)
 
 
 def test_channels_that_are_not_logged_have_no_score() -> None:
     run = logged(3)
     gone = {name: column for name, column in run.extras.items() if name not in ("north", "sway", "yaw_rate")}
     holes = np.where(np.arange(len(run)) % 3, np.nan, gone["surge"])
-    (free,) = free_runs(MODEL, [replace(run, extras={**gone, "surge": holes})])
-    assert [name for name, value in free.scores.items() if value is None] == [
+    (free,) = planar_free_runs(MODEL, [replace(run, extras={**gone, "surge": holes})])
+    scores = scores_of(free)
+    assert [name for name, value in scores.items() if value is None] == [
         "position_rmse_m", "position_max_abs_m", "sway_rmse_m_s", "yaw_rate_rmse_deg_s",
     ]  # fmt: skip
-    assert free.scores["surge_rmse_m_s"] < 1e-3 and planar_figure(free).axes
+    assert scores["surge_rmse_m_s"] < 1e-3 and planar_figure(free).axes
 
 
 def test_a_model_that_runs_away_is_said_to() -> None:
     driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
-    found = PlanarValidation(None, free_runs(driving, [logged(0)]), ())  # type: ignore[arg-type]
-    assert found.free[0].diverged and planar_table(found).rows[0][2] == "diverged"
-    assert set(overall(found.free).values()) == {None} and found.to_json()["models"]["planar"]["diverged"]
-    assert "diverges" in planar_figure(found.free[0]).get_suptitle()
+    found = PlanarValidation(None, planar_scored(driving, [logged(0)]), ())  # type: ignore[arg-type]
+    (free,) = found.scored.free
+    assert free.diverged and planar_table(found).rows[0][2] == "diverged"
+    assert {whole.value for whole in found.scored.overall.values()} == {None} and found.to_json()["models"]["planar"][
+        "diverged"
+    ]
+    assert "diverges" in planar_figure(free).get_suptitle()
 
 
 def test_the_figure_shows_heading_track_velocities_and_commands() -> None:
-    figure = planar_figure(free_runs(MODEL, [logged(0, noise=0.01)])[0])
+    figure = planar_figure(next(planar_free_runs(MODEL, [logged(0, noise=0.01)])))
     assert [axes.get_ylabel() for axes in figure.axes] == [
         r"Heading $\psi$ [deg]", "North [m]", "Surge $u$ [m/s]", "Sway $v$ [m/s]", "Yaw rate $r$ [deg/s]",
         "Command [N, N m]",
@@ -115,9 +128,9 @@ def test_without_what_is_hidden_it_is_worse(tmp_path: Path, model: Path) -> None
     del known["parameters"]["yaw.N_v"]
     (tmp_path / "known.json").write_text(json.dumps(known))
     logs = [SAMPLE_RUNS / "planar_validation"]
-    truth, without = (overall(validate(logs, model=one).free) for one in (model, tmp_path / "known.json"))
-    assert truth["surge_rmse_m_s"] < 0.05 and truth["sway_rmse_m_s"] < 0.05  # type: ignore[operator]
-    assert without["heading_rmse_deg"] > 3 * truth["heading_rmse_deg"]  # type: ignore[operator]
+    truth, without = (validate(logs, model=one).scored.overall for one in (model, tmp_path / "known.json"))
+    assert truth["surge_rmse_m_s"].value < 0.05 and truth["sway_rmse_m_s"].value < 0.05  # type: ignore[operator]
+    assert without["heading_rmse_deg"].value > 3 * truth["heading_rmse_deg"].value  # type: ignore[operator]
 
 
 def test_from_python(model: Path) -> None:

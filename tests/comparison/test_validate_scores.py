@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 from tolerances import assert_close
 
 from automarine_cli import effects
-from automarine_cli.comparison import rollouts, scores
-from automarine_cli.comparison.rollouts import rest_state, start_states
+from automarine_cli.comparison import scores, simulated_runs
 from automarine_cli.comparison.scores import SCORES, fit_percent, rate_error, rate_source
-from automarine_cli.comparison.simulated_runs import FreeRun, find_restarts, free_runs, restarted_errors
+from automarine_cli.comparison.simulated_runs import (
+    FreeRun,
+    find_restarts,
+    free_runs,
+    rest_state,
+    restarted_errors,
+    start_states,
+)
 from automarine_cli.comparison.validation import Comparison, compare
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place
@@ -259,10 +265,17 @@ def test_rate_errors_never_reach_across_a_gap() -> None:
     gone = np.r_[0:100, 140 : len(run)]
     cut = replace(run, time=run.time[gone], position=run.position[gone], moment=run.command[gone])
     jump = np.where(gone >= 140, 1.0, 0.0)  # the error jumps in the gap; no slope must see it
-    there = FreeRun(cut, cut.position - jump, free.rate[gone], free.start, free.water[gone])
+    there = FreeRun(cut, {"heading": cut.position - jump, "yaw_rate": free.rate[gone]}, free.start, free.water[gone])
     assert np.abs(rate_error(there)).max() < 1e-9
     short = run.cut(0, 8)
-    assert len(rate_error(FreeRun(short, short.position, short.position, free.start, free.water[:8]))) == 0
+    assert (
+        len(
+            rate_error(
+                FreeRun(short, dict.fromkeys(("heading", "yaw_rate"), short.position), free.start, free.water[:8])
+            )
+        )
+        == 0
+    )
 
 
 def test_fit_percent() -> None:
@@ -296,8 +309,8 @@ def test_intervals_want_three_runs_and_hold_the_value(stored: StoredModels) -> N
 def test_groups_change_nothing(stored: StoredModels, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = [*noisy(3), step_run(0.5)]
     whole = compare(stored, runs)
-    monkeypatch.setattr(rollouts, "GROUP_SAMPLES", 300)
-    assert len(list(rollouts.groups(runs, [len(run) for run in runs]))) == 4
+    monkeypatch.setattr(simulated_runs, "GROUP_SAMPLES", 300)
+    assert len(list(simulated_runs.groups(runs, [len(run) for run in runs]))) == 4
     apart = compare(stored, runs)
     for name in SCORES:
         assert_close(values(apart, "2", name), values(whole, "2", name), "optimiser")  # type: ignore[arg-type]

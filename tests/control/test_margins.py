@@ -7,8 +7,7 @@ import pytest
 from made_vehicles import vehicle
 
 from automarine_cli.control import vehicles as plant
-from automarine_cli.control.closed_loop import fly, frequencies, margins, stable_along
-from automarine_cli.control.design import Crowd, all_margins, grid_for
+from automarine_cli.control.design import Crowd, all_margins, fly, frequencies, grid_for, margins, stable_along
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.base import Gains, Nominal, Target
 from automarine_cli.dofs import YAW

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from made_vehicles import gains_of, vehicle
 
-from automarine_cli.control.closed_loop import step_and_load
+from automarine_cli.control.design import step_and_load
 from automarine_cli.control.targets import get
 
 mujoco: Any = pytest.importorskip("mujoco", reason="MuJoCo is in the group simulators")

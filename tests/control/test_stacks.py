@@ -10,8 +10,7 @@ import pytest
 from made_vehicles import gains_of, vehicle
 from repository import DATA
 
-from automarine_cli.control.closed_loop import fly, scores, step_and_load
-from automarine_cli.control.design import nominal_of
+from automarine_cli.control.design import fly, nominal_of, scores, step_and_load
 from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.ardupilot import RootLaw, distance_to, gyro, gyro_response
@@ -21,8 +20,7 @@ from automarine_cli.control.targets.pid import series_form
 from automarine_cli.control.vehicles import Bend, Spread, crowd
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 DEG = np.pi / 180
 BLUEROV = DATA / "ardusub" / "small.BIN"
@@ -223,7 +221,7 @@ def test_an_unknown_target_is_answered_with_the_names() -> None:
 
 
 def test_scores_of_a_known_response() -> None:
-    from automarine_cli.control.closed_loop import Flight
+    from automarine_cli.control.design import Flight
 
     time = np.arange(0.0, 20.0, 0.1)
     step = 1.0 - np.exp(-time) * np.cos(2.0 * time)

@@ -16,13 +16,12 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
-from automarine_cli.control import flown, tuning
-from automarine_cli.control.closed_loop import fly
+from automarine_cli.control import tuning
+from automarine_cli.control.design import fly
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.errors import RunError
 from automarine_cli.pipeline.manifest import MANIFEST
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Run = Callable[..., Result]
 
@@ -31,7 +30,7 @@ Run = Callable[..., Result]
 def small_crowds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
     monkeypatch.setattr(tuning, "design", partial(tuning.design, count=48))
-    monkeypatch.setattr(flown, "crowds_of", partial(flown.crowds_of, count=48))
+    monkeypatch.setattr(tuning, "crowds_of", partial(tuning.crowds_of, count=48))
     monkeypatch.setattr(designing, "PRESENT", 24)
 
 
@@ -373,7 +372,7 @@ def test_a_log_of_a_pilot_s_turns_is_followed(
     def few(runs: Any, base: Any, **settings: Any) -> Any:
         raise RunError("too few")
 
-    monkeypatch.setattr(flown, "diagnose_runs", few)
+    monkeypatch.setattr(tuning, "diagnose_runs", few)
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
     found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
     log = flown_log(tmp_path, found, 0.5, later, piloted=True)
@@ -400,7 +399,7 @@ def test_a_log_of_a_vehicle_that_answers_later_does_not(
         asked.append(len(runs))
         raise RunError("too few")
 
-    monkeypatch.setattr(flown, "diagnose_runs", few)
+    monkeypatch.setattr(tuning, "diagnose_runs", few)
     checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log)
     assert checked.exit_code == 0, checked.stderr
     assert checked.stdout.startswith("Not as promised: 2 of 2 steps leave the bands of 95 %.")

@@ -22,7 +22,7 @@ from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.diagnosis_report import planar_verdict
-from automarine_cli.report.figures.diagnosis import planar_why_figure, where_figure
+from automarine_cli.report.figures.diagnosis import planar_before_after_figure, planar_why_figure, where_figure
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.propulsion import load_planar
 
@@ -73,6 +73,8 @@ def test_a_gap_that_stands_out_and_has_no_name_is_unexplained() -> None:
     most = Contender(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
     passed = replace(open_gap, rounds=(replace(found.rounds[0], tried=(most,)),))
     assert "gains 163 in deviance, but not in the mean of runs" in planar_verdict(passed)
+    doubted = replace(open_gap, rounds=(replace(found.rounds[0], tried=(replace(most, steady=True),)),))
+    assert planar_verdict(doubted).startswith(f"Suspected, not named: {most.candidate.label}. The fitted runs ask for")
 
 
 @pytest.mark.slow
@@ -111,6 +113,19 @@ def test_the_evidence_shows_every_candidate() -> None:
     (bars,) = planar_why_figure(found).axes
     assert len(bars.patches) == len(found.rounds[0].promised) > 8
     assert bars.get_yticklabels()[-1].get_text() == "cross-coupling N_v"
+
+
+@pytest.mark.parametrize("kind", ["N_v", pytest.param("current", marks=pytest.mark.slow)])
+def test_before_and_after_are_drawn_beside_what_was_measured(kind: str) -> None:
+    figure = planar_before_after_figure(searched(kind))
+    errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
+    assert errors and len({axes.get_ylim() for axes in errors}) == 1
+    tracks = [axes for axes in figure.axes if axes.get_xlabel() == "East [m]"]
+    assert len(tracks) == (len(errors) if kind == "current" else 0)  # where places are logged
+    for axes in tracks:
+        measured, before, after = axes.lines
+        assert len(measured.get_xdata()) > 0 and len(before.get_xdata()) == len(after.get_xdata()) > 0
+    assert figure.axes[-1].get_xlabel() == "gap before [deg]"
 
 
 def test_nothing_stands_out_where_nothing_is_missing() -> None:

@@ -19,8 +19,7 @@ from automarine_cli.commands.export import export
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import number
 from automarine_cli.exports.thrusters import table, top, worst
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Floats = NDArray[np.float64]
 FORMS = list(targets.get("thrusters").forms)

@@ -200,7 +200,7 @@ def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[...
         written(one, tmp_path / "logs" / f"{i}.csv")
     for inertia, says in (
         (1.0, "Model 3, which the fit preferred, predicts 5 s ahead to "),
-        (60.0, "No model is of use on these runs: "),
+        (60.0, "Model 3, which the fit preferred, is not usable on these runs: it predicts 5 s ahead to "),
     ):
         models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
         model = model_file(tmp_path / f"{inertia:g}.json", models=models)

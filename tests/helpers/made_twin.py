@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Floats = NDArray[np.float64]
 Gains = tuple[float, float, float, float]

@@ -17,14 +17,13 @@ from test_link_kills import MODEL_FILE
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server
-from automarine_cli.link.client import Client
-from automarine_cli.link.collector import Collector
+from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles import can
 from automarine_cli.link.vehicles.can import CanBus
 from automarine_cli.logs import read_column_map
 from automarine_cli.planning.vehicle import Drive
-from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import Curve
 
 SPEED = 20.0
 PATIENCE_S = 60.0  # of this clock, for what comes soon where nobody else needs the machine

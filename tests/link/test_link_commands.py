@@ -17,8 +17,7 @@ from test_link_cuts import logs_in
 from test_link_kills import MODEL_FILE
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.client import Client
-from automarine_cli.link.collector import Collector
+from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.base import Halted
 from automarine_cli.link.vehicles.simulated import Simulated

@@ -15,8 +15,7 @@ from made_link import MODEL, TOKEN, CuttingProxy, expected_logs, made_campaign, 
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server
-from automarine_cli.link.client import Client
-from automarine_cli.link.collector import Collector
+from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.player import Player
 from automarine_cli.link.store import Store

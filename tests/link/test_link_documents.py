@@ -8,8 +8,7 @@ import pytest
 from made_link import BATTERY, MODEL, TOKEN, expected_logs, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.client import Client
-from automarine_cli.link.collector import Collector
+from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.document import PlannedRun, campaign_in, read_campaign
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.replay import Replay
@@ -104,7 +103,7 @@ def test_the_surface_refuses_what_the_vehicle_refuses(tmp_path: Path) -> None:
         collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", wait_s=5.0)
         with pytest.raises(SettingError, match="the vehicle refuses: the campaign's moments are in N m"):
             collector.collect(replace(made_campaign(), moment_unit="N m"), stop=False)
-    with pytest.raises(SettingError, match='key "limits" is missing; give a file as `automarine plan` writes it'):
+    with pytest.raises(SettingError, match=r'limits\.logger: key "rate_hz" is missing; give a file as `automarine'):
         plan = tmp_path / "plan.json"
         plan.write_text(json.dumps({"schema": "automarine/plan/1", "moment_unit": "nu"}))
         read_campaign(plan)

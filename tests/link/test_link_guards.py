@@ -19,8 +19,7 @@ from test_link_cuts import ask, logs_in, put
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server as server_module
 from automarine_cli.link import store as store_module
-from automarine_cli.link.client import Client, _Answer
-from automarine_cli.link.collector import Collector
+from automarine_cli.link.collector import Client, Collector, _Answer
 from automarine_cli.link.document import CampaignState, LinkCampaign, Listing, Log, State
 from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer, token_of

@@ -15,6 +15,7 @@ from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.pipeline.records import (
     FILLER,
+    Codec,
     from_mapping,
     json_text,
     key_of,
@@ -151,6 +152,25 @@ def test_keys_are_filled_by_whom_the_reader_gives(dof: Dof) -> None:
         with pytest.raises(SettingError) as caught:
             from_mapping(Sensor, data, "x", dof)
         assert str(caught.value) == message
+
+
+@dataclass(frozen=True)
+class Gap:
+    after: float = field(metadata=keyed("gap/{position}/after", "gap/after_N"))
+    why: str = field(default="", metadata=keyed("said/why"))
+
+
+def test_a_key_in_tables_in_tables_is_a_field_of_the_record() -> None:
+    codec = Codec("x.json", DOFS["yaw"], writer="diagnose")
+    assert codec.read(Gap, {"gap": {"heading": {"after": 2}}, "said": None}) == Gap(2.0)
+    assert codec.read(Gap, {"gap": {"after_N": 3.0}, "said": {"why": "so"}}) == Gap(3.0, "so")
+    for data, message in (
+        ({"gap": {"heading": 2}}, 'x.json: gap.heading: key "after" is missing; give a file as `automarine diagnose`'),
+        ({"gap": {"after_N": "a"}}, 'x.json: gap.after_N: found "a", expected a number'),
+    ):
+        with pytest.raises(SettingError) as caught:
+            codec.read(Gap, data)
+        assert str(caught.value).startswith(message)
 
 
 def test_json_has_one_form_and_never_holds_nan() -> None:

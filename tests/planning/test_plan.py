@@ -14,8 +14,8 @@ from specified import read_specification
 import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.pipeline.records import from_mapping
-from automarine_cli.planning.limits import Limits, Pool, example_limits
-from automarine_cli.planning.plan import Plan
+from automarine_cli.planning.campaign import Plan
+from automarine_cli.planning.candidates import Limits, Pool, example_limits
 
 Run = Callable[..., Result]
 

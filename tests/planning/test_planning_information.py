@@ -15,12 +15,9 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.campaign import fitting_of, headings_of
-from automarine_cli.planning.candidates import Candidate, candidates, mirrors
-from automarine_cli.planning.information import ANGLE, Fitting, reported_covariance
-from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import read_prior_results
-from automarine_cli.simulation.run_groups import SequenceRuns
-from automarine_cli.simulation.specification import Logger, Scatter, Schedule, Specification, Vehicle
+from automarine_cli.planning.candidates import Candidate, Limits, candidates, mirrors
+from automarine_cli.planning.information import ANGLE, Fitting, read_prior_results, reported_covariance
+from automarine_cli.simulation.specification import Logger, Scatter, Schedule, SequenceRuns, Specification, Vehicle
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,8 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.campaign import DRIFT, NARROW, Campaign, plan_campaign
-from automarine_cli.planning.candidates import Supply
-from automarine_cli.planning.limits import Limits, Logger, Moments, Pool, Runs
-from automarine_cli.planning.prior_results import Doubt, PriorResults
+from automarine_cli.planning.candidates import Limits, Logger, Moments, Pool, Runs, Supply
+from automarine_cli.planning.information import Doubt, PriorResults
 
 MODEL = YawModel.base("3", 1.018, [1.257], "nu", YAW)
 LIMITS = Limits(

@@ -16,8 +16,7 @@ from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures import runs
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.style import FORMATS, new_figure
-from automarine_cli.report.figures.yaw import FINE, distinct, lines
+from automarine_cli.report.figures.style import FORMATS
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
 SIZES = (0.2, 0.5, 0.8, 1.1)
@@ -208,19 +207,3 @@ def test_figures_of_turns_to_one_side_are_whole_too() -> None:
         figures.collapse_figure(fit, fit.data),
     ):
         is_complete(figure)
-
-
-def test_many_points_are_thinned_to_what_an_eye_resolves() -> None:
-    rng = np.random.default_rng(0)
-    x, y = rng.uniform(0, 3, 400_000), rng.normal(0, 1, 400_000)
-    kept = distinct(x, y)
-    assert len(kept) < (FINE + 1) ** 2 and np.all(np.diff(kept) > 0)
-    cells = np.stack([FINE * (one - one.min()) / np.ptp(one) for one in (x, y)]).astype(int)
-    assert len(kept) == np.unique(cells, axis=1).shape[1], "every cell that holds a point keeps one"
-    few = np.linspace(0, 1, 50)
-    np.testing.assert_array_equal(distinct(few, few), np.arange(50))
-    long = np.stack([np.arange(70_000.0), np.zeros(70_000)], axis=1)
-    axes = new_figure()[1][0, 0]
-    lines(axes, [long, long[:10]], colors="0.5")
-    thinned = axes.collections[0].get_segments()
-    assert [len(one) for one in thinned] == [40, 10] and thinned[0][-1, 0] == long[-1, 0]

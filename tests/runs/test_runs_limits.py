@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, SURGE, Dof
 from automarine_cli.logs import LogTable
 from automarine_cli.runs.checks import position_trouble
-from automarine_cli.runs.clean import clean
+from automarine_cli.runs.clean import clean, find_glitches, find_jumps
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.unwrap import find_glitches, find_jumps
 
 Floats = NDArray[np.float64]
 
@@ -82,4 +81,4 @@ def test_where_a_way_is_measured_from_does_not_matter() -> None:
 def cleaned(time: Floats, position: Floats, command: Floats) -> tuple[Run, ...]:
     columns = {"time": time, SURGE.position: position, SURGE.command: command}
     table = LogTable("log.csv", columns, np.arange(1, len(time) + 1), moment_unit="N", dof=SURGE)
-    return clean(table, slice(0, len(time)), "run")
+    return clean(table, np.arange(len(time)), "run")

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import read_column_map
-from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.planar import EQUATORIAL_RADIUS, local_plane, read_planar, repeats
+from automarine_cli.runs.load import EQUATORIAL_RADIUS, load_runs, local_plane, read_planar, repeats
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]

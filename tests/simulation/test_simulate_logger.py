@@ -14,8 +14,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.logs import find_logs, read_log
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
-from automarine_cli.simulation.campaign import make_campaign
-from automarine_cli.simulation.log_files import gzip_bytes
+from automarine_cli.simulation.campaign import gzip_bytes, make_campaign
 from automarine_cli.simulation.specification import Specification
 
 

@@ -19,8 +19,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.pipeline.records import read_mapping
-from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.planar import read_planar
+from automarine_cli.runs.load import load_runs, read_planar
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.specification import PlanarSpecification, specification_from

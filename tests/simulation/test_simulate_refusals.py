@@ -10,8 +10,7 @@ from specified import read_specification
 
 from automarine_cli.errors import SettingError
 from automarine_cli.simulation.campaign import make_plans
-from automarine_cli.simulation.run_groups import KINDS, Range, moment_text
-from automarine_cli.simulation.specification import SCHEMA, specification_from
+from automarine_cli.simulation.specification import KINDS, SCHEMA, Range, moment_text, specification_from
 
 GOOD = """schema = "automarine/simulation/1"
 seed = 3

@@ -18,8 +18,7 @@ from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.simulation import campaign as room
 from automarine_cli.simulation.campaign import DECIMALS, SimulatedRun, make_campaign, make_plans, sample_times
-from automarine_cli.simulation.run_groups import time_to_turn
-from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
+from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from, time_to_turn
 
 Floats = NDArray[np.float64]
 

@@ -19,8 +19,7 @@ from automarine_cli.report.diagnosis_report import thruster_sentences
 from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 TESTS = DATA / "thrusters"
 

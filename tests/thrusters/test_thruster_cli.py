@@ -18,8 +18,7 @@ from automarine_cli.report import thruster_tables
 from automarine_cli.report.campaign_page import headlines, read_steps
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
-from automarine_cli.thrusters.forms import FORMS
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import FORMS, ThrusterMap
 
 FILES = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png")
 Run = Callable[..., Result]

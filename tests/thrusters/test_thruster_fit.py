@@ -14,7 +14,7 @@ from automarine_cli.thrusters.bollard_data import (
     voltage_steps,
 )
 from automarine_cli.thrusters.fit import analyse, best_curve, sides_of, square_law
-from automarine_cli.thrusters.forms import FORMS, Curve, fit_direction
+from automarine_cli.thrusters.map import FORMS, Curve, fit_direction
 
 # The source paper's equation 3 for two thrusters, halved (PHYSICS 4.5): N per control count squared.
 AHEAD, ASTERN = 2.6165e-4, 0.6640e-4

@@ -3,9 +3,17 @@
 import numpy as np
 import pytest
 
-from automarine_cli.thrusters.bollard_data import Points, Series, flag_contradictions, subtract_tare
+from automarine_cli.thrusters.bollard_data import (
+    Points,
+    Series,
+    constant_segments,
+    flag_contradictions,
+    reduce_series,
+    settled_from,
+    standard_error,
+    subtract_tare,
+)
 from automarine_cli.thrusters.fit import analyse
-from automarine_cli.thrusters.plateaus import constant_segments, reduce_series, settled_from, standard_error
 
 A = 25.0  # N at full command, square law both ways
 COMMANDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.0, -0.2, -0.4, -0.6, -0.8, -1.0, 0.0])

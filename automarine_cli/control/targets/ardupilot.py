@@ -121,7 +121,7 @@ class ArduSub(ParameterFile):
         """A crossover of the rate loop in shares of what the delays allow, the other loops in shares of it, and a
         reference in shares of what the thrusters can follow."""
         inner, outer, summed, rate, speed_up, lead = numbers.T
-        lag = nominal.lag + self.own_lag({})
+        lag = nominal.lag + self.own_lag
         crossover = spread(inner, 0.04, 0.9) / lag
         p = crossover * nominal.inertia
         reach = 1.0 / nominal.inertia
@@ -138,7 +138,8 @@ class ArduSub(ParameterFile):
         }
         return self.clipped(found)
 
-    def own_lag(self, gains: Gains) -> float:
+    @property
+    def own_lag(self) -> float:
         return 1.5 * self.period + np.sqrt(2.0) / (2.0 * np.pi * self.gyro_hz) + 0.5 / (2.0 * np.pi * 5.0)
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
@@ -220,7 +221,7 @@ class ArduRover(ParameterFile):
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """As for Sub; feed-forward is one over the steady rate at the whole output."""
         inner, outer, summed, rate, speed_up, lead = numbers.T
-        lag = nominal.lag + self.own_lag({})
+        lag = nominal.lag + self.own_lag
         crossover = spread(inner, 0.04, 0.9) / lag
         p = crossover * nominal.inertia
         found = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
@@ -234,7 +235,8 @@ class ArduRover(ParameterFile):
         }
         return self.clipped(found)
 
-    def own_lag(self, gains: Gains) -> float:
+    @property
+    def own_lag(self) -> float:
         return 0.5 * self.period + np.sqrt(2.0) / (2.0 * np.pi * self.gyro_hz) + 1.0 / (2.0 * np.pi * 10.0)
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:

@@ -11,12 +11,12 @@ Outputs are from -1 to 1, positions and velocities in base units [rad or m].
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.vehicles import Bend
+from automarine_cli.control.vehicles import Bend, Vehicles
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Source
@@ -112,6 +112,9 @@ class Target(ABC):
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """Make gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
 
+    def straightened(self, vehicles: Vehicles) -> Vehicles:
+        return replace(vehicles, bend=None) if self.linear else vehicles
+
     def prepared(self, gains: Gains) -> Gains:
         """Work out once what `step` needs of the gains at every loop."""
         return gains
@@ -126,15 +129,14 @@ class Target(ABC):
 
     @abstractmethod
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
-        """Return -output per position and per velocity at s (W,), (S, W) each, with the hold and the loop's own
-        delays."""
+        """Return -output per position and per velocity at s (W,), (S, W) each, with hold and the loop's delays."""
 
     @abstractmethod
     def text(self, design: Design) -> str:
         """Write the file."""
 
-    def own_lag(self, gains: Gains) -> float:
-        """Estimate the delay [s] of the stack itself."""
+    @property
+    def own_lag(self) -> float:
         return 1.5 * self.period
 
     def clipped(self, gains: dict[str, Floats]) -> dict[str, Floats]:

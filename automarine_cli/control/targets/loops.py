@@ -6,8 +6,7 @@ from automarine_cli.quantities import Complexes, Floats
 
 
 def share(step: float, cutoff: Floats | float) -> Floats:
-    """Return the weight of the new value in a first-order low-pass of `cutoff` [Hz] at loops of `step` [s]; 0 Hz is
-    none."""
+    """Return the weight of the new value in a low-pass of `cutoff` [Hz] at loops of `step` [s]; 0 Hz is none."""
     rate = 2.0 * np.pi * step * np.asarray(cutoff, dtype=float)
     return np.where(rate > 0, rate / (1.0 + rate), 1.0)
 
@@ -23,13 +22,11 @@ def hold(s: Complexes, step: float) -> Complexes:
 
 
 def within(value: Floats, most: Floats | float) -> Floats:
-    """Limit `value` to `most` on either side."""
     return np.minimum(np.maximum(value, -most), most)
 
 
 def summed(integral: Floats, grown: Floats, now: Floats, error: Floats) -> Floats:
-    """Return the integrator after a loop: `grown`, unless the output is at its limit and the error would carry it
-    further."""
+    """Return the integrator after a loop: `grown`, unless the limited output would be carried further."""
     out = now + grown
     return np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
 

@@ -35,7 +35,7 @@ class Pid(Target):
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """Crossover in shares of what the delays allow; damping, sum and set-point weight beside it."""
         speed, damping, summed, weight = numbers.T
-        w = spread(speed, 0.03, 0.8) / (nominal.lag + self.own_lag({}))
+        w = spread(speed, 0.03, 0.8) / (nominal.lag + self.own_lag)
         d = nominal.inertia * w * spread(damping, 0.7, 2.5)
         p = nominal.inertia * w**2 * spread(damping, 0.5, 1.0)
         return {
@@ -45,9 +45,6 @@ class Pid(Target):
             "b": weight,
             "T_f": np.maximum(0.5 * self.period, d / (FEWEST * p)),
         }
-
-    def own_lag(self, gains: Gains) -> float:
-        return 1.5 * self.period
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
         zero = np.zeros_like(position)

@@ -43,7 +43,7 @@ class Python(Target):
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """Frequencies in shares of what the delays allow, the reference in shares of what the thrusters can follow."""
         inner, outer, ahead, rate, speed_up = numbers.T
-        w = spread(inner, 0.04, 0.6) / (nominal.lag + self.own_lag({}))
+        w = spread(inner, 0.04, 0.6) / (nominal.lag + self.own_lag)
         return {
             "velocity": w,
             "position": w * spread(outer, 0.05, 0.8),

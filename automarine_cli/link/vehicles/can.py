@@ -63,10 +63,8 @@ class CanBus:
     @property
     def messages(self) -> Mapping[str, Any]:
         if not self.names.dbc:
-            raise SettingError(
-                'a CAN bus is driven by the DBC that describes it; give a column map with [can] dbc = "vehicle.dbc" '
-                "(--columns)"
-            )
+            remedy = 'give a column map with [can] dbc = "vehicle.dbc" (--columns)'
+            raise SettingError(f"a CAN bus is driven by the DBC that describes it; {remedy}")
         return {one.name: one for one in messages_of(self.names)}
 
     def received(self) -> dict[str, ColumnRule]:
@@ -91,11 +89,9 @@ class CanBus:
                 "the campaign's moments are normalised (nu), and the thruster map makes N m; plan for a model in N m, "
                 "or leave --thrusters out and name the signal of the moment, tau, in the column map"
             )
-        if self.drive_by is not None and campaign.battery.at_moment > self.drive_by.largest:
-            raise SettingError(
-                f"the campaign goes up to {campaign.battery.at_moment:g} N m, the thrusters give "
-                f"{self.drive_by.largest:.4g} N m; make the plan with the same --thrusters and --arm"
-            )
+        if self.drive_by is not None and campaign.battery.at_moment > (most := self.drive_by.largest):
+            both = f"the campaign goes up to {campaign.battery.at_moment:g} N m, the thrusters give {most:.4g} N m"
+            raise SettingError(f"{both}; make the plan with the same --thrusters and --arm")
         self.received()
         for run in campaign.runs:
             self.steps(campaign, run)
@@ -142,17 +138,13 @@ class CanBus:
         kind, _, rest = self.place.partition(":")
         channel, _, bitrate = rest.partition("@")
         if not kind or not channel or (bitrate and not bitrate.isdigit()):
-            raise SettingError(
-                f"found the bus {self.place!r}; give python-can's INTERFACE:CHANNEL, such as socketcan:can0 or "
-                "slcan:/dev/ttyACM0@500000"
-            )
+            such = "such as socketcan:can0 or slcan:/dev/ttyACM0@500000"
+            raise SettingError(f"found the bus {self.place!r}; give python-can's INTERFACE:CHANNEL, {such}")
         try:
             bus = _library().Bus(interface=kind, channel=channel, **({"bitrate": int(bitrate)} if bitrate else {}))
         except Exception as problem:  # each interface raises its own
-            raise SettingError(
-                f"the bus {self.place} cannot be opened ({str(problem).partition(chr(10))[0]}); look at the adapter "
-                "and its settings"
-            ) from None
+            why = f"{str(problem).partition(chr(10))[0]}); look at the adapter and its settings"
+            raise SettingError(f"the bus {self.place} cannot be opened ({why}") from None
         try:
             yield bus
         finally:
@@ -173,11 +165,9 @@ def _step(messages: Mapping[str, Any], table: CommandTable, at: float, values: l
             data = message.encode(whole)
         except Exception as problem:  # cantools raises errors of its own and of bitstruct
             raise SettingError(f"run {run}: {problem}; plan smaller moments, or correct the column map") from None
-        sent |= {f"{name}.{signal}": float(value) for signal, value in message.decode(data, False).items()
-                 if signal in signals}  # fmt: skip
-        frames.append(
-            _library().Message(arbitration_id=message.frame_id, is_extended_id=message.is_extended_frame, data=data)
-        )
+        decoded, wide = message.decode(data, False), message.is_extended_frame
+        sent |= {f"{name}.{signal}": float(decoded[signal]) for signal in signals}
+        frames.append(_library().Message(arbitration_id=message.frame_id, is_extended_id=wide, data=data))
     shown = (f"{rule.read(sent[rule.source], factor):.6g}" for rule, factor in zip(table.rules, table.factors))
     return Step(at, tuple(frames), tuple(shown))
 
@@ -193,29 +183,23 @@ def _message(messages: Mapping[str, Any], name: str, signals: Mapping[str, float
         )
     assert message is not None
     if message.is_multiplexed():
-        raise SettingError(
-            f"{name} is multiplexed, and such commands are not sent; name a signal of another message in the column map"
-        )
+        remedy = "name a signal of another message in the column map"
+        raise SettingError(f"{name} is multiplexed, and such commands are not sent; {remedy}")
     if still := [one.name for one in message.signals if one.name not in signals and one.initial is None]:
-        raise SettingError(
-            f"{name} also holds {still[0]}, for which the DBC gives no start value; add it to the DBC "
-            "(GenSigStartValue), so that it is known what is sent"
-        )
+        remedy = "add it to the DBC (GenSigStartValue), so that it is known what is sent"
+        raise SettingError(f"{name} also holds {still[0]}, for which the DBC gives no start value; {remedy}")
     return message
 
 
 class _Ear:
-    """What is heard on the bus while a run is driven."""
-
     def __init__(self, vehicle: CanBus, bus: Any, ours: set[int]) -> None:
         self._bus, self._ours, self._rules = bus, ours, vehicle.received()
         self._values = dict.fromkeys(self._rules, "")
         self._by_id: dict[int, tuple[Any, dict[str, str]]] = {}
+        columns = {rule.source: name for name, rule in self._rules.items()}
         for message in vehicle.messages.values():
-            asked = {rule.source: name for name, rule in self._rules.items()}
-            named = {one.name: asked[source] for one in message.signals
-                     if (source := f"{message.name}.{one.name}") in asked}  # fmt: skip
-            if named:
+            sources = {signal.name: f"{message.name}.{signal.name}" for signal in message.signals}
+            if named := {signal: columns[source] for signal, source in sources.items() if source in columns}:
                 self._by_id[message.frame_id] = message, named
         self._when = time.monotonic()
 
@@ -234,8 +218,7 @@ class _Ear:
             raise SettingError("no heading came from the bus; look at the compass, the bit rate and the column map")
 
     def heard(self, seconds: float) -> str | None:
-        """The next values if they come with a heading, waiting that long at most. Raises SettingError for a frame like
-        ours that is not ours."""
+        """The next values, if they come with a heading, in so long at most. Raises SettingError for a second sender."""
         frame = self._bus.recv(seconds)
         if frame is None:
             return None
@@ -258,7 +241,6 @@ class _Ear:
         return self.last
 
     def refuse_silence(self, seconds: float) -> None:
-        """Raise SettingError where the compass has been silent for so long."""
         if time.monotonic() - self._when > seconds:
             raise SettingError("the compass fell silent; look at it before the next campaign")
 

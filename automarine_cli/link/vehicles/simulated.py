@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.comparison.rollouts import needed_signals
+from automarine_cli.comparison.simulated_runs import needed_signals
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
@@ -22,7 +22,7 @@ from automarine_cli.planning.vehicle import MOMENT_COLUMNS
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
-from automarine_cli.simulation.streams import normal
+from automarine_cli.simulation.specification import normal
 
 NOISE_DEG = 1.0
 """Of the simulated compass, as the paper's."""
@@ -30,8 +30,6 @@ NOISE_DEG = 1.0
 
 @dataclass(frozen=True)
 class Simulated:
-    """A vehicle with the dynamics of a yaw model and a compass with noise."""
-
     model: YawModel
     speed: float = 1.0
     full: float = 1.0
@@ -47,32 +45,25 @@ class Simulated:
         if stored.dof is not YAW:
             raise ModelError(f"{stored.source} is a model of {stored.dof.name}; give a yaw model to the vehicle")
         if full is None:
-            fitted = (file.valid_range and file.valid_range.force) or ()
+            fitted = file.force_range or ()
             full = max((abs(end) for end in (*fitted, *((1.0,) if stored.moment_unit == "nu" else ()))), default=None)
         if full is None:
-            raise SettingError(
-                f"{stored.source} does not say how large moments in {stored.moment_unit} may be; give --full"
-            )
+            unknown = f"how large moments in {stored.moment_unit} may be"
+            raise SettingError(f"{stored.source} does not say {unknown}; give --full")
         return cls(stored.models[stored.preferred], speed, full)
 
     def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign in moments of another unit or too large ones, and for a model of more than
-        moments."""
+        """Raise SettingError for moments of another unit or too large ones, and a model of more than moments."""
         if needed := needed_signals(self.model):
-            raise SettingError(
-                f"the vehicle's model needs {listed(needed)}, which a simulated vehicle does not log; choose a model "
-                "without it"
-            )
-        if campaign.moment_unit != self.model.moment_unit:
-            raise SettingError(
-                f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in "
-                f"{self.model.moment_unit}; make the plan from the vehicle's model"
-            )
+            remedy = "which a simulated vehicle does not log; choose a model without it"
+            raise SettingError(f"the vehicle's model needs {listed(needed)}, {remedy}")
+        if campaign.moment_unit != (unit := self.model.moment_unit):
+            both = f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in {unit}"
+            raise SettingError(f"{both}; make the plan from the vehicle's model")
         refuse_beyond(campaign, self.full)
 
     def track(self, campaign: LinkCampaign, run: PlannedRun) -> tuple[Floats, Floats, Floats]:
-        """How the vehicle would turn, without noise: time [s since the log's start], heading [rad] and the moment
-        commanded, (N,) each."""
+        """How the vehicle would turn, without noise: time [s since the start], heading [rad] and moment, (N,) each."""
         logger = Logger(YAW, campaign.moment_unit, campaign.rate_hz, campaign.rest_s, None, None)
         on_paper = logger.run(run.candidate)
         moment = on_paper.moment
@@ -125,13 +116,11 @@ class Rehearsal:
 
 
 def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progress = silent) -> Rehearsal:
-    """Say what a campaign would be, on a simulated vehicle where there is one. Raises SettingError for a campaign that
-    it cannot drive."""
+    """Say what a campaign would be. Raises SettingError for one that the simulated vehicle cannot drive."""
     if vehicle is not None:
         vehicle.refuse(campaign)
-    runs = []
+    runs, turned = [], None
     for number, run in enumerate(campaign.runs):
-        turned = None
         if vehicle is not None:
             _, heading, _ = vehicle.track(campaign, run)
             turned = float(np.rad2deg(heading[-1] - heading[0]))

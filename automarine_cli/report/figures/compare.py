@@ -5,23 +5,19 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from automarine_cli.comparison.side_by_side import Side
-from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
+from automarine_cli.report.figures.style import COLOURS, house_style, panels, shortened
 
 MARKS = "os^Dv<>p"
 SHADES = ("black", "blue", "vermilion", "green", "purple", "orange", "sky")
 LONGEST_NAME = 28
-PER_ROW = 3
 WIDEST_LABEL = 40  # letters that have room below a panel
 
 
 @house_style
 def compare_figure(sides: Sequence[Side]) -> Figure:
-    """A panel for each parameter; the interval of the first result goes on as a band."""
+    """Draw a panel for each parameter; the interval of the first result goes on as a band."""
     names = list(dict.fromkeys(name for side in sides for name in side.parameters))
-    columns = 2 if len(names) == 4 else max(1, min(PER_ROW, len(names)))
-    rows = max(1, -(-len(names) // columns))
-    height = rows * (0.75 + 0.24 * len(sides))
-    figure, axes = new_figure(rows, columns, PAGE_IN, height, sharey=True)
+    figure, axes = panels(len(names), 2 if len(names) == 4 else 3, 0.75 + 0.24 * len(sides), 0.0, sharey=True)
     places = range(len(sides), 0, -1)
     for ax, name in zip(axes.flat, names):
         for i, (side, y) in enumerate(zip(sides, places)):
@@ -37,13 +33,7 @@ def compare_figure(sides: Sequence[Side]) -> Figure:
         below = len(name + beside) > WIDEST_LABEL
         ax.set_xlabel(name + (beside.replace(" ", "\n", 1) if below else beside), parse_math=False)
         ax.grid(visible=False, axis="y")
-    for ax in axes.flat[len(names) :]:
-        ax.set_axis_off()
     for ax in axes[:, 0]:
-        ax.set_yticks(list(places), [_short(side.name) for side in sides], parse_math=False)
+        ax.set_yticks(list(places), [shortened(side.name, LONGEST_NAME) for side in sides], parse_math=False)
         ax.set_ylim(0.4, len(sides) + 0.6)
     return figure
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"

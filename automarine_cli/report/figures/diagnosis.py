@@ -11,41 +11,33 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, Diagnosis
+from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, Diagnosis, Gap
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Row, Variable, Where
 from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.quantities import Floats
-from automarine_cli.report.figures.style import (
-    COLOURS,
-    MEASURED,
-    PAGE_IN,
-    house_style,
-    legend,
-    legend_below,
-    limit,
-    new_figure,
-    span,
-)
+from automarine_cli.report.figures import style
+from automarine_cli.report.figures.runs import track
 from automarine_cli.simulation.batch import signals_of
 from automarine_cli.thrusters.family import ALPHA, BollardData
 
-BEFORE, AFTER, MARK, RIVAL = COLOURS["vermilion"], COLOURS["blue"], COLOURS["yellow"], COLOURS["sky"]
+BEFORE, AFTER, MARK, RIVAL = (style.COLOURS[name] for name in ("vermilion", "blue", "yellow", "sky"))
 NOT_NEEDED, TRIED, PROMISED = "0.72", "0.55", "0.85"
 MOST_PANELS, COLUMNS = 12, 4
 MOST_RUNS_SHOWN = 4
 WIDEST = 104  # letters that have room side by side in the title
+NARROWEST = 0.04  # share of its panel that a marked region takes at least: a narrower one could not be seen
+OF_THE_RUN = 0.1  # share of its range that a variable may vary by within runs and still be shown as one value a run
 LABEL = {"n": "control signal n", "voltage": "supply voltage", "run-order": "run order"}
 
 
 def in_words(variable: Variable, dof: Dof) -> str:
-    """Return the variable's name and unit for an axis."""
     others = {
         "time-since-command-change": "time since command changed", "time-in-run": "time in the run",
         f"{dof.words.force}-size": f"size of the {dof.words.force}",
@@ -54,40 +46,44 @@ def in_words(variable: Variable, dof: Dof) -> str:
     return name + ", by run" * variable.of_the_run + (f" [{variable.unit}]" if variable.unit else "")
 
 
-@house_style
+@style.house_style
 def where_figure(where: Where, words: str, units: str = "runs", less: str = "simulated") -> Figure:
     """Draw small multiples, one a variable, most significant first, above a heat map of runs by time; `words` are the
     verdict, `units` are what chance turns the sign of, `less` is what the measured is compared with."""
-    shown = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))[:MOST_PANELS]
+    shown = sorted(where.variables, key=_by_significance)[:MOST_PANELS]
     rows = -(-len(shown) // COLUMNS)
     heights = (*[1.55] * rows, 2.6)
-    figure, grid = new_figure(rows + 1, COLUMNS, PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
+    figure, grid = style.new_figure(rows + 1, COLUMNS, style.PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
     panels = grid[:rows].ravel()
     for axes, variable in zip(panels, shown):
-        bins_panel(axes, variable, in_words(variable, where.dof), _look(variable.telling, where.dof))
+        _bins(axes, variable, in_words(variable, where.dof), _gap_of(variable.telling, where.dof))
     for axes in panels[len(shown) :]:
         axes.set_axis_off()
-    (heat,) = span(figure, grid[rows], slice(None))
+    (heat,) = style.span(figure, grid[rows], slice(None))
     _heat_map(figure, heat, where, less)
-    out = sum(bool(variable.stands_out.any()) for variable in where.variables) or "none"
+    out = sum(bool(variable.stands_out.any()) for variable in where.variables)
     _explain_bins(figure, units)
-    marked = "" if out == "none" else " (yellow)"
-    figure.suptitle(f"The error depends on {out} of {len(where.variables)} variables{marked}. Verdict: {words}")
+    depends = f"{out or 'none'} of {len(where.variables)} variables{' (yellow)' * bool(out)}"
+    figure.suptitle(f"The error depends on {depends}. Verdict: {words}")
     return figure
 
 
-@house_style
+def _by_significance(variable: Variable) -> tuple[float, float]:
+    return variable.p_value, -float(np.abs(variable.telling.t).max())
+
+
+@style.house_style
 def thruster_where_figure(result: ThrusterDiagnosis) -> Figure:
     """Draw the gap of the map in the bins of every variable; bins that stand out are shaded."""
     variables = result.where.variables
-    figure, grid = new_figure(1, max(len(variables), 1), PAGE_IN, 2.6)
+    figure, grid = style.new_figure(1, max(len(variables), 1), style.PAGE_IN, 2.6)
     for axes, variable in zip(grid[0], variables):
-        unit, row = f" [{variable.unit}]" if variable.unit else "", variable.telling
+        unit, row = f" [{variable.unit}]" * bool(variable.unit), variable.telling
         gap = "log gap" if row.unit == "log" else "along the thrust [N]" if row.directed else "measured − map [N]"
-        bins_panel(axes, variable, LABEL[variable.name] + unit, gap)
+        _bins(axes, variable, LABEL[variable.name] + unit, gap)
     _explain_bins(figure, "points")
-    share = f"{result.percent(result.gap.before):.2g} % of full scale"
-    figure.suptitle(f"Where the {result.given.form} map is wrong: {share}")
+    share = result.percent(result.gap.before)
+    figure.suptitle(f"Where the {result.given.form} map is wrong: {share:.2g} % of full scale")
     return figure
 
 
@@ -99,30 +95,23 @@ def _explain_bins(figure: Figure, units: str) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
 
 
-NARROWEST = 0.04
-"""Share of its panel that a marked region takes at least: a narrower one could not be seen."""
-
-
-def bins_panel(axes: Axes, variable: Variable, label: str, gap_label: str) -> None:
+def _bins(axes: Axes, variable: Variable, label: str, gap_label: str) -> None:
     """Draw the most telling row of one variable as steps with a band; bins that stand out are shaded."""
-    row = variable.telling
-    out = bool(variable.stands_out.any())
-    wide = NARROWEST * float(variable.edges[-1] - variable.edges[0])
-    for begin, end, mark in zip(variable.edges[:-1], variable.edges[1:], variable.stands_out):
-        if mark:
-            aside = max(wide - (end - begin), 0.0) / 2.0
-            axes.axvspan(begin - aside, end + aside, color=MARK, alpha=0.45, lw=0, zorder=0)
+    row, edges, out = variable.telling, variable.edges, bool(variable.stands_out.any())
+    reach = float(np.ptp(edges))
+    for begin, end in zip(edges[:-1][variable.stands_out], edges[1:][variable.stands_out]):
+        aside = max(NARROWEST * reach - (end - begin), 0.0) / 2.0
+        axes.axvspan(begin - aside, end + aside, color=MARK, alpha=0.45, lw=0, zorder=0)
     have = np.isfinite(row.mean)
     colour = BEFORE if out else "0.45"
     axes.axhline(0.0, color="0.3", lw=0.6, zorder=1)
-    x = np.where(np.isfinite(variable.middle), variable.middle, 0.5 * (variable.edges[1:] + variable.edges[:-1]))
+    x = np.where(np.isfinite(variable.middle), variable.middle, 0.5 * (edges[1:] + edges[:-1]))
     low, high = (row.mean - 2 * row.error)[have], (row.mean + 2 * row.error)[have]
     axes.fill_between(x[have], low, high, color=colour, alpha=0.3, lw=0)
     axes.plot(x[have], row.mean[have], "o-", color=colour, ms=2.5, lw=1.0)
     most = float(np.max(np.abs(row.mean[have]) + 2 * np.nan_to_num(row.error[have]), initial=1e-9))
     axes.set_ylim(-1.15 * most, 1.15 * most)
-    span = float(np.ptp(variable.edges))
-    axes.set_xlim(float(variable.edges[0]) - 0.02 * span, float(variable.edges[-1]) + 0.02 * span)
+    axes.set_xlim(float(edges[0]) - 0.02 * reach, float(edges[-1]) + 0.02 * reach)
     axes.set_xlabel(label, labelpad=1, fontsize=7, parse_math=False)
     axes.set_ylabel(gap_label, labelpad=1, fontsize=6.5)
     axes.set_title(
@@ -132,8 +121,7 @@ def bins_panel(axes: Axes, variable: Variable, label: str, gap_label: str) -> No
     axes.tick_params(labelsize=6)
 
 
-def _look(row: Row, dof: Dof) -> str:
-    """What the vertical axis shows."""
+def _gap_of(row: Row, dof: Dof) -> str:
     force = dof.words.force
     if row.kind == SIZE:
         return "log gap of the run"
@@ -144,7 +132,6 @@ def _look(row: Row, dof: Dof) -> str:
 
 
 def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
-    """Residual headings, runs in order of their moment by time."""
     dof = where.dof
     order = np.argsort(where.mean_moment, kind="stable")
     ends = np.where(where.seen, where.time, 0.0).max(axis=1)
@@ -169,39 +156,37 @@ def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
     axes.grid(False)
 
 
-@dataclass(frozen=True)
-class Look:
-    """A look at the candidates: what each gains over the model, and its colour."""
+Look = Mapping[str, tuple[float, str]]
+"""What each candidate gains over the model in one look at them, and its colour."""
 
-    gains: Mapping[str, float]
-    colours: Mapping[str, str]
+
+def _look(gains: Mapping[str, float], named: Sequence[str], rivals: Sequence[str]) -> Look:
+    colours = dict.fromkeys(rivals, RIVAL) | dict.fromkeys(named, AFTER)
+    return {name: (gain, colours.get(name, NOT_NEEDED)) for name, gain in gains.items()}
 
 
 def why_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the evidence of every candidate in the first round against the threshold."""
     found, first = diagnosis.found, diagnosis.found.rounds[0]
     gains = {trial.added[-1]: first.gain(trial) for trial in first.trials}
-    colours = dict.fromkeys((rival.name for rival in found.rivals), RIVAL) | dict.fromkeys(found.final.added, AFTER)
+    look = _look(gains, found.final.added, [rival.name for rival in found.rivals])
     what = "the innovations of driven runs" if diagnosis.study.driven else "the gap"
     best = "suspected" if diagnosis.verdict == SUSPECTED else "named"
     return evidence_figure(
-        [Look(gains, colours)], first.threshold, {best: AFTER, "rival not excluded": RIVAL, "not needed": NOT_NEEDED},
+        [look], first.threshold, {best: AFTER, "rival not excluded": RIVAL, "not needed": NOT_NEEDED},
         f"threshold ({1000 * LEVEL:.0f} in 1000 by chance)",
         f"Which missing effect would explain {what}.\nVerdict: {diagnosis.words}",
     )  # fmt: skip
 
 
 def thruster_why_figure(result: ThrusterDiagnosis) -> Figure:
-    """Draw the evidence of every candidate of the first step against the threshold."""
-    first = result.search.steps[0]
-    best: dict[str, float] = {}
-    for candidate in first.candidates:
-        best[candidate.effect] = max(best.get(candidate.effect, -np.inf), candidate.gain)
-    rivals = (rival.name for effect in result.effects for rival in effect.rivals)
-    colours = dict.fromkeys(rivals, RIVAL) | dict.fromkeys((effect.name for effect in result.effects), AFTER)
-    words = " and ".join(effect.name for effect in result.effects) or result.verdict.replace("-", " ")
+    """Draw the evidence of every candidate of the first step, in the better direction, against the threshold."""
+    first, names = result.search.steps[0], [effect.name for effect in result.effects]
+    gains = {trial.effect: trial.gain for trial in sorted(first.candidates, key=lambda candidate: candidate.gain)}
+    look = _look(gains, names, [rival.name for effect in result.effects for rival in effect.rivals])
+    words = " and ".join(names) or result.verdict.replace("-", " ")
     return evidence_figure(
-        [Look(best, colours)], first.threshold, {"named or suspected": AFTER, "not needed": NOT_NEEDED},
+        [look], first.threshold, {"named or suspected": AFTER, "not needed": NOT_NEEDED},
         f"threshold ({1000 * ALPHA:.0f} in 1000 by chance)",
         f"Which missing effect would explain the gap. Verdict: {words}",
     )  # fmt: skip
@@ -214,37 +199,32 @@ def planar_why_figure(search: PlanarSearch) -> Figure:
         fitted = {contender.candidate.added: contender for contender in look.tried}
         rivals = {rival.candidate.added for rival in look.rivals}
         best = look.best.candidate.added if look.best else None
-        gains, colours = {}, {}
+        gains: dict[str, tuple[float, str]] = {}
         for candidate, promised in look.promised:
-            name, added = candidate.label, candidate.added
-            gains[name] = fitted[added].surplus if added in fitted else promised
-            colours[name] = TRIED if added in fitted else PROMISED
-            colours[name] = AFTER if added == best else RIVAL if added in rivals else colours[name]
-        looks.append(Look(gains, colours))
-    legend = {
-        "named": AFTER,
-        "rival not excluded": RIVAL,
-        "fitted, not needed": TRIED,
-        "not fitted: promised": PROMISED,
-    }
+            added = candidate.added
+            gain, colour = (fitted[added].surplus, TRIED) if added in fitted else (promised, PROMISED)
+            gains[candidate.label] = gain, AFTER if added == best else RIVAL if added in rivals else colour
+        looks.append(gains)
+    marks = {"named": AFTER, "rival not excluded": RIVAL, "fitted, not needed": TRIED,
+              "not fitted: promised": PROMISED}  # fmt: skip
     title = f"Which missing effect would explain the innovations. Verdict: {search.words}"
-    return evidence_figure(looks, HEAD_START, legend, "threshold", title, "deviance gained beyond the penalty")
+    return evidence_figure(looks, HEAD_START, marks, "threshold", title, "deviance gained beyond the penalty")
 
 
-@house_style
+@style.house_style
 def evidence_figure(
-    looks: Sequence[Look], threshold: float, legend: Mapping[str, str], line: str, title: str,
+    looks: Sequence[Look], threshold: float, marks: Mapping[str, str], line: str, title: str,
     label: str = "evidence gained over the base model [deviance]",
 ) -> Figure:  # fmt: skip
     """Draw horizontal bars, best on top, on a scale that is linear up to ten and logarithmic beyond."""
-    counts = [max(len(look.gains), 1) for look in looks]
+    counts = [max(len(look), 1) for look in looks]
     height = max(3.0, 0.17 * sum(counts) + 1.3 + 0.4 * (len(looks) - 1))
-    figure, grid = new_figure(len(looks), 1, PAGE_IN, height, height_ratios=counts, sharex=True)
-    every = np.array([0.0, *(gain for look in looks for gain in look.gains.values())])
+    figure, grid = style.new_figure(len(looks), 1, style.PAGE_IN, height, height_ratios=counts, sharex=True)
+    every = np.array([0.0, *(gain for look in looks for gain, _ in look.values())])
     low, high = 1.2 * float(every.min()) - 1.0, max(2.5 * float(every.max()), 20.0)
     for number, (axes, look) in enumerate(zip(grid[:, 0], looks), 1):
-        names = sorted(look.gains, key=lambda name: look.gains[name])
-        gains, colours = [look.gains[name] for name in names], [look.colours.get(name, NOT_NEEDED) for name in names]
+        names = sorted(look, key=lambda name: look[name][0])
+        gains, colours = [look[name][0] for name in names], [look[name][1] for name in names]
         axes.barh(np.arange(len(names)), gains, color=colours, height=0.72)
         axes.axvline(threshold, color=BEFORE, lw=1.2, ls="--")
         axes.axvline(0.0, color="0.3", lw=0.6)
@@ -264,26 +244,22 @@ def evidence_figure(
     axes.set_xticks(ticks, [f"{tick}" for tick in ticks])
     axes.minorticks_off()
     axes.set_xlabel(label)
-    handles = [Patch(color=colour, label=word) for word, colour in legend.items()]
+    handles = [Patch(color=colour, label=word) for word, colour in marks.items()]
     handles.append(Line2D([], [], ls="--", color=BEFORE, label=line))  # type: ignore[arg-type]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     figure.suptitle(title)
     return figure
 
 
-Line = tuple[Floats, Floats, Floats]
-"""Time, what the model says, and how far that is off."""
-
-
 @dataclass(frozen=True)
 class Telling:
-    """A run that tells much: what was measured, and both models, in the unit that is shown."""
+    """A run that tells much, in the unit that is shown: what was measured, and of the model before and after the time,
+    what it says and how far that is off."""
 
     title: str
     time: Floats
     measured: Floats
-    before: Line
-    after: Line
+    lines: Sequence[tuple[Floats, Floats, Floats]]
 
 
 Sizes = tuple[str, Floats, Floats]
@@ -291,7 +267,7 @@ Sizes = tuple[str, Floats, Floats]
 
 
 def _titled(name: str, word: str) -> str:
-    return f"{name if len(name) <= 26 else f'…{name[-25:]}'}\n{word}"
+    return f"{name if len(name) <= 26 else f'…{name[-25:]}'}\n{word}"  # names of runs differ at their end
 
 
 def _two_of(size: Floats, among: NDArray[np.int64]) -> list[int]:
@@ -304,26 +280,23 @@ def _beside_each_other(
     runs: Sequence[Telling], dof: Dof, labels: tuple[str, str], axis: str, less: str, floor: float = 0.0, rows: int = 3
 ) -> tuple[Figure, NDArray[np.object_]]:
     """Draw runs with both models, and their errors; the last of `rows` are left for the caller."""
-    figure, grid = new_figure(
-        rows, max(len(runs), 1), PAGE_IN, 2.0 * rows, height_ratios=[1.5, 1.2, *[1.4] * (rows - 2)]
+    figure, grid = style.new_figure(
+        rows, max(len(runs), 1), style.PAGE_IN, 2.0 * rows, height_ratios=[1.5, 1.2, *[1.4] * (rows - 2)]
     )
-    most = 1.08 * max(
-        (float(np.nanmax(np.abs(line[2]))) for run in runs for line in (run.before, run.after)), default=1
-    )
+    most = 1.08 * max((float(np.nanmax(np.abs(error))) for run in runs for _, _, error in run.lines), default=1)
     for column, run in enumerate(runs):
         top, bottom = grid[0, column], grid[1, column]
-        top.plot(run.time, run.measured, "o", color=MEASURED, ms=1.6, label="measured")
+        top.plot(run.time, run.measured, "o", color=style.MEASURED, ms=1.6, label="measured")
         if floor:
             bottom.axhspan(-2 * floor, 2 * floor, color="0.9", lw=0, label="± 2 × noise")
-        for (time, said, error), colour, style, label in zip(
-            (run.before, run.after), (BEFORE, AFTER), ("--", "-"), labels
-        ):
-            top.plot(time, said, color=colour, lw=1.0, ls=style, label=label)
+        for (time, modelled, error), colour, dashes, label in zip(run.lines, (BEFORE, AFTER), ("--", "-"), labels):
+            top.plot(time, modelled, color=colour, lw=1.0, ls=dashes, label=label)
             bottom.plot(time, error, color=colour, lw=0.7)
         bottom.axhline(0.0, color="0.3", lw=0.6)
         low, high = float(run.measured.min()), float(run.measured.max())
-        said_by = [said[np.isfinite(said)] for _, said, _ in (run.before, run.after)]
-        limit(top, low, high, 0.5 * (high - low), said_by)  # a line may leave
+        style.limit(
+            top, low, high, 0.5 * (high - low), [modelled[np.isfinite(modelled)] for _, modelled, _ in run.lines]
+        )
         top.set_title(run.title, fontsize=6.5, parse_math=False)
         bottom.sharex(top)
         bottom.set_ylim(-most, most)
@@ -332,7 +305,7 @@ def _beside_each_other(
             bottom.set_yticklabels([])
     grid[0, 0].set_ylabel(f"{axis} [{dof.units.shown}]")
     grid[1, 0].set_ylabel(f"measured − {less} [{dof.units.shown}]")
-    legend_below(figure, grid[0, 0], grid[1, 0], ncols=4)
+    style.legend_below(figure, grid[0, 0], grid[1, 0], ncols=4)
     return figure, grid
 
 
@@ -349,17 +322,18 @@ def _sizes(axes: Axes, groups: Sequence[Sizes], dof: Dof, floor: float = 0.0) ->
     axes.legend(loc="upper left", fontsize=6.5)
 
 
-@house_style
+def sets_of(diagnosis: Diagnosis) -> list[tuple[Study, Gap, str]]:
+    """List the runs fitted and, where there are some, those held out, with the gap of each."""
+    sets = (diagnosis.study, diagnosis.gap, "fitted"), (diagnosis.held_out, diagnosis.held_out_gap, "held out")
+    return [(study, gap, word) for study, gap, word in sets if study is not None and gap is not None]
+
+
+@style.house_style
 def before_after_figure(diagnosis: Diagnosis) -> Figure:
     """Draw telling runs with both models, their errors, and the error by the most telling variable."""
     driven, dof = diagnosis.study.driven, diagnosis.study.base.dof
     runs, groups = list[Telling](), list[Sizes]()
-    for study, gap, word in (
-        (diagnosis.study, diagnosis.gap, "fitted"),
-        (diagnosis.held_out, diagnosis.held_out_gap, "held out"),
-    ):
-        if study is None or gap is None or not study.runs:
-            continue
+    for study, gap, word in sets_of(diagnosis):
         both = gap.residuals_before, gap.residuals_after
         size = [np.sqrt((rest**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for rest in both]
         groups.append((word, np.asarray(dof.shown(size[0])), np.asarray(dof.shown(size[1]))))
@@ -370,7 +344,7 @@ def before_after_figure(diagnosis: Diagnosis) -> Figure:
             if driven:  # nothing is predicted before the first filtered state
                 off = [np.where(error == 0.0, np.nan, error) for error in off]
             lines = [(time, measured - error, error) for error in off]
-            runs.append(Telling(_titled(run.name, word), time, measured, lines[0], lines[1]))
+            runs.append(Telling(_titled(run.name, word), time, measured, lines))
     ahead, floor = f", {JUDGED:g} s ahead" * driven, float(dof.shown(diagnosis.gap.floor))
     figure, grid = _beside_each_other(
         runs[:MOST_RUNS_SHOWN], dof, (f"base model{ahead}", f"after{ahead}"), dof.words.moved,
@@ -378,7 +352,7 @@ def before_after_figure(diagnosis: Diagnosis) -> Figure:
     )  # fmt: skip
     half = max(len(grid[2]) // 2, 1)
     parts = [slice(None, half), *([slice(half, None)] if len(grid[2]) > 1 else [])]
-    left, *right = span(figure, grid[2], *parts)
+    left, *right = style.span(figure, grid[2], *parts)
     _sizes(left, groups, dof, floor)
     for axes in right:
         _by_variable(axes, diagnosis)
@@ -387,12 +361,10 @@ def before_after_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def _sizes_in_words(diagnosis: Diagnosis) -> str:
-    """The gap before and after on both sets of runs."""
     dof = diagnosis.study.base.dof
     parts = ", ".join(
         f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
-        for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out"))
-        if gap is not None
+        for _, gap, word in sets_of(diagnosis)
     )
     names = " and ".join(diagnosis.found.final.added)
     word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
@@ -402,7 +374,7 @@ def _sizes_in_words(diagnosis: Diagnosis) -> str:
     return f"Gap: {parts} (noise {dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}). {added}"
 
 
-@house_style
+@style.house_style
 def planar_before_after_figure(search: PlanarSearch) -> Figure:
     """Draw telling runs with the heading, and the track where places are logged, as both models predict them some
     seconds ahead; the errors of the heading; and those of every run, before against after, on equal axes."""
@@ -415,19 +387,19 @@ def planar_before_after_figure(search: PlanarSearch) -> Figure:
     picks = {r: word for word, group in groups.items() for r in _two_of(sizes[0], group)}
     runs = []
     for r, word in picks.items():
-        run, lines = search.every.runs[r], list[Line]()
-        for each in ahead:
-            target, error = each.target[each.run == r], each.error[each.run == r]
-            said = YAW.shown(values[YAW.position][r, target] - error)
-            lines.append((course.time[r, target], np.asarray(said), np.asarray(YAW.shown(error))))
+        run, lines = search.every.runs[r], list[tuple[Floats, Floats, Floats]]()
+        for predicted in ahead:
+            target, error = predicted.target[predicted.run == r], predicted.error[predicted.run == r]
+            modelled = values[YAW.position][r, target] - error
+            lines.append((course.time[r, target], np.asarray(YAW.shown(modelled)), np.asarray(YAW.shown(error))))
         measured = np.asarray(YAW.shown(run.position))
-        runs.append(Telling(_titled(run.name, word), run.time - run.time[0], measured, lines[0], lines[1]))
+        runs.append(Telling(_titled(run.name, word), run.time - run.time[0], measured, lines))
     placed = set(PLACES) <= search.foretold[0].keys()
     labels = "predicted, before", "predicted, after"
     figure, grid = _beside_each_other(runs, YAW, labels, r"heading $\psi$", "predicted", rows=3 + placed)
     for axes, r in zip(grid[2], picks if placed else ()):
         _track_of(axes, search, values, r)
-    (last,) = span(figure, grid[-1], slice(None))
+    (last,) = style.span(figure, grid[-1], slice(None))
     _sizes(last, [(word, *(size[group] for size in sizes)) for word, group in groups.items()], YAW)  # type: ignore[misc]
     last.set_box_aspect(1.0)
     figure.suptitle(
@@ -438,29 +410,21 @@ def planar_before_after_figure(search: PlanarSearch) -> Figure:
 
 
 def _track_of(axes: Axes, search: PlanarSearch, values: Mapping[str, Floats], r: int) -> None:
-    """Places as they were measured and predicted; the axes are those of the measured, with room about it."""
-    north, east = (search.every.runs[r].channel(name) for name in PLACES)
-    if north is None or east is None:
-        axes.set_axis_off()
-        return
-    axes.plot(east, north, ".", color=MEASURED, ms=1.5)
+    """Draw places as they were measured and predicted; what is predicted far from the measured leaves the picture."""
+    track(axes, search.every.runs[r], 1.5)
+    axes.autoscale(False)
     for forecast, colour in zip(search.foretold, (BEFORE, AFTER)):
         places = {name: judged(forecast[name]) for name in PLACES}
         of_run = places["north"].run == r
-        said = {name: values[name][r, at.target[of_run]] - at.error[of_run] for name, at in places.items()}
-        axes.plot(said["east"], said["north"], ".", color=colour, ms=1.5)
-    middle = [0.5 * float(np.nanmin(x) + np.nanmax(x)) for x in (east, north)]
-    reach = 0.65 * max(float(np.nanmax(x) - np.nanmin(x)) for x in (east, north)) + 1e-6
-    axes.set_xlim(middle[0] - reach, middle[0] + reach)
-    axes.set_ylim(middle[1] - reach, middle[1] + reach)
-    axes.set_box_aspect(1.0)
-    axes.set(xlabel="East [m]", ylabel="North [m]")
+        line = {name: values[name][r, at.target[of_run]] - at.error[of_run] for name, at in places.items()}
+        axes.plot(line["east"], line["north"], ".", color=colour, ms=1.5)
+    axes.set_xlabel("East [m]")
 
 
-@house_style
+@style.house_style
 def thruster_before_after_figure(result: ThrusterDiagnosis) -> Figure:
     """Draw thrust with both maps, and their errors on equal axes, on levels fitted and held out."""
-    figure, grid = new_figure(3, 1, PAGE_IN * 0.8, 6.6, sharex=True, height_ratios=(1.8, 1.0, 1.0))
+    figure, grid = style.new_figure(3, 1, style.PAGE_IN * 0.8, 6.6, sharex=True, height_ratios=(1.8, 1.0, 1.0))
     thrust, *errors = grid[:, 0]
     sets = [(result.base.data, False), *([] if result.held_out is None else [(result.held_out, True)])]
     for data, held_out in sets:
@@ -470,7 +434,7 @@ def thruster_before_after_figure(result: ThrusterDiagnosis) -> Figure:
     volts = f" at {result.final.reference:.3g} V" if result.final.shape.voltage else ""
     thrust.plot(along, result.final.along(along), color=AFTER, label=f"after{volts}")
     thrust.set_ylabel("thrust of one thruster [N]")
-    legend(thrust, loc="upper left")
+    style.legend(thrust, loc="upper left")
     maps = (("before", result.base, BEFORE, result.gap.before), ("after", result.final, AFTER, result.gap.after))
     rests = [data.points.force - fit.thrust(data) for _, fit, _, _ in maps for data, _ in sets]
     most = 1.1 * max(float(np.abs(rest).max()) for rest in rests) or 1.0
@@ -490,23 +454,17 @@ def _points(axes: Axes, data: BollardData, values: Floats, held_out: bool, colou
     axes.plot(data.points.n, values, "o", color=colour, mfc=face, mew=0.7, ms=size, zorder=2 + held_out, label=label)
     flagged = data.points.flag != ""
     if np.any(flagged):
-        axes.plot(data.points.n[flagged], values[flagged], "x", color=COLOURS["purple"], ms=6.0, zorder=4)
+        axes.plot(data.points.n[flagged], values[flagged], "x", color=style.COLOURS["purple"], ms=6.0, zorder=4)
 
 
 def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
-    """The gap in the bins of the most telling variable, before and after, on one scale."""
-    where = diagnosis.where
-    at = min(
-        range(len(where.variables)),
-        key=lambda i: (where.variables[i].p_value, -float(np.abs(where.variables[i].telling.t).max())),
-    )
-    variable, column = where.variables[at], where.columns[at]
+    where, dof = diagnosis.where, diagnosis.where.dof
+    variable, column = min(zip(where.variables, where.columns), key=lambda pair: _by_significance(pair[0]))
     row = variable.telling
     if column.of_the_run:
         pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
         axes.set_ylabel("own thrust [%]")
     else:
-        dof = where.dof
         gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
         pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
         along = f"\nalong the {dof.words.force}" if row.directed else ""
@@ -514,40 +472,35 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
     have = np.isfinite(column.values)
     which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
     axes.axhline(0.0, color="0.3", linewidth=0.6)
-    for values, colour, style, label in ((pairs[0], BEFORE, "o--", "before"), (pairs[1], AFTER, "o-", "after")):
-        means = np.array(
-            [np.mean(values[which == b]) if (which == b).any() else np.nan for b in range(len(variable.middle))]
-        )
-        axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
-    axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
+    for values, colour, form, label in zip(pairs, (BEFORE, AFTER), ("o--", "o-"), ("before", "after")):
+        bins = (values[which == b] for b in range(len(variable.middle)))
+        means = [np.mean(inside) if len(inside) else np.nan for inside in bins]
+        axes.plot(variable.middle, means, form, color=colour, markersize=2.5, linewidth=1.0, label=label)
+    axes.set_xlabel(in_words(variable, dof), labelpad=1, parse_math=False)
     axes.legend(loc="best", fontsize=6.5)
 
 
-OF_THE_RUN = 0.1
-"""A column that varies within runs by less than this share of its range has one value a run, near enough to show."""
-
-
-@house_style
+@style.house_style
 def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
     """The curve over its variable, with its 95 % band."""
-    figure, grid = new_figure(1, 1, 0.62 * PAGE_IN, 2.9)
+    figure, grid = style.new_figure(1, 1, 0.62 * style.PAGE_IN, 2.9)
     axes, gain = grid[0, 0], curve.kind == "gain"
     scale = 100.0 if gain else 1.0
     if gain:
-        _runs(axes, diagnosis, curve)
+        _thrust_of_runs(axes, diagnosis, curve)
     low, high = scale * curve.low, scale * curve.high
-    axes.fill_between(curve.x, low, high, color=COLOURS["sky"], alpha=0.4, lw=0, label="95 % band")
-    axes.plot(curve.x, scale * curve.y, color=COLOURS["blue"], label="learned curve")
+    axes.fill_between(curve.x, low, high, color=style.COLOURS["sky"], alpha=0.4, lw=0, label="95 % band")
+    axes.plot(curve.x, scale * curve.y, color=style.COLOURS["blue"], label="learned curve")
     axes.axhline(0.0, color="0.3", linewidth=0.6)
-    unit, size = f" [{curve.unit}]" if curve.unit else "", "size of " * curve.sized
+    unit, size = f" [{curve.unit}]" * bool(curve.unit), "size of " * curve.sized
     axes.set_xlabel(f"{size}{curve.variable}{unit}", parse_math=False)
     word = diagnosis.study.base.dof.words.force if curve.kind == "moment" else "change of linear drag"
     axes.set_ylabel("change of thrust [%]" if gain else f"{word} [{curve.y_unit}]", parse_math=False)
-    legend(axes)
+    style.legend(axes)
     return figure
 
 
-def _runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
+def _thrust_of_runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
     """Each run's own thrust under the base model, where the variable has about one value a run."""
     study = diagnosis.study
     values = signals_of(study.runs, curve.variable) if curve.needs else []
@@ -556,4 +509,4 @@ def _runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
     own = 100.0 * diagnosis.found.base.fit.own(GAIN)[:, 0]
     mean = np.array([float(v.mean()) for v in values])
     level = np.mean(own - 100.0 * np.interp(mean, curve.x, curve.y))
-    axes.plot(mean, own - level, "o", color=MEASURED, markersize=3.5, label="thrust of each run, base model")
+    axes.plot(mean, own - level, "o", color=style.MEASURED, markersize=3.5, label="thrust of each run, base model")

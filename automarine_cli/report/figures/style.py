@@ -23,16 +23,9 @@ from automarine_cli.pipeline.results_folder import Attempt, ResultFolder, attemp
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
-    "black": "#000000",
-    "orange": "#E69F00",
-    "blue": "#0072B2",
-    "sky": "#56B4E9",
-    "vermilion": "#D55E00",
-    "green": "#009E73",
-    "purple": "#CC79A7",
-    "yellow": "#F0E442",
-    "grey": "#808080",
-}
+    "black": "#000000", "orange": "#E69F00", "blue": "#0072B2", "sky": "#56B4E9", "vermilion": "#D55E00",
+    "green": "#009E73", "purple": "#CC79A7", "yellow": "#F0E442", "grey": "#808080",
+}  # fmt: skip
 MODEL_COLOURS = {"1": COLOURS["orange"], "2": COLOURS["black"], "3": COLOURS["blue"]}
 MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
 MEASURED = COLOURS["grey"]
@@ -42,42 +35,22 @@ COLUMN_IN = 3.5  # width of one column of a journal [inch]
 PAGE_IN = 7.2  # width of a page [inch]
 
 _OURS = {
-    "font.size": 8.0,
-    "axes.titlesize": 8.5,
-    "axes.labelsize": 8.0,
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-    "legend.fontsize": 7.0,
-    "figure.titlesize": 9.0,
-    "legend.frameon": True,
-    "legend.framealpha": 0.9,
-    "legend.edgecolor": "0.85",
-    "legend.handlelength": 2.6,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "0.88",
-    "grid.linewidth": 0.4,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 3.5,
-    "axes.prop_cycle": cycler(color=list(COLOURS.values())[:-2]),
-    "figure.dpi": 100.0,
+    "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "xtick.labelsize": 7.0, "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0, "figure.titlesize": 9.0, "legend.frameon": True, "legend.framealpha": 0.9,
+    "legend.edgecolor": "0.85", "legend.handlelength": 2.6, "axes.grid": True, "axes.axisbelow": True,
+    "axes.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False, "grid.color": "0.88",
+    "grid.linewidth": 0.4, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2,
+    "lines.markersize": 3.5, "axes.prop_cycle": cycler(color=list(COLOURS.values())[:-2]), "figure.dpi": 100.0,
     "savefig.dpi": float(DPI),
-}
+}  # fmt: skip
 # Settings of programs that show windows; everything else goes back to matplotlib's own defaults first.
 _LEFT_ALONE = ("backend", "backend_fallback", "interactive", "toolbar", "timezone", "webagg", "tk", "docstring")
 
 
-def _settings() -> Any:
-    defaults = {key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)}
-    return defaults | _OURS
-
-
-house_style = matplotlib.rc_context(_settings())
+_DEFAULTS: dict[Any, Any] = {
+    key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)
+}
+house_style = matplotlib.rc_context(_DEFAULTS | _OURS)
 """Decorator (or `with` block once) under which figures are drawn."""
 
 
@@ -91,31 +64,27 @@ def new_figure(
     return figure, axes
 
 
-SETTINGS: dict[str, Any] = {
-    "png": {},
-    "svg": {"svg.hashsalt": "automarine", "svg.fonttype": "none"},  # text as text
-    "pdf": {"pdf.fonttype": 42},  # letters that other programs can edit
-}
-NAMELESS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
-
-
 @house_style
-def file_of(kind: str, figure: Figure) -> bytes:
+def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: Figure) -> bytes:
     """Return the figure as a file of a kind, the same bytes each time.
 
     The layout is found once, for the first file: a second search would start where the first one ended and end a hair
     beside it, and so would every pixel of a colour bar.
     """
     buffer = io.BytesIO()
-    with warnings.catch_warnings(), matplotlib.rc_context(SETTINGS[kind]):
+    with warnings.catch_warnings(), matplotlib.rc_context(settings):
         # the name of a run in letters that the font lacks is drawn as boxes
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
-        figure.savefig(buffer, format=kind, metadata=dict.fromkeys(NAMELESS[kind]))
+        figure.savefig(buffer, format=kind, metadata=dict.fromkeys(nameless))
     figure.set_layout_engine("none")
     return buffer.getvalue()
 
 
-FORMATS: Mapping[str, Callable[[Figure], bytes]] = {kind: partial(file_of, kind) for kind in SETTINGS}
+FORMATS: Mapping[str, Callable[[Figure], bytes]] = {
+    "png": partial(_file, "png", {}, ("Software",)),
+    "svg": partial(_file, "svg", {"svg.hashsalt": "automarine", "svg.fonttype": "none"}, ("Date", "Creator")),
+    "pdf": partial(_file, "pdf", {"pdf.fonttype": 42}, ("CreationDate", "Creator", "Producer")),
+}  # text stays text, letters that other programs can edit
 
 
 @house_style
@@ -151,7 +120,6 @@ def span(figure: Figure, axes: NDArray[Any], *columns: slice) -> list[Axes]:
 
 
 def shortened(name: str, most: int) -> str:
-    """Return a name of `most` letters at most."""
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
@@ -163,8 +131,6 @@ def limit(axes: Axes, low: float, high: float, reach: float, lines: Sequence[NDA
 
 
 Draw = Callable[[], Figure]
-Files = tuple[tuple[str, bytes], ...]  # names and contents
-STAGE = "drawing figures"
 
 
 def refuse_unknown(formats: Sequence[str]) -> None:
@@ -177,18 +143,17 @@ def refuse_unknown(formats: Sequence[str]) -> None:
 def write_figures(
     folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str], each: Each | None = None
 ) -> None:
-    """Each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
-    drawings = partial(_drawn, formats)
-    for figure in map(drawings, figures.items()) if each is None else each(drawings, list(figures.items()), STAGE):
+    """Write each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
+    draw = partial(_drawn, formats)
+    for figure in map(draw, figures.items()) if each is None else each(draw, list(figures.items()), "drawing figures"):
         for name, content in folder.taken(figure) or ():
             folder.write(name, content)
 
 
-def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[Files]:
-    """The figure as `name.format` in each format."""
+def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[tuple[tuple[str, bytes], ...]]:
     name, draw = drawing
 
-    def work() -> Files:
+    def work() -> tuple[tuple[str, bytes], ...]:
         figure = draw()
         return tuple((f"{name}.{kind}", FORMATS[kind](figure)) for kind in formats)
 

@@ -1,35 +1,37 @@
 """The figure of `tune`: step and load with the bands of present and new gains, and the margins of the whole crowd."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from automarine_cli.control.design import Designed, Outcome
-from automarine_cli.control.flown import FlownStep
+from automarine_cli.control.design import Designed
+from automarine_cli.control.tuning import FlownStep
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
 
 LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
 MOST_STEPS = 4
-FURTHEST = 3.0
-"""Steps beyond which a flight that runs away is not followed."""
+FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 
 
 @house_style
 def tuning_figure(made: Designed) -> Figure:
-    """Step, load, and disk margin against settling, all over the crowd."""
+    """Draw step, load, and disk margin against settling, all over the crowd."""
     figure, axes = new_figure(1, 3, PAGE_IN, 2.7)
     dof, task = made.nominal.dof, made.task
     way = dof.shown(task.step)
-    sets = [(name, one) for name, one in (("present", made.old), ("new", made.new)) if one is not None]
-    for name, one in sets:
-        time = one.flight.time
-        _banded(axes[0, 0], time, dof.shown(one.flight.position[:, 0]), name, FURTHEST * way)
-        _banded(axes[0, 1], time, dof.shown(one.flight.position[:, 1]), name, FURTHEST * way)
-        _margins(axes[0, 2], one, name)
+    for name, outcome in (("present", made.old), ("new", made.new)):
+        if outcome is not None:
+            time, colour = outcome.flight.time, COLOURS[LOOKS[name][0]]
+            for i in range(2):
+                _banded(axes[0, i], time, dof.shown(outcome.flight.position[:, i]), name, FURTHEST * way)
+            settling = np.where(np.isfinite(outcome.scores.settling), outcome.scores.settling, 1.06 * time[-1])
+            look: dict[str, Any] = {"marker": "x" if name == "present" else "o", "color": colour, "alpha": 0.6}
+            axes[0, 2].plot(outcome.margins.disk, settling, ls="", ms=2.5, mew=0.6, label=name, **look)
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
     axes[0, 0].set_title("Step", loc="left")
     axes[0, 1].set_title(f"Load of {100 * task.load:g} % from the start", loc="left")
@@ -50,15 +52,15 @@ def tuning_figure(made: Designed) -> Figure:
 
 @house_style
 def flown_figure(steps: Sequence[FlownStep], dof: Dof) -> Figure:
-    """The first steps of a log as flown, and the bands that were promised."""
+    """Draw the first steps of a log as flown, and the bands that were promised."""
     shown = steps[:MOST_STEPS]
     figure, axes = new_figure(1, len(shown), PAGE_IN if len(shown) > 1 else PAGE_IN / 2, 2.6)
-    for ax, one in zip(axes[0], shown):
-        ax.fill_between(one.time, dof.shown(one.low), dof.shown(one.high), color=COLOURS["sky"], alpha=0.6, lw=1.0,
-                        label="promised, 95 %")  # fmt: skip
-        ax.plot(one.time, dof.shown(one.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
-        ax.plot(one.time, dof.shown(one.reference), color="0.4", lw=0.6, ls=":")
-        ax.set_title(f"{one.run}, {one.begins:.0f} s", loc="left", parse_math=False)
+    for ax, step in zip(axes[0], shown):
+        low, high = dof.shown(step.low), dof.shown(step.high)
+        ax.fill_between(step.time, low, high, color=COLOURS["sky"], alpha=0.6, lw=1.0, label="promised, 95 %")
+        ax.plot(step.time, dof.shown(step.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
+        ax.plot(step.time, dof.shown(step.reference), color="0.4", lw=0.6, ls=":")
+        ax.set_title(f"{step.run}, {step.begins:.0f} s", loc="left", parse_math=False)
         ax.set_xlabel("Time [s]")
     axes[0, 0].set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]")
     legend(axes[0, 0], loc="lower right")
@@ -71,10 +73,3 @@ def _banded(ax: Axes, time: Floats, shown: Floats, name: str, most: float) -> No
     low, middle, high = np.quantile(kept, [0.025, 0.5, 0.975], axis=0)
     ax.fill_between(time, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=f"{name}, 95 %")
     ax.plot(time, middle, color=COLOURS[colour], ls=line, lw=1.0, label=f"{name}, median")
-
-
-def _margins(ax: Axes, one: Outcome, name: str) -> None:
-    last = one.flight.time[-1]
-    settling = np.where(np.isfinite(one.scores.settling), one.scores.settling, 1.06 * last)
-    colour, mark = COLOURS[LOOKS[name][0]], "x" if name == "present" else "o"
-    ax.plot(one.margins.disk, settling, ls="", marker=mark, ms=2.5, mew=0.6, color=colour, alpha=0.6, label=name)

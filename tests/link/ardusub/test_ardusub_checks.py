@@ -9,8 +9,7 @@ from fake_ardusub import FakeSub, Station, Tank, campaign_of, flown
 
 from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.link.vehicles.ardusub.packets import Clock, Link
-from automarine_cli.link.vehicles.ardusub.ride import Limits
-from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
 
 CAMPAIGN = campaign_of(0.5, -0.5)
 

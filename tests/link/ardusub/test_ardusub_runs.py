@@ -11,10 +11,9 @@ import pytest
 from fake_ardusub import FakeSub, Tank, campaign_of, flown
 
 from automarine_cli.link.vehicles.ardusub.packets import Heard
-from automarine_cli.link.vehicles.ardusub.sticks import Authority, Stick, authority
+from automarine_cli.link.vehicles.ardusub.preflight import Authority, Stick, authority
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
-from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 TOLD = [
     ({}, 1.0), ({}, 0.2), ({"ACRO_YAW_P": 1.7}, 0.7), ({"RC4_REVERSED": 1.0}, 0.5),

@@ -11,8 +11,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.player import Player
 from automarine_cli.link.store import Store
-from automarine_cli.link.vehicles.ardusub.ride import Limits
-from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
 
 LONG = campaign_of(0.6, -0.6, seconds=20.0)
 Act = Callable[[FakeSub], object]

@@ -73,7 +73,7 @@ class Heard:
 
 
 class Halt(Exception):
-    """It was asked to stop."""
+    pass
 
 
 class Clock:
@@ -87,8 +87,7 @@ class Clock:
 
 
 class Link:
-    """A connection, which sends our heartbeat as long as it is polled, and while it is `steady` a stick in the middle
-    again and again."""
+    """A connection: sends our heartbeat while it is polled, and while it is `steady` sticks in the middle."""
 
     def __init__(self, address: str, halted: Halted, clock: Clock) -> None:
         """Open an address. Raises SettingError for one that is none, or that cannot be opened."""
@@ -129,7 +128,6 @@ class Link:
         self._mav.manual_control_send(self.heard.system, 0, 0, 500, yaw, 0)
 
     def command(self, number: int, *values: float) -> bool:
-        """Send a command until it is answered; whether it was accepted."""
         for _ in range(TRIES):
             self.heard.answers.pop(number, None)
             seven = (*values, 0, 0, 0, 0, 0, 0, 0)[:7]
@@ -176,10 +174,8 @@ class Link:
             heard.parameters[message.param_id] = message.param_value
         elif name == "NAMED_VALUE_FLOAT":
             heard.named[message.name] = message.value
-        elif name == "VFR_HUD":
-            heard.depths[name] = -message.alt
-        elif name == "GLOBAL_POSITION_INT":
-            heard.depths[name] = -message.relative_alt / 1e3
+        elif name in ("VFR_HUD", "GLOBAL_POSITION_INT"):
+            heard.depths[name] = -message.alt if name == "VFR_HUD" else -message.relative_alt / 1e3
         elif name == "SYS_STATUS":
             volts, left = message.voltage_battery, message.battery_remaining
             heard.volts = None if volts == NO_VOLTAGE else volts / 1e3

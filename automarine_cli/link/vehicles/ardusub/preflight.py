@@ -1,16 +1,108 @@
-"""What must be so before ArduSub is armed: each rule with its sentence."""
+"""What ArduSub makes of a yaw stick, what a moment asks of its output, and what must be so before it is armed."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from automarine_cli.control.knowledge import turning
+from automarine_cli.control.vehicles import Bend
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import OURS, Heard, Link
-from automarine_cli.link.vehicles.ardusub.sticks import CENTRE, Authority, Stick
+from automarine_cli.link.vehicles.base import refuse_beyond
 from automarine_cli.logs.mixing import Part, Unclear, part_of
+from automarine_cli.thrusters.map import ThrusterMap
+
+CENTRE, SPAN = 1500.0, 0.4
+"""Of the pulse that a stick becomes [us]: its middle, and what each thousandth adds at a gain of 1."""
+USUAL = 3.375
+"""The ACRO_YAW_P at which a whole pulse is the whole output in MANUAL."""
+ANGLE_DEG = 45.0
+"""A whole pulse in STABILIZE; times ACRO_YAW_P it is a turn rate [deg/s]."""
+MOST = 1000
+
+
+@dataclass(frozen=True)
+class Stick:
+    """The way of a yaw stick through ArduSub: pilot `gain`, ACRO_YAW_P, and how its channel is set [us]."""
+
+    gain: float
+    yaw_p: float
+    down: float
+    up: float
+    way: float
+    dead: float
+
+    @classmethod
+    def of(cls, heard: Heard) -> "Stick":
+        """As the vehicle tells; what it does not tell is as delivered."""
+        told = heard.parameters
+        centre = told.get("RC4_TRIM", CENTRE)
+        return cls(
+            heard.named.get("PilotGain", told.get("JS_GAIN_DEFAULT", 0.5)),
+            told.get("ACRO_YAW_P", USUAL),
+            centre - told.get("RC4_MIN", 1100.0),
+            told.get("RC4_MAX", 1900.0) - centre,
+            -1.0 if told.get("RC4_REVERSED", 0.0) else 1.0,
+            told.get("RC4_DZ", 40.0),
+        )
+
+    @property
+    def reach(self) -> float:
+        """The largest output, from 0 to 1, to whichever side it is less."""
+        return min(abs(self.output(MOST)), abs(self.output(-MOST)))
+
+    def output(self, yaw: int) -> float:
+        off = int(CENTRE + yaw * SPAN * self.gain) - CENTRE
+        share = self.way * off / (self.up if off > 0 else self.down)
+        return float(np.clip(np.clip(share, -1.0, 1.0) * self.yaw_p / USUAL, -1.0, 1.0))
+
+    def manual(self, output: float) -> int:
+        return self._of_share(output * USUAL / self.yaw_p, 0.0)
+
+    def turn(self, rate: float) -> int:
+        """The stick that makes a turn rate [deg/s] in STABILIZE, beyond the dead zone of its channel."""
+        return self._of_share(rate / (ANGLE_DEG * self.yaw_p), self.dead * self.gain) if rate else 0
+
+    def _of_share(self, share: float, dead: float) -> int:
+        signed = self.way * share
+        span = self.up if signed > 0 else self.down
+        off = dead + abs(signed) * (span - dead)
+        return int(np.clip(round(np.copysign(off, signed) / (SPAN * self.gain)), -MOST, MOST))
+
+
+@dataclass(frozen=True)
+class Authority:
+    """What the whole output gives, `full` in the campaign's unit, and how the moment grows with the output."""
+
+    full: float
+    bend: Bend | None = None
+
+    def output(self, moment: float) -> float:
+        share = moment / self.full
+        return share if self.bend is None else float(self.bend.inverse(np.array(share)))
+
+    def moment(self, output: float) -> float:
+        return self.full * (output if self.bend is None else float(self.bend.of(np.array(output))))
+
+
+def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None, arm: float | None) -> Authority:
+    """What outputs give for a campaign; where nothing else is said the whole output is 1 nu. Raises SettingError."""
+    bend, most = (None, None) if thrusters is None or arm is None else turning(ThrusterMap.load(thrusters), arm)
+    unit = campaign.moment_unit
+    if full is None:
+        full = 1.0 if unit == "nu" else most
+    if full is None:
+        raise SettingError(
+            "the campaign's moments are in N m, and ArduSub commands outputs from -1 to 1; give --full with the moment "
+            "[N m] of the whole output, or --thrusters MAP.json and --arm METRES"
+        )
+    refuse_beyond(campaign, full)
+    return Authority(full, bend)
+
 
 ARDUPILOT, SUBMARINE = 3, 12  # MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_SUBMARINE
 SET_MESSAGE_INTERVAL = 511
@@ -52,15 +144,12 @@ class Need:
 def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
     """How the sticks work, and how the outputs are read, of a vehicle that may be armed. Raises SettingError."""
     if not link.wait(FIRST_S, lambda: "HEARTBEAT" in link.heard.last):
-        raise SettingError(
-            f"no autopilot was heard on {link.address} in {FIRST_S:g} s; check --mavlink, and where the vehicle sends"
-        )
+        remedy = "check --mavlink, and where the vehicle sends"
+        raise SettingError(f"no autopilot was heard on {link.address} in {FIRST_S:g} s; {remedy}")
     heard = link.heard
     if (heard.autopilot, heard.kind) != (ARDUPILOT, SUBMARINE):
-        raise SettingError(
-            f"the autopilot is MAV_AUTOPILOT {heard.autopilot} in a MAV_TYPE {heard.kind}, expected {ARDUPILOT} and "
-            f"{SUBMARINE} of ArduSub; check --mavlink"
-        )
+        expected = f"expected {ARDUPILOT} and {SUBMARINE} of ArduSub; check --mavlink"
+        raise SettingError(f"the autopilot is MAV_AUTOPILOT {heard.autopilot} in a MAV_TYPE {heard.kind}, {expected}")
     for number, rate in RATES.values():
         link.command(SET_MESSAGE_INTERVAL, number, 1e6 / rate)
     heard.count.clear()
@@ -85,23 +174,14 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
     if name not in known:
         yield "the vehicle tells no parameters, without which it is not driven; check the link, and start it again"
     elif not known[name] <= OURS[0] <= max(known[name], known.get("MAV_GCS_SYSID_HI", 0.0)):
-        yield (
-            f"{name} is {known[name]:g}, and the vehicle takes sticks from that system only; set it to {OURS[0]}, "
-            "which we send as, or say so on the other ground station and leave it out"
-        )
+        yield f"{name} is {known[name]:g}, and sticks are taken from that system only; set it to {OURS[0]}, ours"
     for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE"):
         if known.get(name) != DISARMS:
             value = f"{known[name]:g}" if name in known else "unknown"
-            yield (
-                f"{name} is {value}, so that the vehicle would drive on when we fall silent; set it to {DISARMS:g}, "
-                "which disarms it"
-            )
+            yield f"{name} is {value}, so that the vehicle would drive on in our silence; set it to {DISARMS:g}, disarm"
     if not 0.0 < known.get(name := "FS_PILOT_TIMEOUT", math.inf) <= LONGEST_PILOT_S:
         value = f"{known[name]:g} s" if name in known else "unknown"
-        yield (
-            f"{name} is {value}, so long would the vehicle drive on when we fall silent; set it to {LONGEST_PILOT_S:g} "
-            "or less"
-        )
+        yield f"{name} is {value}, so long would the vehicle drive on unled; set it to {LONGEST_PILOT_S:g} or less"
     if other := another_pilot(heard):
         yield other
     if heard.named.get("InputHold"):  # sticks in the middle would not be neutral
@@ -111,10 +191,8 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
         rate, wanted = heard.count[name] / seconds, RATES[name][1]
         if rate < 0.4 * wanted:
-            yield (
-                f"{name} came {rate:.1f} times a second, and {wanted:g} were asked for; use a link that carries more, "
-                "and check that the vehicle's estimator runs"
-            )
+            remedy = "use a link that carries more, and check that the vehicle's estimator runs"
+            yield f"{name} came {rate:.1f} times a second, and {wanted:g} were asked for; {remedy}"
     outputs_are_known(heard)
     stick = Stick.of(heard)
     if stick.reach < need.output - 1.0 / CENTRE:
@@ -127,10 +205,7 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
             "make a plan with smaller moments"
         )
     if heard.remaining_percent is None:
-        yield (
-            "the vehicle does not tell how much its battery holds; set BATT_MONITOR and BATT_CAPACITY, as without "
-            "these nobody knows whether the campaign can be driven to its end"
-        )
+        yield "the vehicle does not tell how much its battery holds; set BATT_MONITOR and BATT_CAPACITY"
     elif (left := need.charge * heard.remaining_percent / 100.0) - need.drawn < need.reserve:
         yield (
             f"the battery holds {heard.remaining_percent:.0f} % or {left:.2f} Ah by its own count; the campaign needs "
@@ -139,10 +214,8 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
     if need.depth_limit < math.inf and not heard.depth:  # who has no sensor says 0
         yield "the vehicle does not tell its depth; check its sensor, or leave out --depth-limit"
     elif heard.depth is not None and heard.depth > need.depth_limit:
-        yield (
-            f"the vehicle is {heard.depth:.1f} m deep already, and --depth-limit is {need.depth_limit:g} m; bring it "
-            "up, or give another limit"
-        )
+        limit = f"--depth-limit is {need.depth_limit:g} m; bring it up, or give another limit"
+        yield f"the vehicle is {heard.depth:.1f} m deep already, and {limit}"
 
 
 def another_pilot(heard: Heard) -> str:
@@ -151,16 +224,13 @@ def another_pilot(heard: Heard) -> str:
     The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone.
     """
     for (system, component), what in heard.senders.items():
-        return (
-            f"somebody else sends {what} (system {system}, component {component}), and the last one wins; switch off "
-            "the joystick there, or close that ground station, and try again"
-        )
+        remedy = "switch off the joystick there, or close that ground station, and try again"
+        return f"somebody else sends {what} (system {system}, component {component}), and the last one wins; {remedy}"
     for system, component in sorted(heard.stations):
         if system == OURS[0]:
             return (
                 f"another ground station has our number (system {system}, component {component}), and its heartbeat "
-                "hides that we fell silent; close it, or give it another number to look on (QGroundControl: MAVLink "
-                "System ID)"
+                "hides our silence; close it, or give it another number (QGroundControl: MAVLink System ID)"
             )
     return ""
 
