@@ -220,7 +220,7 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> _Descent
         trials = np.tile(phi, (len(DAMPINGS), 1))
         for trial, share in zip(trials, DAMPINGS):
             damped = hessian + share * damping * np.diag(np.diagonal(hessian) + 1e-12)
-            trial[free] = linear_mixed.bounded_solution(damped, gradient + damped @ phi[free], phi[free], limits)
+            trial[free] = linear_mixed.bounded_solution(damped, gradient + damped @ phi[free], limits)
         step = trials[0, free] - phi[free]
         expected = float(gradient @ step - 0.5 * step @ hessian @ step)
         reached = cost(trials, problem.scaled(trials))

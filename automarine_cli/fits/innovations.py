@@ -370,7 +370,7 @@ def _climb(
         for trial, share in zip(trials, shares):
             damped = hessian + share * damping * np.diag(np.diagonal(hessian) + 1e-12)
             pull = gradient + damped @ phi[free]
-            trial[free] = linear_mixed.bounded_solution(damped, pull, phi[free], limits[free])
+            trial[free] = linear_mixed.bounded_solution(damped, pull, limits[free])
         step = trials[0, free] - phi[free]
         expected = float(gradient @ step - 0.5 * step @ hessian @ step)
         if expected < settled:

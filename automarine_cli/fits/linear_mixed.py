@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
@@ -280,19 +281,24 @@ def normal_equations(grams: Grams, weighted: Weighted) -> tuple[Floats, Floats]:
     return hessian + precision, gradient + precision @ expected
 
 
-def bounded_solution(hessian: Floats, gradient: Floats, phi: Floats, bounds: Floats) -> Floats:
-    """The solution of H x = h within `bounds` (p, 2), from `phi`, by an active set that starts with all free."""
-    new, free = phi.copy(), np.ones(len(phi), dtype=bool)
-    while free.any():
-        push = gradient[free] - hessian[np.ix_(free, ~free)] @ new[~free]
-        trial = new.copy()
-        trial[free] = solve_scaled(hessian[np.ix_(free, free)], push)
-        outside = free & ((trial < bounds[:, 0]) | (trial > bounds[:, 1]))
-        new = np.clip(trial, bounds[:, 0], bounds[:, 1])
-        if not outside.any():
-            break
-        free &= ~outside
-    return new
+def bounded_solution(hessian: Floats, gradient: Floats, bounds: Floats) -> Floats:
+    """Solve H x = h; where that x is outside `bounds` (p, 2), minimise x H x / 2 - h x within them."""
+    solution = solve_scaled(hessian, gradient)
+    if np.all((solution >= bounds[:, 0]) & (solution <= bounds[:, 1])):
+        return solution
+    solution = bounds[:, 0].copy()
+    free = bounds[:, 0] < bounds[:, 1]
+    if not free.any():
+        return solution
+    push = gradient[free] - hessian[np.ix_(free, ~free)] @ solution[~free]
+    inside, scale = hessian[np.ix_(free, free)], curvature_scale(hessian[np.ix_(free, free)])
+    values, vectors = np.linalg.eigh(inside / np.outer(scale, scale))
+    roots = np.sqrt(np.maximum(values, 1e-13 * values[-1]))
+    least = optimize.lsq_linear(
+        roots[:, None] * vectors.T, vectors.T @ (push / scale) / roots, (bounds[free] * scale[:, None]).T, "bvls"
+    )
+    solution[free] = np.clip(least.x / scale, *bounds[free].T)
+    return solution
 
 
 def posterior_mean(grams: Grams, effects: RunEffects, variances: Floats, phi: Floats) -> Floats:
@@ -431,7 +437,7 @@ def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restri
     for _ in range(MOST_STEPS):
         steep = np.abs(slope) * unit > FLAT
         room = np.where(steep[:, None], limits - here[:, None], 0.0)
-        wanted = bounded_solution(information, -slope, 0.0 * here, room)
+        wanted = bounded_solution(information, -slope, room)
         step = 2.0 * np.clip(wanted, -BOLDEST, BOLDEST)
         found, settled = (np.inf, slope, information), False
         while found[0] > value and not settled:

@@ -374,7 +374,7 @@ def fit_mixed(
         variances = choose_variances(inside, problem.effects, variances)
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
         hessian, gradient = linear_mixed.normal_equations(point.gram, weighted)
-        change = linear_mixed.bounded_solution(hessian, gradient, 0.0 * phi, bounds - point.phi[:, None])
+        change = linear_mixed.bounded_solution(hessian, gradient, bounds - point.phi[:, None])
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
         spread = np.diagonal(linear_mixed.covariance_of(hessian))
         precision = np.sqrt(np.maximum(spread, 1e-24))
@@ -502,7 +502,7 @@ def _report(
     if len(left_out) > 1:
         rest, pull = (hessian - weighted.hessian)[:, free][:, :, free], whole - push
         left_out[:, free] += linear_mixed.solve_scaled(rest, pull[:, free])
-    onward = linear_mixed.bounded_solution(hessian, whole, 0.0 * phi, bounds - phi[:, None])
+    onward = linear_mixed.bounded_solution(hessian, whole, bounds - phi[:, None])
     beyond = _at_bound(phi + onward, bounds)
     # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))

@@ -515,7 +515,7 @@ class PlanarLikelihood:
         def promise(more: tuple[str, ...]) -> Promise:
             own = np.array([name in free or name in more for name in names])
             h, g = hessian[np.ix_(own, own)], gradient[own]
-            step = bounded_solution(h, g + h @ here[own], here[own], limits[own]) - here[own]
+            step = bounded_solution(h, g + h @ here[own], limits[own]) - here[own]
             there = phi.copy()
             there[problem.free[own]] += step
             theta = dict(zip(problem.names, problem.natural(there).tolist()))

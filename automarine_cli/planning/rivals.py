@@ -175,7 +175,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
 def _step(here: Contest, bounds: Floats) -> Floats:
     """Change of the free parameters (p,) to the best of the linearised contest, no bolder than their own sizes."""
     whole = here.hessian.sum(axis=0) + here.ridge
-    step = linear_mixed.bounded_solution(whole, here.gradient.sum(axis=0), np.zeros(len(bounds)), bounds)
+    step = linear_mixed.bounded_solution(whole, here.gradient.sum(axis=0), bounds)
     boldest = LOOSE * float(np.max(np.abs(step) * np.sqrt(np.diagonal(here.ridge))))
     return step / max(boldest, 1.0)
 

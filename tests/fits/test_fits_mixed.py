@@ -1,6 +1,7 @@
 """The mixed model's algebra against dense covariances, its search within bounds, and leaving runs out."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -99,7 +100,7 @@ def test_least_squares_and_run_effects_are_those_of_the_dense_covariance() -> No
     weighted = linear_mixed.weigh(linear.gram(), linear.effects, VARIANCES)
     free = np.array([(-np.inf, np.inf)] * PARAMETERS)
     assert_close(
-        linear_mixed.bounded_solution(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), np.zeros(2), free),
+        linear_mixed.bounded_solution(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), free),
         theta,
         "closed form",
     )
@@ -111,6 +112,29 @@ def test_least_squares_and_run_effects_are_those_of_the_dense_covariance() -> No
     found = linear_mixed.posterior_mean(linear.gram(), linear.effects, VARIANCES, theta)
     assert_close(found, expected, "closed form")
     assert found[2, 1] == 0.0
+
+
+def test_a_bounded_solution_is_the_best_of_all_active_sets() -> None:
+    """Of curvatures that two parameters nearly share, as a delay and the common instant of the commands do."""
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        columns = rng.normal(size=(12, 4))
+        columns[:, 3] = columns[:, 2] + 1e-4 * rng.normal(size=12)
+        hessian, gradient = columns.T @ columns, 5.0 * rng.normal(size=4)
+        bounds = np.stack([-rng.uniform(0.1, 2.0, 4), rng.uniform(0.1, 2.0, 4)], axis=1)
+        bounds[0] = (-np.inf, np.inf)
+        able = []
+        for where in product((None, 0, 1), repeat=3):
+            held = np.array([False, *(side is not None for side in where)])
+            x = np.array([0.0, *(bounds[i + 1, side] if side is not None else 0.0 for i, side in enumerate(where))])
+            push = gradient[~held] - hessian[np.ix_(~held, held)] @ x[held]
+            x[~held] = np.linalg.solve(hessian[np.ix_(~held, ~held)], push)
+            able += [float(0.5 * x @ hessian @ x - gradient @ x)] * bool(
+                np.all((x >= bounds[:, 0] - 1e-12) & (x <= bounds[:, 1] + 1e-12))
+            )
+        solution = linear_mixed.bounded_solution(hessian, gradient, bounds)
+        assert np.all((solution >= bounds[:, 0]) & (solution <= bounds[:, 1]))
+        assert 0.5 * solution @ hessian @ solution - gradient @ solution == pytest.approx(min(able), rel=1e-6)
 
 
 def test_the_point_of_linearisation_does_not_matter_to_a_linear_problem() -> None:
