@@ -170,6 +170,8 @@ def _header(lines: Sequence[bytes], where: str) -> tuple[tuple[str, ...], str]:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
+    if '"' not in line:
+        return [cell.lstrip(" ") for cell in line.split(delimiter)]
     try:
         return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error:
