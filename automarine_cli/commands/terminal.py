@@ -25,10 +25,10 @@ def width_of(stream: TextIO) -> int | None:
     if not _is_terminal(stream):
         return None
     try:
-        asked = int(os.environ.get("COLUMNS", "0"))
-        return max(NARROWEST, asked if asked > 0 else os.get_terminal_size(stream.fileno()).columns)
+        columns = max(int(os.environ.get("COLUMNS", "0")), 0) or os.get_terminal_size(stream.fileno()).columns
     except (ValueError, OSError):
-        return 80
+        columns = 0
+    return max(NARROWEST, columns or 80)  # a serial console or a container says 0
 
 
 def folded(sentence: str, width: int | None) -> str:

@@ -36,6 +36,11 @@ def test_tables_fit_the_terminal(columns: int) -> None:
     assert {"jitter", "noise", "levels", "turns"} <= set(said.split())
 
 
+def test_a_terminal_without_a_width_has_80_columns() -> None:
+    without, plain = (without_bars(on_terminal("check", STEPS, columns=columns)[1]) for columns in (0, 80))
+    assert without == plain
+
+
 def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
     _, shown = on_terminal("check", STEPS)
     assert without_bars(shown).startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")
