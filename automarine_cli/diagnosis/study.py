@@ -20,6 +20,7 @@ from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, s
 from automarine_cli.fits.half_turns import MOST_OFFSET
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
+from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import run_covariance, varying_terms, whole_run_problem
@@ -30,6 +31,8 @@ from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
+UNIFORM_INSTANT = Prior(0.0, 1.0)
+"""What is known of the z of the commands' common instant: it lies anywhere in its sample interval."""
 ITERATIONS = 25
 SETTLED = 0.02
 """Share of a standard error within which a fit counts as settled: its evidence is then exact to a few 1e-4."""
@@ -326,6 +329,7 @@ class Study:
             bounds=np.array([*bounds, (-MOST_OFFSET, MOST_OFFSET)]),
             positive=np.array([*positive, False]),
             smooth=smoothness(model, len(positive) + 1),
+            known={SWITCH: UNIFORM_INSTANT},
         )
 
     def fit(
