@@ -229,8 +229,10 @@ class Collector:
             if campaign is None:
                 return state
             if (found := state.of(campaign.id)) is None:
-                unknown = f"the vehicle does not know campaign {campaign.id[:SHORT]} any more; send it again"
-                raise SettingError("; ".join([unknown, *state.troubles]))
+                why = "".join(f"; {trouble}" for trouble in state.troubles)
+                raise SettingError(
+                    f"the vehicle does not know campaign {campaign.id[:SHORT]} any more; send it again{why}"
+                )
             if found.over:
                 return state
             time.sleep(self.poll_s)

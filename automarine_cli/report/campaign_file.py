@@ -283,7 +283,7 @@ def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[str]:
         yield _column(every[key], look)
     yield from _splitting(layouts)
     there, written = {CANONICAL[key].quantity for key in every}, ""
-    if columns := pulses(layouts[0].seen):  # commands are pulses about 1500 us
+    if columns := pulses(layouts[0].seen if layouts else {}):  # commands are pulses about 1500 us
         rule = toml_line(YAW.thrusters[0], {"from": columns[0], "subtract": 1500})
         written = f": pulses about 1500 us such as {listed(columns)} are written {rule}"
     for quantity in dict.fromkeys(quantity for layout in layouts for quantity in layout.lacking):

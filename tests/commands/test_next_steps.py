@@ -25,6 +25,7 @@ PASSED_ON = {
     "{name}: {problem}", "{f'{section}.{key}'.removeprefix('.')}: {str(problem)}",  # with the place in front
     "{problem.format_message()}", "{name} is {value}; {problem.message}",  # those of click, and of our types
     "the vehicle refuses: {printable(str(data.get('error')))[:600]}",
+    "{found.sentence}",  # of a misfit, which ends: write a rule under [columns], or give another map
     "{self.silenced}",  # which ends: start `automarine serve` again
     "no usable run in {files} log{'s' * (files != 1)}: {reasons}{more}",
 }  # fmt: skip
@@ -64,15 +65,22 @@ def sentences(node: ast.expr, scope: Scope, deep: int = 0) -> list[str]:
         return [a + b for a in sentences(node.left, scope, deep) for b in sentences(node.right, scope, deep)]
     if isinstance(node, ast.Constant):
         return [str(node.value)]
+    if is_template(node):
+        template = node.func.value  # type: ignore[attr-defined]
+        return sentences(ast.Name(template.attr) if isinstance(template, ast.Attribute) else template, scope, deep)
     if isinstance(node, ast.JoinedStr):
         *front, last = node.values
         said = "".join(map(placeholder, front))
-        named = isinstance(last, ast.FormattedValue) and isinstance(last.value, ast.Name)
+        named = isinstance(last, ast.FormattedValue) and (isinstance(last.value, ast.Name) or is_template(last.value))
         tails = sentences(last.value, scope, deep + 1) if named and deep < DEEPEST else [placeholder(last)]
         return [said + tail for tail in tails]
     if deep < DEEPEST and (made := list(makers(node, scope))):
         return [said for value, there in made for said in sentences(value, there, deep + 1)]
     return [f"{{{ast.unparse(node)}}}"]
+
+
+def is_template(node: ast.expr) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "format"
 
 
 def placeholder(node: ast.expr) -> str:
@@ -94,6 +102,7 @@ def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
             if isinstance(outer, ast.FunctionDef):
                 own = outer.args.args[len(outer.args.args) - len(outer.args.defaults) :]
                 yield from ((d, scope) for a, d in zip(own, outer.args.defaults, strict=True) if a.arg == node.id)
+                yield from ((value, scope[-1:]) for value in passed(node.id, outer, scope[-1]))
     name = node.attr if isinstance(node, ast.Attribute) else getattr(getattr(node, "func", None), "id", "")
     for there in (scope[-1],) if isinstance(node, ast.Attribute) else (scope[-1], *TREES.values()):
         found = [f for f in ast.walk(there) if isinstance(f, ast.FunctionDef) and f.name == name]
@@ -102,6 +111,14 @@ def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
             yield from ((end, (function, there)) for end in ends if getattr(end, "value", end))
         if found:
             return
+
+
+def passed(name: str, function: ast.FunctionDef, tree: ast.AST) -> Iterator[ast.expr]:
+    """What the calls in its module pass to a function's parameter by its place."""
+    place = next((i for i, arg in enumerate(function.args.args) if arg.arg == name), None)
+    for call in ast.walk(tree) if place is not None else ():
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == function.name and len(call.args) > place:
+            yield call.args[place]
 
 
 def given_to(name: str, tree: ast.AST) -> Iterator[ast.expr]:

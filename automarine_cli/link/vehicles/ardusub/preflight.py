@@ -221,8 +221,10 @@ def another_pilot(heard: Heard) -> str:
 
     The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone."""
     for (system, component), what in heard.senders.items():
-        remedy = "switch off the joystick there, or close that ground station, and try again"
-        return f"somebody else sends {what} (system {system}, component {component}), and the last one wins; {remedy}"
+        return (
+            f"somebody else sends {what} (system {system}, component {component}), and the last one wins; switch off "
+            "the joystick there, or close that ground station, and try again"
+        )
     for system, component in sorted(heard.stations):
         if system == OURS[0]:
             return (
