@@ -291,9 +291,10 @@ def bounded_solution(hessian: Floats, gradient: Floats, bounds: Floats) -> Float
     if not free.any():
         return solution
     push = gradient[free] - hessian[np.ix_(free, ~free)] @ solution[~free]
-    inside, scale = hessian[np.ix_(free, free)], curvature_scale(hessian[np.ix_(free, free)])
+    inside = hessian[np.ix_(free, free)]
+    scale = curvature_scale(inside)
     values, vectors = np.linalg.eigh(inside / np.outer(scale, scale))
-    roots = np.sqrt(np.maximum(values, 1e-13 * values[-1]))
+    roots = np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1.0)))  # no information at all moves nothing
     least = optimize.lsq_linear(
         roots[:, None] * vectors.T, vectors.T @ (push / scale) / roots, (bounds[free] * scale[:, None]).T, "bvls"
     )

@@ -60,7 +60,7 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str) -> None:
     assert (named.name, named.rivals) == (lag, ())
     size, *_ = named.parameters.values()
     assert abs(size.value - LAGS[lag]) < 4.0 * size.stderr
-    shared = 0.1 * PERIOD if lag == "input-delay" else 0.0  # with the common instant in its sample interval
+    shared = 0.05 * PERIOD if lag == "input-delay" else 0.0  # with the common instant in its sample interval
     assert size.stderr < 0.05 * LAGS[lag] + shared
     assert found.gap.before > found.gap.after and found.gap.after < 1.05 * found.gap.floor
 

@@ -13,7 +13,7 @@ from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.study import log_density, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven import beside_forecasts, fit_driven
+from automarine_cli.fits.driven import beside_forecasts, fit_driven, judged_of
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.whole_runs import rough_model
@@ -83,7 +83,7 @@ def test_drag_and_inertia_are_positive_and_of_the_size_of_a_small_boat(nominal: 
 def test_the_model_is_of_use(nominal: YawFit) -> None:
     """Runs left out of the fit are predicted 5 s ahead better than by a constant rate or a constant heading."""
     assert nominal.use is not None and nominal.use.of_use
-    judged = nominal.use.judged
+    judged = judged_of(nominal.use.worth["heading"])
     assert judged is not None and judged.horizon == 5.0
     assert np.degrees(judged.error) < 12.0 < np.degrees(judged.constant) < np.degrees(judged.constant_rate)
     assert nominal.use.sentence(YAW).startswith("The model predicts 5 s ahead to ")
