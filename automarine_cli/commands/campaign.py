@@ -21,7 +21,7 @@ from automarine_cli.pipeline.words import listed, printable
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
-    from automarine_cli.report.campaign_page import Step
+    from automarine_cli.report.campaign import Step
 
 KINDS = {
     "thrusters": "thruster tests", "steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs",

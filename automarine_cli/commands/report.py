@@ -10,10 +10,10 @@ from automarine_cli.commands.command import argument, command, option
 from automarine_cli.errors import OutputError
 
 if TYPE_CHECKING:
-    from automarine_cli.report.campaign_page import Report
+    from automarine_cli.report.campaign import Report
 
 
-@command("report", report="campaign_page", saves=False)
+@command("report", report="campaign", saves=False)
 @argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @option("--title", show_default="such as Yaw identification", help="Heading of the page.")
 @options.overwrite
@@ -29,7 +29,7 @@ def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
     """
     from automarine_cli.pipeline.result_files import RUN
     from automarine_cli.pipeline.results_folder import write_whole
-    from automarine_cli.report.campaign_page import FILES, make_report
+    from automarine_cli.report.campaign import FILES, make_report
 
     there = [name for name in FILES if (folder / name).exists()]
     if there and not overwrite:

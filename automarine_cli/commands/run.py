@@ -19,8 +19,7 @@ from automarine_cli.pipeline.progress import Progress, silent
 
 if TYPE_CHECKING:
     from automarine_cli.pipeline.result_files import RunFile
-    from automarine_cli.report.campaign_page import Step
-    from automarine_cli.report.campaign_run import CampaignOutcome, CampaignRun, Campaigns, StepOutcome
+    from automarine_cli.report.campaign import CampaignRun, Campaigns, Step, StepOutcome
 
 RESULTS = "results"
 """The folder beside the campaign file that takes the results of who names none."""
@@ -29,12 +28,12 @@ NO_PAGE = "no step has a result to show"
 
 
 def _steps() -> tuple[str, ...]:
-    from automarine_cli.report.campaign_page import STEP_NAMES
+    from automarine_cli.report.campaign import STEP_NAMES
 
     return STEP_NAMES
 
 
-@command("run", report="campaign_run", saves=False)
+@command("run", report="campaign", saves=False)
 @argument(
     "campaigns", nargs=-1, required=True, metavar="CAMPAIGN.toml...", type=options.FILE, reads="files", role="campaign"
 )
@@ -72,7 +71,7 @@ def run_campaign(
     from automarine_cli.pipeline.manifest import Input
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.pipeline.results_folder import refuse_unfit, result_folder
-    from automarine_cli.report.campaign_run import Campaigns
+    from automarine_cli.report.campaign import Campaigns
     from automarine_cli.report.sections import sections
 
     refuse_unfit(out)
@@ -80,7 +79,7 @@ def run_campaign(
     outcomes = ordered_map(
         partial(_outcome, how=how), tasks, jobs, cluster=cluster, progress=progress, stage="running campaigns"
     )
-    result = Campaigns(out, tuple(outcomes))
+    result = Campaigns(out, dict(outcomes))
     inputs = [Input(name, path, "campaign") for name, path in zip(_below(campaigns), campaigns)]
     manifest: dict[str, Any] = {"command": "campaigns", "options": {"until": until}, "inputs": inputs, "seed": None}
     with result_folder(out, **manifest, overwrite=True) as folder:
@@ -88,14 +87,15 @@ def run_campaign(
     return result
 
 
-def _outcome(task: tuple[str, Path, Path], how: dict[str, Any]) -> "CampaignOutcome":
-    from automarine_cli.report.campaign_run import CampaignOutcome
+def _outcome(task: tuple[str, Path, Path], how: dict[str, Any]) -> "tuple[str, CampaignRun]":
+    from automarine_cli.pipeline.result_files import RunFile
+    from automarine_cli.report.campaign import CampaignRun
 
     name, campaign, out = task
     try:
-        return CampaignOutcome(name, _run(campaign, out, **how))
+        return name, _run(campaign, out, **how)
     except AutomarineError as refusal:
-        return CampaignOutcome(name, refusal=str(refusal))
+        return name, CampaignRun(out, RunFile("", name), refusal=str(refusal))
 
 
 def names_of(campaigns: Sequence[Path]) -> list[str]:
@@ -132,8 +132,7 @@ def _run(
     file that makes no sense and OutputError.
     """
     from automarine_cli.pipeline.results_folder import refuse_unfit
-    from automarine_cli.report.campaign_page import REPORT, STEP_NAMES, STEPS
-    from automarine_cli.report.campaign_run import CampaignRun, StepOutcome, warnings_of, with_results
+    from automarine_cli.report.campaign import REPORT, STEP_NAMES, STEPS, CampaignRun, StepOutcome, read_steps
 
     campaign = read_campaign(path)
     refuse_unfit(out)
@@ -157,8 +156,8 @@ def _run(
     content = _content(campaign, out, steps, outcomes)
     if REPORT in wanted:
         add(REPORT, lambda _: _report(campaign, out, content, force))
-    done = tuple(outcomes)
-    return CampaignRun(out, with_results(out, done), content, warnings_of(out, done))
+    done = [step for step, outcome in zip(steps, outcomes) if outcome.did in ("done", "kept")]
+    return CampaignRun(out, content, tuple(outcomes), read_steps(out, done))
 
 
 def _do(
@@ -195,7 +194,7 @@ def _do(
 def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
     from automarine_cli.pipeline.manifest import MANIFEST, sha256
     from automarine_cli.pipeline.result_files import RUN, THRUSTER_MAP, RunFile, StepDone
-    from automarine_cli.report.campaign_run import cautions
+    from automarine_cli.report.campaign import cautions
 
     entries = []
     for step, outcome in zip(steps, outcomes):
@@ -216,7 +215,7 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
     from automarine_cli.pipeline.records import json_text, to_mapping
     from automarine_cli.pipeline.result_files import RUN
     from automarine_cli.pipeline.results_folder import result_folder
-    from automarine_cli.report.campaign_page import make_report
+    from automarine_cli.report.campaign import make_report
     from automarine_cli.runs.load import has_bytes
 
     logs = with_joined(campaign.every_log(), campaign.columns)

@@ -3,7 +3,6 @@
 import base64
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from html import escape, unescape
 from importlib.resources import files
 from itertools import count, groupby
@@ -23,19 +22,10 @@ GROUP = re.compile(r", 95 %|, maximum likelihood|^mean at ")
 LONG = 36  # letters from which on a cell may be broken
 
 
-@dataclass
-class Page:
-    """HTML of a document, and its headings: level, id, words."""
-
-    html: str
-    headings: list[tuple[int, str, str]] = field(default_factory=list)
-
-
-def to_html(text: str, picture: Picture) -> Page:
+def to_html(text: str, picture: Picture) -> str:
     """The document as HTML, its headings with ids to link to."""
-    page, groups = Page(""), groupby(map(str.strip, text.splitlines()), _mark)
-    page.html = "\n".join(_block(block, picture, page.headings) for _, group in groups if (block := list(group))[0])
-    return page
+    ids, groups = set[str](), groupby(map(str.strip, text.splitlines()), _mark)
+    return "\n".join(_block(block, picture, ids) for _, group in groups if (block := list(group))[0])
 
 
 def _mark(line: str) -> object:
@@ -47,7 +37,7 @@ def plain(text: str) -> str:
     return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda found: found[1] or "", text))
 
 
-def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> str:
+def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
     line = block[0]
     if line.startswith("|") and len(block) > 1:
         return _table(block)
@@ -55,9 +45,9 @@ def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str
         return "<ul>" + "".join(f"<li>{words(item[2:])}</li>" for item in block) + "</ul>"
     if found := HEADING.fullmatch(line):
         level, said = len(found[1]), plain(found[2])
-        stem, ids = re.sub(r"[^a-z0-9]+", "-", said.lower()).strip("-") or "part", [name for _, name, _ in headings]
+        stem = re.sub(r"[^a-z0-9]+", "-", said.lower()).strip("-") or "part"
         name = next(name for n in count(1) if (name := stem if n == 1 else f"{stem}-{n}") not in ids)
-        headings.append((level, name, said))
+        ids.add(name)
         anchor = f'<a class="anchor" href="#{name}" aria-label="Link to: {escape(said)}">#</a>'
         return f'<h{level} id="{name}">{words(found[2])} {anchor}</h{level}>'
     if found := FOLDS.fullmatch(line):
@@ -123,7 +113,8 @@ PIXELS_PER_POINT = 1.73  # a page-wide figure fills the page, and letters are of
 def page(text: str, folder: Path, title: str) -> str:
     """The report `text` (Markdown) as a page, with the pictures that it names in `folder` drawn into it."""
     body = to_html(text, lambda place, alt: figure(folder, place, alt))
-    links = (f'<a href="#{name}">{escape(said)}</a>' for level, name, said in body.headings if level == 2)
+    headings = re.findall(r'^<h2 id="(.+?)">(.*) <a class="anchor"', body, flags=re.MULTILINE)
+    links = (f'<a href="#{name}">{said}</a>' for name, said in headings)
     style = files("automarine_cli.report").joinpath("page.css").read_text(encoding="utf-8").strip()
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -139,7 +130,7 @@ def page(text: str, folder: Path, title: str) -> str:
 <body>
 <nav aria-label="Sections">{"".join(links)}</nav>
 <main>
-{body.html}
+{body}
 </main>
 </body>
 </html>

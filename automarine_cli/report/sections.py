@@ -51,7 +51,7 @@ class Sections:
     def html(self) -> str:
         """Render the tables as HTML, with everything that came from files escaped."""
         tables = [part.to_markdown() for part in self.printed if isinstance(part, Table)]
-        return to_html("\n".join(tables), lambda place, said: "").html
+        return to_html("\n".join(tables), lambda place, said: "")
 
     def frame(self) -> Any:
         """Give the rows as a `pandas.DataFrame`."""

@@ -70,16 +70,15 @@ def _block(
     for number, row in enumerate(grid):
         if number == 1 or (number > 1 and number - 1 in rules):
             lines.append(rule)
-        for parts in zip_longest(*(_folded(row[i], wide) for i, wide in widths.items()), fillvalue=""):
+        cells = (
+            [row[i]] if len(row[i]) <= wide else _wrapped(" ".join(_words(row[i])), wide) for i, wide in widths.items()
+        )
+        for parts in zip_longest(*cells, fillvalue=""):
             aligned = (
                 text.rjust(wide) if right[i] else text.ljust(wide) for text, (i, wide) in zip(parts, widths.items())
             )
             lines.append((" " * GAP).join(aligned).rstrip())
     return lines if len(grid) > 1 else [*lines, rule]
-
-
-def _folded(cell: str, width: int) -> list[str]:
-    return [cell] if len(cell) <= width else _wrapped(" ".join(_words(cell)), width) or [""]
 
 
 def _wrapped(tied: str, width: int, indent: str = "") -> list[str]:

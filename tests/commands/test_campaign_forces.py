@@ -11,7 +11,7 @@ from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import SettingError
-from automarine_cli.report.campaign_page import STEPS, make_report
+from automarine_cli.report.campaign import STEPS, make_report
 
 HEAVE = f"""
 schema = "automarine/campaign/1"
@@ -42,7 +42,7 @@ def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
         "## Heave model",
         "| fit-heave | model 3: ",
         "Buoyancy: a constant force of 2",
-        "## Validation in heave",
+        "## Heave validation",
     ):
         assert said in report
     assert "## Yaw model" not in report and "heave/steps.png" in report

@@ -11,7 +11,7 @@ from repository import SAMPLE_RUNS
 from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.init import init
 from automarine_cli.errors import SettingError
-from automarine_cli.report.campaign_page import STEPS
+from automarine_cli.report.campaign import STEPS
 
 
 def given(plan: dict[str, Any] | str) -> Mapping[str, Any]:

@@ -13,8 +13,7 @@ from automarine_cli.commands.run import run_campaign
 from automarine_cli.control import tuning
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.progress import silent
-from automarine_cli.report.campaign_page import STEPS
-from automarine_cli.report.campaign_run import StepOutcome, with_results
+from automarine_cli.report.campaign import STEPS, headlines, read_steps
 
 
 def test_a_campaign_ends_with_gains_and_its_report_shows_them(
@@ -35,9 +34,8 @@ def test_a_campaign_ends_with_gains_and_its_report_shows_them(
     assert tune.why_again(settings, out / "tune", ("png",)) is None
     assert (out / "tune" / "controller.py").is_file()
     text = report(out, overwrite=True).files["report.md"]
-    assert "## Tune" in text and "(tune/tuning.png)" in text and "### What it rests on" in text
-    (done,) = with_results(out, (StepOutcome("tune", "done"),))
-    assert done.says == "gains for python"
+    assert "## Tuning" in text and "(tune/tuning.png)" in text and "### What it rests on" in text
+    assert headlines(read_steps(out, [step])) == {"tune": "gains for python"}
 
 
 def test_a_setting_that_there_is_not_is_refused_with_its_key(small_day: Path, tmp_path: Path) -> None:

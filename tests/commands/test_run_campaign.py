@@ -16,7 +16,7 @@ from small_campaign import CAMPAIGN, make_small_campaign
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.commands.verify import verify
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.report.campaign_run import CampaignRun
+from automarine_cli.report.campaign import CampaignRun
 
 EARLY = "fit-yaw"  # as far as most of these tests go: a second of work
 FEW = ("dead-band", "bias-moment")  # will do for a diagnosis here
@@ -195,7 +195,7 @@ def test_a_refused_step_is_told_and_the_others_go_on(place: Path, run: Callable[
     page = (place / "out" / "report.md").read_text(encoding="utf-8")
     refused, *_ = page.splitlines()[2:]
     assert refused.startswith("**fit-yaw was refused:** ") and "no motion" in refused
-    assert "no diagnosis: it needs the yaw model, and fit-yaw gave none." in page.lower()
+    assert "| diagnose | skipped: it needs the yaw model, and fit-yaw gave none |" in page
     assert "not run" not in page and "every run was used" not in page
     assert run("report", place / "out", "--overwrite").exit_code == 0
     assert refused in (place / "out" / "report.md").read_text(encoding="utf-8").splitlines()
@@ -211,7 +211,7 @@ def test_too_few_runs_for_a_diagnosis_are_no_refusal(place: Path, run: Callable[
     assert found.exit_code == 0, found.stderr
     steps = {one["step"]: one for one in json.loads((place / "out" / "run.json").read_text(encoding="utf-8"))["steps"]}
     assert "too few to tell a missing effect from chance" in steps["diagnose"]["skipped"]
-    assert "No diagnosis: " in (place / "out" / "report.md").read_text(encoding="utf-8")
+    assert "| diagnose | skipped: " in (place / "out" / "report.md").read_text(encoding="utf-8")
 
 
 def test_moments_of_the_thrusters(place: Path) -> None:

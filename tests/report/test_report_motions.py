@@ -14,7 +14,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
-from automarine_cli.report.campaign_page import alternatives
+from automarine_cli.report.campaign import captions
 from automarine_cli.report.diagnosis_report import page, tables, verdict_sentence
 from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
 from automarine_cli.report.sections import sections
@@ -68,7 +68,7 @@ def test_a_fit_speaks_of_its_motion(fits: dict[str, YawFit], name: str) -> None:
     for table in tables:
         refuse_strange(dof, [table.to_csv(), table.to_markdown()])
         assert any(sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia))
-    refuse_strange(dof, [*yaw_report.sentences(fit), repr(fit), *alternatives(dof).values()])
+    refuse_strange(dof, [*yaw_report.sentences(fit), repr(fit), *captions(dof).values()])
     keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit)[0]]
     refuse_strange(dof, keys)
     assert f"start {dof.words.position} m" in keys and "covered cm" in keys and dof.words.force in keys

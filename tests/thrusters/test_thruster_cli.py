@@ -15,7 +15,7 @@ from automarine_cli.commands.compare import compare
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.options import OneOf
 from automarine_cli.report import thruster_tables
-from automarine_cli.report.campaign_page import headlines, read_steps
+from automarine_cli.report.campaign import headlines, read_steps
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.thrusters.map import FORMS, ThrusterMap

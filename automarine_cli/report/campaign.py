@@ -1,0 +1,482 @@
+"""A campaign: its steps as data, what `run` made of them, what the folders of their results say, and all as one page.
+
+What a step found stands as its command wrote it (Markdown, tables, figures); here are a line a step at the top, and
+what only all steps together tell.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import OutputError
+from automarine_cli.fits.innovations import sentences_of
+from automarine_cli.pipeline import result_files as files
+from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
+from automarine_cli.pipeline.records import Shown, to_mapping
+from automarine_cli.pipeline.results_folder import file_stems
+from automarine_cli.report.page import page
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number
+
+FILES = ("report.html", "report.md")
+REPORT = "report"
+OPEN_FIGURES, MOST_FIGURES = 6, 40  # of a step: that stand open, and that are in the page at all
+MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
+MOST_NAMED = 12  # campaigns whose folders are named at the end
+SAME_VOLTAGE = 1.03  # voltages that differ by less are one, as in the thruster fit
+MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
+CAPTIONS = {
+    "thrusters": "thrust of one thruster against its control signal: measured points, fitted curves, residuals below",
+    "drag": "steady {rate} against {full_force}: one point a run, the curves of models 1, 2 and 3, residuals below",
+    "inertia": "{full_inertia} of each run against its {force}, with the overall value of both methods",
+    "{step}s": "{position} against time of every {step}: the part that was fitted in colour, what was cut in grey",
+    "collapse": "{position} against time times the root of the {force}: all runs on one curve if model 3 holds",
+    "whole_runs": "what the model leaves of the {position} of whole runs, beside the noise",
+    "planar_runs": "{position} of each run, its predictions, and its free run by the commands alone",
+    "where": "where the gap between simulated and measured {position} is: against each variable that stands out",
+    "why": "evidence for each effect of the library",
+    "learned": "learned curve, which no effect of the library explains, with its 95 % confidence band",
+    "before_after": "the gap before and after the missing effect was added, against the noise of the {position}",
+}
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
+
+    `logs` are kinds of logs: those of the first tuple of which there are any are taken, or all logs where there is no
+    section. `models` are files of results before it, of which it takes the first that is there.
+    """
+
+    name: str
+    folder: str
+    kind: files.ResultKind[Any]
+    section: str = ""
+    logs: tuple[tuple[str, ...], ...] = ()
+    models: tuple[str, ...] = ()
+
+    @property
+    def command(self) -> str:
+        return self.kind.writer
+
+    @property
+    def always(self) -> bool:
+        """Whether every campaign has it."""
+        return self.section in ("", "thrusters", YAW.name)
+
+    @property
+    def title(self) -> str:
+        words = self.kind.words.removeprefix("a ")
+        return (self.folder.replace("_", " ") if self.folder.endswith(words) else words).capitalize()
+
+
+def _of(motion: str, fit: files.ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
+    after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
+    models = (f"{motion}/{fit.file}",)
+    yield Step(f"fit-{motion}", motion, fit, motion, fitted)
+    yield Step(f"validate{after}", f"{before}validation", files.VALIDATION, motion, (("validation",),), models)
+    everything = tuple(kind for kinds in fitted for kind in kinds)
+    yield Step(f"diagnose{after}", f"{before}diagnosis", files.DIAGNOSIS, motion, (everything,), models)
+
+
+STEPS = (
+    Step("check", "check", files.CHECK),
+    Step("fit-thrusters", "thrusters", files.THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    *(step for motion in DOFS for step in _of(motion, files.MODELS[motion], (("steps",), ("manoeuvres",)))),
+    *_of(PLANAR.name, files.PLANAR_MODEL, (("runs",),)),
+    Step("tune", "tune", files.TUNING, "tune", (), (f"diagnosis/{files.DIAGNOSIS.file}", "yaw/yaw_model.json")),
+)
+STEP_NAMES = (*(step.name for step in STEPS), REPORT)
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What a step left: its folder, what its result file holds, and its manifest (None if there is none)."""
+
+    step: Step
+    folder: Path
+    file: Any
+    manifest: Manifest | None
+
+    @property
+    def dof(self) -> Dof:
+        return self.file.dof
+
+    @property
+    def logs(self) -> set[str | None]:
+        """Hashes of the logs that it read."""
+        return {entry.sha256 for entry in self.manifest.inputs if entry.role == "log"} if self.manifest else set()
+
+    def markdown(self) -> str:
+        paths = sorted(self.folder.glob("*.md"))
+        return "\n\n".join(path.read_text(encoding="utf-8", errors="replace") for path in paths)
+
+    def picture(self, stem: str, caption: str) -> str:
+        """Write the line that shows a figure; nothing if it was not drawn."""
+        kinds = [kind for kind in ("png", "svg") if (self.folder / f"{stem}.{kind}").is_file()]
+        return f"![{escape(caption)}]({self.step.folder}/{stem}.{kinds[0]})" if kinds else ""
+
+
+Steps = Mapping[str, StepResult]
+"""The steps that are there, by the names of their folders, in their order."""
+
+
+def read_steps(folder: Path, steps: Iterable[Step] = STEPS) -> Steps:
+    """Read those of the steps that are there. Raises OutputError for a file that automarine did not write so."""
+    results = {}
+    for step in steps:
+        path = folder / step.folder / step.kind.file
+        if path.is_file():
+            file, manifest = step.kind.read(path, f"{step.folder}/{path.name}", OutputError), path.with_name(MANIFEST)
+            record = read_manifest(manifest) if manifest.is_file() else None
+            results[step.folder] = StepResult(step, path.parent, file, record)
+    return results
+
+
+@dataclass(frozen=True)
+class StepOutcome:
+    """What became of a step: it was "done", "kept", "skipped" or "refused", and why."""
+
+    step: str
+    did: str
+    why: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignRun(Shown):
+    """What `run` did in the folder `out`: its result file, its steps and their results; or why the campaign as a whole
+    was refused."""
+
+    out: Path
+    content: files.RunFile
+    steps: tuple[StepOutcome, ...] = ()
+    results: Steps = field(default_factory=dict)
+    refusal: str = ""
+
+    @property
+    def says(self) -> dict[str, str]:
+        return headlines(self.results)
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """The steps whose data or fit was refused, with the reason."""
+        steps = (f"{step.step}: {step.why}" for step in self.steps if step.did == "refused")
+        return tuple(filter(None, [self.refusal, *steps]))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the manifests of the steps warn of."""
+        manifests = {result.step.name: result.manifest for result in self.results.values()}
+        return tuple(f"{name}: {line}" for name, there in manifests.items() if there for line in there.warnings)
+
+    def to_json(self) -> dict[str, object]:
+        """Give the result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
+        return to_mapping(self.content)
+
+
+@dataclass(frozen=True, repr=False)
+class Campaigns(Shown):
+    """What `run` of several campaigns did in the folder `out`, by their names."""
+
+    out: Path
+    campaigns: Mapping[str, CampaignRun]
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        return tuple(f"{name}: {why}" for name, run in self.campaigns.items() for why in run.refused)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return tuple(f"{name}: {warning}" for name, run in self.campaigns.items() for warning in run.warnings)
+
+    def to_json(self) -> dict[str, object]:
+        """Give the result file: schema automarine/campaigns/1."""
+        entries = []
+        for name, run in self.campaigns.items():
+            says, about = run.says, {"name": name, "title": run.content.title}
+            steps = [to_mapping(step) | {"says": says.get(step.step, "")} for step in run.content.steps]
+            entries.append(
+                about | {"steps": steps, "cautions": list(run.content.cautions), "refused": list(run.refused)}
+            )
+        return {"schema": "automarine/campaigns/1", "campaigns": entries}
+
+
+@sections.register
+def _(result: CampaignRun) -> Sections:
+    says, did = result.says, {step.step: step.did for step in result.steps}
+    rows = [
+        {"step": step.step, "": step.did, "because": (step.did != "refused" and step.why) or MISSING,
+         "result": says.get(step.step, MISSING)}
+        for step in result.steps
+    ]  # fmt: skip
+    written = () if REPORT not in did else FILES if did[REPORT] in ("done", "kept") else ("run.json",)
+    folders = [f"{folder}/" for folder in result.results]
+    return Sections([Table.of("", rows), *result.content.cautions], listed=(*written, *folders))
+
+
+@sections.register
+def _(result: Campaigns) -> Sections:
+    rows = []
+    for name, run in result.campaigns.items():
+        cells = {step: run.says.get(step, MISSING) for step in ("fit-yaw", "validate", "diagnose")}
+        rows.append({"campaign": name} | cells | {"refused": "; ".join(run.refused) or MISSING})
+    table = Table.of("", rows)
+    written: dict[str, Content] = {"campaigns.json": result.to_json(), "campaigns.csv": table.to_csv()}
+    folders = [f"{name}/" for name in list(result.campaigns)[:MOST_NAMED]]
+    return Sections([table], written, listed=("campaigns.csv", "campaigns.json", *folders))
+
+
+def cautions(thrusters: files.ThrusterFile | None, supply: float | None) -> list[str]:
+    """Say what does not fit together between the thruster tests and the vehicle: other voltages than its supply."""
+    if supply is None or thrusters is None or thrusters.voltage_range_V is None:
+        return []
+    low, high = thrusters.voltage_range_V
+    if low / SAME_VOLTAGE <= supply <= high * SAME_VOLTAGE:
+        return []
+    nearest, volts = low if supply < low else high, number(supply, 3)
+    tested = " to ".join(dict.fromkeys(number(end, 3) for end in (low, high)))
+    entries = (entry for entry in thrusters.voltage_exponent.values() if isinstance(entry, files.VoltagePower))
+    powers, size = [at.value for entry in entries if (at := entry.thrust_at_fixed_n) and at.value is not None], ""
+    if powers and (power := sum(powers) / len(powers)):
+        size = (
+            f" Thrust grows with the voltage to the power {number(power, 3)}, so expect it to be "
+            f"{number((supply / nearest) ** power, 3)} times that at {number(nearest, 3)} V."
+        )
+    return [
+        f"The thrusters were tested at {tested} V, the vehicle's supply is {volts} V: the map is extrapolated.{size} "
+        "Test at the supply voltage."
+    ]
+
+
+@dataclass(frozen=True)
+class Report:
+    """The report's files in memory, the steps that it tells of, and the folder `out` where it is."""
+
+    files: Mapping[str, str]
+    steps: Steps
+    out: Path
+
+    def to_json(self) -> dict[str, object]:
+        """Give what is in it: schema automarine/report/1."""
+        missing = [step.folder for step in STEPS if step.always and step.folder not in self.steps]
+        return {"schema": "automarine/report/1", "files": list(self.files), "steps": list(self.steps),
+                "missing": missing}  # fmt: skip
+
+
+@sections.register
+def _(result: Report) -> Sections:
+    return Sections([], listed=tuple(result.files))
+
+
+def make_report(folder: Path, title: str | None = None, ran: files.RunFile | None = None) -> Report:
+    """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
+
+    Without a `title` it is that of what was identified. Steps that have no result have a line that says why.
+    Raises OutputError if there is none at all.
+    """
+    steps, ran = read_steps(folder), ran or files.RunFile("")
+    if not steps:
+        raise OutputError(
+            f"{folder}: none of the folders {', '.join(step.folder for step in STEPS if step.always)} with results is "
+            "here; give a folder that automarine run made, or write the results of single commands into folders of "
+            "these names"
+        )
+    motions = [name for name in DOFS if any(step.section == name and step.folder in steps for step in STEPS)]
+    title = title or f"{' and '.join(motions or [YAW.name])} identification".capitalize()
+    lines = {step.name: "not run" for step in STEPS if step.always}
+    lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
+    lines |= headlines(steps)
+    logs = steps["check"].markdown() if "check" in steps else ""
+    text = document(
+        f"# {escape(title)}",
+        *(f"**{step.step} was refused:** {escape(step.refused)}" for step in ran.steps if step.refused),
+        *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
+        Table.of("", [{"step": name, "result": lines[name]} for name in STEP_NAMES if name in lines]),
+        bullets(escape(f"Caution: {line}") for line in ran.cautions),
+        *(block for result in steps.values() if result.step.name != "check" for block in _page(result, steps)),
+        *(["## Logs", *_folded("Every run", logs, "check/check.md")] if logs else []),
+        *_set_aside(steps),
+        *_manifests(steps),
+    )
+    return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
+
+
+def captions(dof: Dof) -> dict[str, str]:
+    """Say what each figure shows, by its name."""
+    texts = {dof.fill(stem).replace("-", "_"): dof.fill(text) for stem, text in CAPTIONS.items()}
+    return {stem: f"{text[0].upper()}{text[1:]}" for stem, text in texts.items()}
+
+
+def _refusal(file: Any) -> str:
+    """Why a model must not be used; empty where it may, and for results of other kinds."""
+    if isinstance(file, files.ValidationFile):
+        return file.use.refusal
+    return file.prediction.refusal if isinstance(file, files.ModelFile | files.PlanarFile) else ""
+
+
+def headlines(steps: Steps) -> dict[str, str]:
+    """Say what each result is in a few words, by the name of its step: first that a model must not be used, where so;
+    models with what a diagnosis named."""
+    return {
+        result.step.name: "not usable: " * bool(_refusal(result.file)) + _headline(result, steps)
+        for result in steps.values()
+    }
+
+
+def _headline(result: StepResult, steps: Steps) -> str:
+    file = result.file
+    match file:
+        case files.CheckFile():
+            idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
+            aside = len(file.runs.set_aside)
+            parts = [f"{file.logs} log{'s' * (file.logs != 1)}", _runs(file.runs.used)]
+            parts += [f"{idle} without a half-turn"] * bool(idle) + [f"{aside} set aside"] * bool(aside)
+            return ", ".join(parts)
+        case files.ThrusterFile():
+            laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
+            values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
+            error = f"R² {number(file.r2)}, error {number(file.rmse_percent, 2)} % of full scale"
+            return f"{file.chosen or file.form} law{values}, {error}"
+        case files.ModelFile():
+            return _of_model(file, result.dof, steps)
+        case files.PlanarFile():
+            masses = {name: value for name, value in file.parameters.items() if name in MASSES}
+            return f"{file.structure}: {_values(masses)}" if masses else file.structure
+        case files.ValidationFile():
+            return _of_validation(file, result, steps)
+        case files.DiagnosisFile():
+            names = ", ".join(effect.name for effect in file.effects)
+            verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
+            return f"{verdict}; gap {number(file.before, 3)} to {number(file.after, 3)} {file.unit}"
+    return f"{file.verdict.replace('-', ' ')} for {file.target}"
+
+
+def _of_model(file: files.ModelFile, dof: Dof, steps: Steps) -> str:
+    """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
+    keys, before = {dof.symbols.quadratic_print: dof.symbols.quadratic}, dict(file.main_parameters())
+    added, base = _added_by(steps, dof)
+    after = {name: base[keys.get(name, name)].after for name in before if keys.get(name, name) in base}
+    if len(after) < len(before):
+        return f"model {file.preferred}: {_values(before)}"
+    alone = ", ".join(number(value.value) for value in before.values())
+    return f"model {file.preferred} with {added}: {_values(after)} (without: {alone})"
+
+
+def _of_validation(file: files.ValidationFile, result: StepResult, steps: Steps) -> str:
+    """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
+    dof, planar = result.dof, file.motion == PLANAR.name
+    model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
+    score, fit = file.models[model], steps.get(PLANAR.name if planar else dof.name)
+    logs = fit.logs if fit else set()
+    again = len(logs & result.logs)
+    fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
+    band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
+    error, over = f"{number(score.rmse, 3)}{band} {dof.units.key} free run", f"over {_runs(file.runs.used)}{fitted}"
+    if planar:
+        return f"heading {error} {over}"
+    added, _ = _added_by(steps, dof)
+    best = f" (best: model {file.best}, {number(file.models[file.best].rmse, 3)})" if model != file.best else ""
+    others = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
+    return f"without {added}, " * bool(added) + f"model {model}: {error}{best}, {others} {dof.units.key}, {over}"
+
+
+def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, files.Moved]]:
+    """Name what the diagnosis of a motion added to its model, and give the parameters that moved; empty for nothing."""
+    result = steps.get("diagnosis" if dof is YAW else f"{dof.name}_diagnosis")
+    if result is None or result.file.verdict != "named" or result.file.of_thrusters:
+        return "", {}
+    return " and ".join(effect.name for effect in result.file.effects), result.file.base
+
+
+def _runs(count: int) -> str:
+    return f"{count} run{'s' * (count != 1)}"
+
+
+def _values(parameters: Mapping[str, files.Given]) -> str:
+    return ", ".join(f"{name} {_interval(value)}" for name, value in parameters.items())
+
+
+def _interval(value: files.Given) -> str:
+    return f"{interval(value.estimate)} {value.unit}".rstrip() if value.estimate else number(value.value)
+
+
+def _page(result: StepResult, steps: Steps) -> list[str]:
+    """The page of a step: its Markdown with headings a level lower and pictures by their place from here, then the
+    figures that it does not show."""
+    dof, file, texts, first = result.dof, result.file, captions(result.dof), list[str]()
+    markdown = result.markdown()
+    if isinstance(file, files.ModelFile):
+        added, _ = _added_by(steps, dof)
+        first = [f"This is the model without {added}, which the diagnosis added: the final numbers are at the top."]
+        first = [*first * bool(added), file.preferred_because, *sentences_of(file.channels, dof)]
+        first += [str(file.buoyancy.get("says", "")), *(f"Warning: {line}" for line in file.warnings)]
+        first = [line for text in first if (line := escape(text)).removeprefix("Warning: ") not in markdown]
+    if isinstance(file, files.ValidationFile):
+        about = dof.fill("measured and simulated {position}, their difference, the {force}")
+        texts = {f"validation_{stem}": f"Run {run}: {about}" for run, stem in zip(file.logs, file_stems([*file.logs]))}
+    text = re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", markdown), flags=re.MULTILINE)
+    text = re.sub(r"^\*\*(Table \d.*)\*\*$", r"### \1", text, flags=re.MULTILINE)
+    inside = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
+    text = inside.sub(lambda match: result.picture(match[2], texts.get(match[2], match[1])), text)
+    apart = [(stem, caption) for stem, caption in texts.items() if f"/{stem}." not in text]
+    pictures = [line for stem, caption in apart[:MOST_FIGURES] if (line := result.picture(stem, caption))]
+    blocks = [f"## {result.step.title}", *first, text, *["### Figures"] * bool(pictures), *pictures[:OPEN_FIGURES]]
+    if pictures[OPEN_FIGURES:]:
+        blocks += _fold(f"{len(pictures) - OPEN_FIGURES} more runs", *pictures[OPEN_FIGURES:])
+    if len(apart) > MOST_FIGURES:
+        blocks.append(f"The figures of {len(apart) - MOST_FIGURES} more runs are in the folder {result.step.folder}.")
+    return blocks
+
+
+def _fold(summary: str, *blocks: str) -> list[str]:
+    return [f"<details><summary>{summary}</summary>", *blocks, "</details>"]
+
+
+def _folded(summary: str, table: str, place: str) -> list[str]:
+    """A long table folded away; of a very long one only where it stands."""
+    return _fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
+
+
+def _set_aside(steps: Steps) -> list[str]:
+    folders: dict[files.SetAside, list[str]] = {}
+    for folder, result in steps.items():
+        for run in result.file.runs.set_aside:
+            folders.setdefault(run, []).append(folder)
+    rows = [
+        {"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)}
+        for run, names in folders.items()
+    ]
+    return ["## Runs set aside", Table.of("", rows).to_markdown()] if rows else []
+
+
+def _manifests(steps: Steps) -> list[str]:
+    manifests = {folder: result.manifest for folder, result in steps.items() if result.manifest}
+    if not manifests:
+        return []
+    rows, inputs, versions = [], [], set()
+    for folder, manifest in manifests.items():
+        changed = {key: value for key, value in manifest.options.items() if value not in (None, False, [], "", "auto")}
+        settings = [
+            key if value is True else f"{key} {value}"
+            for key, value in changed.items()
+            if not isinstance(value, dict | list) and (key, value) != ("figures", True)
+        ]
+        rows.append({
+            "folder": folder, "command": f"automarine {manifest.command}",
+            "non-default settings": ", ".join(settings) or "none",
+            "seed": "" if manifest.seed is None else manifest.seed, "inputs": len(manifest.inputs),
+        })  # fmt: skip
+        versions.add(", ".join(map(" ".join, [("automarine", manifest.automarine), *manifest.libraries.items()])))
+        inputs += [(folder, entry.role, entry.file, entry.sha256 or "not readable") for entry in manifest.inputs]
+    hashes = Table("", ("folder", "as", "file", "SHA-256"), tuple(inputs)).to_markdown()
+    return [
+        "## How this was made",
+        Table.of("", rows).to_markdown(),
+        *(f"Versions: {escape(line)}." for line in sorted(versions)),
+        "`automarine verify` on each folder says whether anything in it has changed.",
+        *_folded("Every input and its SHA-256", hashes, "manifest.json"),
+    ]
