@@ -12,9 +12,8 @@ from automarine_cli.dofs import YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity
-from automarine_cli.runs.clean import GAP_IN_PERIODS
-from automarine_cli.runs.noise import position_noise
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.load import GAP_IN_PERIODS
+from automarine_cli.runs.run import Run, position_noise
 
 SMOOTHED = 1.0  # s over which a position is smoothed for its rate
 FEWEST_RUNS = 3  # for an interval over runs

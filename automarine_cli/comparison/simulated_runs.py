@@ -23,9 +23,8 @@ from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity, velocity_noise
-from automarine_cli.runs.noise import position_noise, slope
-from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import segments
+from automarine_cli.runs.half_turn import segments
+from automarine_cli.runs.run import Run, position_noise, slope
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
 

@@ -49,8 +49,7 @@ from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.planar_store import StoredPlanar
-from automarine_cli.models.store import StoredModels
+from automarine_cli.models.store import StoredModels, StoredPlanar
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.pipeline.records import Shown

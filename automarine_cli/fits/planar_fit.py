@@ -39,7 +39,7 @@ from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.whole_runs import OutputErrorFit, prefer, rough_model, run_covariance, run_dof
 from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
-from automarine_cli.models.planar_store import planar_json, units
+from automarine_cli.models.store import planar_json, units
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, runs_json

@@ -11,10 +11,9 @@ import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.cautions import DRAG, INERTIA
 from automarine_cli.fits.driven import Use
 from automarine_cli.fits.half_turns import instant
-from automarine_cli.fits.identify import YawFit, effect_estimates
+from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, fit_sentences
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit

@@ -16,7 +16,7 @@ from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, 
 from automarine_cli.comparison.validation import PlanarValidation, planar_scored
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import planar_json
+from automarine_cli.models.store import planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.figures.runs import planar_figure
 from automarine_cli.report.validation_report import planar_table

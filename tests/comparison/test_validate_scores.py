@@ -29,7 +29,7 @@ from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.validation_report import overall_table
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.propulsion import parts_of
+from automarine_cli.thrusters.map import parts_of
 
 Floats = NDArray[np.float64]
 TRUE = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
