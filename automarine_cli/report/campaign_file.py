@@ -12,7 +12,7 @@ from textwrap import wrap
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
-from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
+from automarine_cli.logs.columns import BY, CANONICAL, RUN, names_of
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, in_words, to_mapping, toml_line
