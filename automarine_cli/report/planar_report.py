@@ -6,7 +6,7 @@ from functools import partial
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_fit import HEADING, UNITS, PlanarFit, PlanarUse, shown
 from automarine_cli.models.store import units
-from automarine_cli.report.figures.runs import planar_runs_figure
+from automarine_cli.report.figures.runs import driven_runs_figure
 from automarine_cli.report.sections import Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number
 
@@ -27,15 +27,12 @@ def _(fit: PlanarFit) -> Sections:
     first = (*use[:1], *(f"Warning: {line}" for line in fit.disturbed), *use[1:], *filter(None, [fit.choice.because]))
     rest = list(sentences(fit))
     tables = [parameter_table(fit), *([] if fit.use is None else [prediction_table(fit.use)]), structure_table(fit)]
+    rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
-    files["planar.md"] = document(*tables, *first, *rest)
-    return Sections(
-        [*first, *tables, *rest],
-        files,
-        {} if fit.use is None else {"planar_runs": partial(planar_runs_figure, fit.runs, fit.use)},
-        ("planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"),
-        [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()],
-    )
+    files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *rest)}
+    drawings = {} if fit.use is None else {"planar_runs": partial(driven_runs_figure, fit, fit.use)}
+    listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
+    return Sections([*first, *tables, *rest], files, drawings, listed, rows)
 
 
 def sentences(fit: PlanarFit) -> Iterator[str]:
@@ -52,21 +49,17 @@ def sentences(fit: PlanarFit) -> Iterator[str]:
 def prediction_table(use: PlanarUse) -> Table:
     """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
     alone = {ahead.horizon: number(float(YAW.shown(ahead.error)), 3) for ahead in use.yaw_only}
-    rows = [
-        {
-            "of": f"{name}, {UNITS[name]}", "s ahead": f"{ahead.horizon:g}",
-            "model": number(shown(name, ahead.error), 3),
-            "constant rate": number(shown(name, ahead.constant_rate), 3),
-            "constant": number(shown(name, ahead.constant), 3),
-            "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
-            "predictions": ahead.count,
-        }
-        for name, horizons in use.worth.items()
-        for ahead in horizons
-    ]  # fmt: skip
-    whose = (
-        "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run of the fit"
-    )
+    rows = []
+    for name, horizons in use.worth.items():
+        for ahead in horizons:
+            sizes = {"model": ahead.error, "constant rate": ahead.constant_rate, "constant": ahead.constant}
+            rows.append({
+                "of": f"{name}, {UNITS[name]}", "s ahead": f"{ahead.horizon:g}",
+                **{word: number(shown(name, size), 3) for word, size in sizes.items()},
+                "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
+                "predictions": ahead.count,
+            })  # fmt: skip
+    whose = "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run fitted"
     return Table.of("Predictions", rows, [
         f"Root mean square errors. {whose}, from its filtered state, which knows the readings until then, by the "
         "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
@@ -75,16 +68,10 @@ def prediction_table(use: PlanarUse) -> Table:
 
 def parameter_table(fit: PlanarFit) -> Table:
     """Lay out the parameters that were identified."""
-    rows = []
-    for name, estimate in fit.estimates.items():
-        low, high = map(number, estimate.ci95)
-        stderr, between = number(estimate.stderr, 2), f"{low} to {high}{' (known)' * estimate.known}"
-        if estimate.at_bound or (estimate.known and not estimate.stderr):
-            stderr, between = MISSING, "at its bound" if estimate.at_bound else "known"
-        rows.append({
-            "parameter": name, "meaning": WORDS.get(name, ""), "value": estimate.value, "standard error": stderr,
-            "95 % interval": between, "unit": estimate.unit,
-        })  # fmt: skip
+    rows = [
+        {"parameter": name, "meaning": WORDS.get(name, ""), "value [95 % interval]": estimate, "unit": estimate.unit}
+        for name, estimate in fit.estimates.items()
+    ]
     return Table.of("Surge, sway and yaw together", rows, [
         "Masses and drags are positive where they resist, as in m_u u' = X - X_u u; Fossen's derivatives of these "
         "names are their negatives.",

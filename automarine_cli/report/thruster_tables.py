@@ -1,12 +1,12 @@
 """Sections of `fit-thrusters`: coefficients, forms, voltages, flagged points; and the points as CSV."""
 
 import re
-from collections.abc import Iterator
 from functools import partial
 from itertools import count
 
 import numpy as np
 
+from automarine_cli.estimate import Estimate
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number
@@ -19,7 +19,7 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 
 @sections.register
 def _(fit: ThrusterFit) -> Sections:
-    maps, lines = tables(fit), sentences(fit)
+    maps, lines, analysis = tables(fit), sentences(fit), fit.analysis
     page = document("# Thruster map", "![Thrust](thrusters.png)", *maps, bullets(map(escape, lines)))
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(), "thrusters.csv": points_csv(fit), "thrusters.md": page
@@ -29,31 +29,38 @@ def _(fit: ThrusterFit) -> Sections:
             stem = "thrusters_" + (re.sub(r"[^A-Za-z0-9.+-]+", "_", name).strip("_.") or "unnamed")
             file = next(file for i in count(1) if (file := f"{stem}{f'_{i}' * (i > 1)}.json") not in files)
             files[file] = part.to_json()
-    return Sections([*maps, *lines], files, {"thrusters": partial(thruster_figure, fit)}, rows=tuple(_rows(fit)))
+    chosen = {} if _is_square(analysis) else analysis.estimates
+    rows = [
+        {"direction": side, "form": form, "parameter": name} | cells(value)
+        for form, values in (
+            (analysis.chosen.form.name, chosen), ("square", {("a", side): law for side, law in analysis.square.items()})
+        )
+        for (name, side), value in values.items()
+    ]  # fmt: skip
+    return Sections([*maps, *lines], files, {"thrusters": partial(thruster_figure, fit)}, rows=rows)
 
 
-def _rows(fit: ThrusterFit) -> Iterator[dict[str, object]]:
-    analysis = fit.analysis
-    if not _square(analysis):
-        for (name, side), parameter in analysis.estimates.items():
-            yield {"direction": side, "form": analysis.chosen.form.name, "parameter": name} | cells(parameter)
-    for side, law in analysis.square.items():
-        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(law)
-
-
-def cells(parameter: Parameter) -> dict[str, object]:
+def cells(value: Parameter | Estimate) -> dict[str, object]:
     """Give a parameter as the cells of a row; without an interval where a bound holds it."""
-    if parameter.estimate is None:
-        return {"value": parameter.value, "unit": parameter.unit}
-    return numbers(parameter.estimate)
+    estimate = value if isinstance(value, Estimate) else value.estimate
+    return {"value": value.value, "unit": value.unit} if estimate is None else numbers(estimate)
+
+
+def parameter_cell(value: Parameter | Estimate) -> Estimate | str:
+    """Give a parameter as one cell: its estimate, or its value and why that has no interval."""
+    if isinstance(value, Estimate) or value.estimate is not None:
+        return value if isinstance(value, Estimate) else value.estimate or MISSING
+    if value.value is None:
+        return value.why or "beyond what was measured"
+    return ", ".join(filter(None, (number(value.value), value.why)))
 
 
 def tables(result: ThrusterFit) -> tuple[Table, ...]:
     """Make all tables that the result has something for, in the order of reading: the map that is used leads."""
-    maps = [coefficients(result), forms(result), parameters(result)]
+    maps = [coefficients(result), forms(result)]
     return (
         *([thrusters(result)] if result.parts else []),
-        *(maps if _square(result.analysis) else reversed(maps)),
+        *(maps if _is_square(result.analysis) else [parameters(result), *reversed(maps)]),
         *([voltages(result)] if result.voltages else []),
         *([exponents(result)] if any(result.exponents.values()) else []),
         *([flagged(result)] if np.any(result.points.flag != "") else []),
@@ -62,12 +69,11 @@ def tables(result: ThrusterFit) -> tuple[Table, ...]:
 
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
     """Say why this form, the tare, and what was left out."""
-    dropped = result.reduction.dropped
-    parts = [f"{count} {name.replace('_', ' ')}" for name, count in dropped.items() if count]
-    said = [result.analysis.because, result.tare.says]
-    if result.reduction.plateaus:
+    said, reduction = [result.analysis.because, result.tare.says], result.reduction
+    if reduction.plateaus:
+        parts = [f"{count} {name.replace('_', ' ')}" for name, count in reduction.dropped.items() if count]
         left = f"; left out: {', '.join(parts)}" if parts else ""
-        said.append(f"{result.reduction.samples} samples were reduced to {result.reduction.plateaus} plateaus{left}.")
+        said.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{left}.")
     if result.logs.missing:
         said.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
     return (*said, *result.notes)
@@ -80,8 +86,10 @@ def thrusters(result: ThrusterFit) -> Table:
         row: dict[str, object] = {result.logs.by: part.name, "points": None if part.why else part.points}
         for side, _ in SIDES:
             off = part.percent.get(side)
-            row[f"a {side} [{unit}]"] = part.law.get(side)
-            row[f"{side} from the others"] = None if off is None else f"{off:+.1f} %"
+            row |= {
+                f"a {side} [{unit}]": part.law.get(side),
+                f"{side} from the others": MISSING if off is None else f"{off:+.1f} %",
+            }
         rows.append(row | {"beyond chance": part.why or ("differs" if part.differs else "alike")})
     return Table.of(f"Each thruster by itself (column {result.logs.by})", rows, [
         "Square laws [95 % interval] against the median of the others; a thruster differs where chance is below 5 % "
@@ -96,11 +104,10 @@ def coefficients(result: ThrusterFit) -> Table:
         law = analysis.square.get(side)
         row = {"direction": side, "a, one thruster": law}
         if count > 1:
-            row[f"a, {count} thrusters together"] = None if law is None else scaled(law, count)
+            row[f"a, {count} thrusters together"] = law and scaled(law, count)
         rows.append(row | {
-            "unit": analysis.without.get(side, "") if law is None else law.unit,
-            "points": np.count_nonzero(analysis.points.n * sign > 0),
-            "levels": analysis.levels.get(side, 0),
+            "unit": law.unit if law else analysis.without.get(side, ""),
+            "points": np.count_nonzero(analysis.points.n * sign > 0), "levels": analysis.levels.get(side, 0),
         })  # fmt: skip
     errors = _errors(analysis, analysis.law, analysis.r2)
     return Table.of("Square law F = a |n| n, least squares [95 % interval]", rows, [errors])
@@ -123,23 +130,18 @@ def forms(result: ThrusterFit) -> Table:
 
 
 def parameters(result: ThrusterFit) -> Table:
-    """Lay out the chosen form's parameters, and how well it fits; the square law says that beside its a."""
+    """Lay out the chosen form's parameters, and how well it fits."""
     analysis, chosen = result.analysis, result.analysis.chosen
     rows = [
-        {"direction": side, "parameter": name, "value [95 % interval]": value.estimate or _held(value),
-         "unit": value.unit}
+        {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value), "unit": value.unit}
         for (name, side), value in analysis.estimates.items()
-    ]  # fmt: skip
-    errors = [] if _square(analysis) else [_errors(analysis, chosen, analysis.chosen_r2)]
+    ]
+    errors = [_errors(analysis, chosen, analysis.chosen_r2)]
     return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, errors)
 
 
-def _square(analysis: Analysis) -> bool:
+def _is_square(analysis: Analysis) -> bool:
     return analysis.chosen.form.name == "square"
-
-
-def _held(parameter: Parameter) -> str:
-    return parameter.why if parameter.value is None else f"{number(parameter.value)}, {parameter.why}"
 
 
 def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
@@ -148,11 +150,10 @@ def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
         f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
         f"full scale ({number(analysis.full_scale)} N){cross}."
     )
-    less = int(np.count_nonzero(analysis.points.flag != ""))
-    if not less:
+    if not (less := int(np.count_nonzero(analysis.points.flag != ""))):
         return said
-    whole = number(analysis.over_all(score), 3)
-    return f"{said} Over all points alike the rmse is {whole} N: {less} of {len(analysis.points)} weigh less above."
+    every = number(analysis.over_all(score), 3)
+    return f"{said} Over all points alike the rmse is {every} N: {less} of {len(analysis.points)} weigh less above."
 
 
 def voltages(result: ThrusterFit) -> Table:
@@ -163,8 +164,7 @@ def voltages(result: ThrusterFit) -> Table:
             "voltage [V]": volts, **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},
             "square law [%]": number(analysis.percent(analysis.law.rmse), 3),
             "chosen form": analysis.chosen.form.name,
-            "chosen form [%]": number(analysis.percent(analysis.chosen.rmse), 3),
-            "full scale [N]": analysis.full_scale,
+            "chosen form [%]": number(analysis.percent(analysis.chosen.rmse), 3), "full scale [N]": analysis.full_scale,
         }
         for volts, analysis in result.voltages
     ])  # fmt: skip
@@ -172,16 +172,16 @@ def voltages(result: ThrusterFit) -> Table:
 
 def exponents(result: ThrusterFit) -> Table:
     """Lay out thrust against voltage as a power law, at a fixed control signal and through a."""
-    return Table.of("Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]", [
-        {
-            "direction": side, "p": power.exponent,
-            "between neighbouring voltages": ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in
-                                                       power.between) or MISSING,
-            "exponent of a": power.coefficient, "drift of a, lowest to highest": f"{power.drift_percent:+.1f} %",
-        }
-        for side, _ in SIDES
-        if (power := result.exponents.get(side)) is not None
-    ])  # fmt: skip
+    rows = []
+    for side, power in ((side, result.exponents.get(side)) for side, _ in SIDES):
+        if power is not None:
+            between = ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in power.between)
+            rows.append({
+                "direction": side, "p": power.exponent, "between neighbouring voltages": between or MISSING,
+                "exponent of a": power.coefficient, "drift of a, lowest to highest": f"{power.drift_percent:+.1f} %",
+            })  # fmt: skip
+    title = "Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]"
+    return Table.of(title, rows)
 
 
 def flagged(result: ThrusterFit) -> Table:

@@ -13,7 +13,15 @@ from click.testing import CliRunner
 from made_planar import HIDDEN, campaign, log
 
 from automarine_cli.commands import automarine
-from automarine_cli.diagnosis.planar import Contender, PlanarSearch, base_of, find_missing, find_planar_where, foretold
+from automarine_cli.diagnosis.planar import (
+    Contender,
+    PlanarDiagnosis,
+    PlanarSearch,
+    base_of,
+    find_missing,
+    find_planar_where,
+    foretold,
+)
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
@@ -22,7 +30,8 @@ from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.store import StoredPlanar, load_planar_model, planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.diagnosis_report import planar_verdict
-from automarine_cli.report.figures.diagnosis import planar_before_after_figure, planar_why_figure, where_figure
+from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure
+from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import load_planar
 
@@ -110,14 +119,14 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
 
 def test_the_evidence_shows_every_candidate() -> None:
     found = searched("N_v")
-    (bars,) = planar_why_figure(found).axes
+    (bars,) = sections(PlanarDiagnosis(found, (), "")).figures["why"]().axes
     assert len(bars.patches) == len(found.rounds[0].promised) > 8
     assert bars.get_yticklabels()[-1].get_text() == "cross-coupling N_v"
 
 
 @pytest.mark.parametrize("kind", ["N_v", pytest.param("current", marks=pytest.mark.slow)])
 def test_before_and_after_are_drawn_beside_what_was_measured(kind: str) -> None:
-    figure = planar_before_after_figure(searched(kind))
+    figure = before_after_figure(searched(kind))
     errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
     assert errors and len({axes.get_ylim() for axes in errors}) == 1
     tracks = [axes for axes in figure.axes if axes.get_xlabel() == "East [m]"]
@@ -125,6 +134,8 @@ def test_before_and_after_are_drawn_beside_what_was_measured(kind: str) -> None:
     for axes in tracks:
         measured, before, after = axes.lines
         assert len(measured.get_xdata()) > 0 and len(before.get_xdata()) == len(after.get_xdata()) > 0
+        (low, high), east = axes.get_xlim(), np.asarray(measured.get_xdata())
+        assert low < east.min() and east.max() < high and high - low < 2.0 * np.ptp(east) + 1.0
     assert figure.axes[-1].get_xlabel() == "gap before [deg]"
 
 
@@ -142,7 +153,9 @@ def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     model.write_text(json.dumps(planar_json(GIVEN)))
     done = CliRunner().invoke(automarine, ["diagnose", str(tmp_path), "--model", str(model), "-o", str(out)])
     assert done.exit_code == 0, done.output
-    assert done.output.startswith("Named: cross-coupling Y_r; on runs held out the heading is predicted 5 s ahead")
+    assert done.output.startswith(
+        "Named: cross-coupling Y_r; the error of headings predicted 5 s ahead of the runs held"
+    )
     names = {"diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png"}
     assert {path.name for path in out.iterdir()} == {*names, "manifest.json"}
     told = json.loads((out / "diagnosis.json").read_text())

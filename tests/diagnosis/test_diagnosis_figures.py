@@ -1,19 +1,22 @@
 """The figures and the page of a diagnosis: what a person is shown is what was found."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
 
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.diagnosis_report import gap_table, page
-from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report import diagnosis_report  # noqa: F401  registers what a diagnosis shows
+from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure
 from automarine_cli.report.figures.style import FORMATS
-from automarine_cli.report.tables import escape
+from automarine_cli.report.sections import Sections, sections
+from automarine_cli.report.tables import Table, escape
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -39,6 +42,17 @@ def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]
         replace(plan, position=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
         for plan, row in zip(plans, heading)
     ]
+
+
+STORED: Any = SimpleNamespace(preferred="3", moment_unit="nu", dof=YAW, source="model.json")
+
+
+def told(diagnosis: Diagnosis) -> Sections:
+    return sections(MotionDiagnosis(diagnosis, STORED, "", ()))
+
+
+def page(diagnosis: Diagnosis) -> str:
+    return str(told(diagnosis).files["diagnosis.md"])
 
 
 def names_of(model: YawModel) -> set[str]:
@@ -93,7 +107,8 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> N
 
 def test_the_table_of_the_gap_counts_what_was_closed(lag: Diagnosis) -> None:
     diagnosis = lag
-    cells = gap_table(diagnosis).rows[0]
+    table = next(part for part in told(diagnosis).printed if isinstance(part, Table) and part.header[0] == "gap")
+    cells = table.rows[0]
     assert float(str(cells[1])) == pytest.approx(np.degrees(diagnosis.gap.before), abs=0.006)
     assert float(str(cells[2])) == pytest.approx(np.degrees(diagnosis.gap.after), abs=0.006)
     assert int(str(cells[4]).rstrip("%")) > 80
@@ -112,7 +127,7 @@ def test_where_marks_what_stands_out_and_draws_every_variable(lag: Diagnosis) ->
 
 def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
     diagnosis = lag
-    figure = why_figure(diagnosis)
+    figure = told(diagnosis).figures["why"]()
     bars = max(figure.axes, key=lambda axes: len(axes.patches))
     lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
     assert lengths == sorted(lengths) and len(lengths) == len(diagnosis.found.rounds[0].trials)
@@ -133,7 +148,7 @@ def test_before_and_after_share_their_axes(lag: Diagnosis) -> None:
 def test_figures_are_the_same_bytes_each_time(nothing: Diagnosis) -> None:
     diagnosis = nothing
     assert FORMATS["png"](where_figure(diagnosis.where, diagnosis.words))[:4] == b"\x89PNG"
-    for draw in (lambda: why_figure(diagnosis), lambda: before_after_figure(diagnosis)):
+    for draw in (told(diagnosis).figures["why"], lambda: before_after_figure(diagnosis)):
         first = FORMATS["png"](draw())
         assert first[:4] == b"\x89PNG" and first == FORMATS["png"](draw())
 

@@ -53,7 +53,7 @@ CASES = {
         "diagnose pool/steps --model yaw/yaw_model.json", f"{REPORT}.figures.diagnosis.where_figure", "where"
     ),
     "diagnose thrusters": Case(
-        "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.diagnosis.thruster_why_figure",
+        "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.diagnosis.why_figure",
         "why",
     ),
     "compare": Case("compare yaw driven", f"{REPORT}.compare_report.compare_figure", "comparison"),

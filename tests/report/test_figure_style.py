@@ -8,15 +8,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from automarine_cli.report.figures.style import (
-    COLOURS,
-    FORMATS,
-    MODEL_COLOURS,
-    MODEL_LINES,
-    house_style,
-    legend,
-    new_figure,
-)
+from automarine_cli.report.figures.style import COLOURS, FORMATS, MODEL_COLOURS, MODEL_LINES, house_style, new_figure
 
 png, svg, pdf = (FORMATS[kind] for kind in ("png", "svg", "pdf"))
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -31,8 +23,7 @@ def drawn() -> Figure:
         axes[0, 0].plot(x, x * float(model), color=colour, linestyle=MODEL_LINES[model], label=f"model {model}")
     axes[1, 0].plot([0, 1], [0, -1])
     axes[1, 0].set_xlabel(r"moment $\tau$")
-    for ax in axes.flat:
-        legend(ax)
+    axes[0, 0].legend()
     return figure
 
 
@@ -81,12 +72,6 @@ def test_svg_and_pdf_hold_no_date_and_no_program() -> None:
     for word in (b"dc:date", b"CreationDate", b"/Producer", b"/Creator", b"Matplotlib v"):
         assert word not in picture and word not in page
     assert b">model 1</text>" in picture
-
-
-def test_only_axes_with_labels_have_a_legend() -> None:
-    first, second = drawn().axes
-    assert first.get_legend() is not None
-    assert second.get_legend() is None
 
 
 def test_axes_come_as_a_grid() -> None:

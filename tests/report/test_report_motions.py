@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from effect_contract import strange_to
@@ -10,14 +12,14 @@ from matplotlib.figure import Figure
 from repository import SAMPLE_RUNS
 
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.campaign import captions
-from automarine_cli.report.diagnosis_report import page, tables, verdict_sentence
-from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.report.sections import sections
+from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
@@ -120,10 +122,13 @@ def diagnosed(fits: dict[str, YawFit]) -> dict[str, Diagnosis]:
 @pytest.mark.parametrize("name", ["surge", "heave"])
 def test_a_diagnosis_speaks_of_its_motion(diagnosed: dict[str, Diagnosis], name: str) -> None:
     diagnosis, dof = diagnosed[name], FORCES[name]
-    refuse_strange(dof, page(diagnosis).splitlines())
+    stored: Any = SimpleNamespace(preferred="3", moment_unit="N", dof=dof, source="")
+    told = sections(MotionDiagnosis(diagnosis, stored, "", ()))
+    refuse_strange(dof, str(told.files["diagnosis.md"]).splitlines())
     refuse_strange(dof, [verdict_sentence(diagnosis)])
-    refuse_strange(dof, [table.to_markdown() for table in tables(diagnosis)])
-    figures = (before_after_figure(diagnosis), where_figure(diagnosis.where, diagnosis.words), why_figure(diagnosis))
-    for figure in figures:
-        refuse_strange(dof, labels(figure))
-    assert any(THEIRS in text for text in labels(figures[0]))
+    refuse_strange(dof, [part.to_markdown() if isinstance(part, Table) else part for part in told.printed])
+    figures = {name: labels(draw()) for name, draw in told.figures.items()}
+    assert list(figures) == ["where", "why", "before_after"]
+    for texts in figures.values():
+        refuse_strange(dof, texts)
+    assert any(THEIRS in text for text in figures["before_after"])

@@ -15,7 +15,7 @@ from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_th
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.records import schema_in
 from automarine_cli.pipeline.result_files import THRUSTER_MAP
-from automarine_cli.report.diagnosis_report import thruster_sentences
+from automarine_cli.report.diagnosis_report import map_verdict
 from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
@@ -148,7 +148,7 @@ def test_a_gap_that_no_effect_closes_is_unexplained() -> None:
     result = diagnose_thrusters(logs(lambda n: square(n) + 2.5 * np.sin(14.0 * n)), SQUARE)
     assert result.verdict == "unexplained" and result.effects == ()
     assert result.gap.before == result.gap.after > 3 * result.gap.floor
-    assert "correlated along the control signal" in thruster_sentences(result)[0]
+    assert "correlated along the control signal" in map_verdict(result)
 
 
 def test_a_tie_is_suspected_and_not_added() -> None:
@@ -161,7 +161,7 @@ def test_a_tie_is_suspected_and_not_added() -> None:
     (effect,) = result.effects
     assert result.verdict == "suspected" and result.extended_map["form"] == "square"
     assert {effect.name, *(rival.name for rival in effect.rivals)} == {"dead-band", "thrust-exponent"}
-    assert effect.confidence < 0.5 and thruster_sentences(result)[0].startswith("Suspected, not named: ")
+    assert effect.confidence < 0.5 and map_verdict(result).startswith("Suspected, not named: ")
     assert " at n = " in effect.rivals[0].split_by
 
 

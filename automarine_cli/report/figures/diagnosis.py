@@ -1,8 +1,11 @@
 """Figures of diagnoses of motions, the plane and thruster maps: where the gap is, why, and before and after."""
 
+import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial, singledispatch
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,12 +14,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, Diagnosis, Gap
+from automarine_cli.diagnosis.diagnose import NAMED, Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
-from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch, judged
-from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Row, Variable, Where
-from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import JUDGED, Study
+from automarine_cli.diagnosis.planar import PlanarSearch, judged
+from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Looked, Row, Variable, Where
+from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import GAIN
@@ -24,46 +26,54 @@ from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures import style
 from automarine_cli.report.figures.runs import track
-from automarine_cli.simulation.batch import signals_of
-from automarine_cli.thrusters.family import ALPHA, BollardData
 
 BEFORE, AFTER, MARK, RIVAL = (style.COLOURS[name] for name in ("vermilion", "blue", "yellow", "sky"))
-NOT_NEEDED, TRIED, PROMISED = "0.72", "0.55", "0.85"
+STATUS = {"named": AFTER, "suspected": AFTER, "rival": RIVAL, "not needed": "0.6", "not fitted": "0.85"}
+"""Colours of what became of candidates; the bars of those that were not fitted are promises."""
 MOST_PANELS, COLUMNS = 12, 4
 MOST_RUNS_SHOWN = 4
 WIDEST = 104  # letters that have room side by side in the title
 NARROWEST = 0.04  # share of its panel that a marked region takes at least: a narrower one could not be seen
-OF_THE_RUN = 0.1  # share of its range that a variable may vary by within runs and still be shown as one value a run
-LABEL = {"n": "control signal n", "voltage": "supply voltage", "run-order": "run order"}
+LABEL = {
+    "n": "control signal n", "voltage": "supply voltage", "time-in-run": "time in the run",
+    "time-since-command-change": "time since command changed",
+}  # fmt: skip
 
 
-def in_words(variable: Variable, dof: Dof) -> str:
-    others = {
-        "time-since-command-change": "time since command changed", "time-in-run": "time in the run",
-        f"{dof.words.force}-size": f"size of the {dof.words.force}",
-    }  # fmt: skip
-    name = variable.name if variable.logged else others.get(variable.name, variable.name.replace("-", " "))
-    return name + ", by run" * variable.of_the_run + (f" [{variable.unit}]" if variable.unit else "")
+def in_words(variable: Variable) -> str:
+    name = variable.name
+    if not variable.logged:
+        name = re.sub(r"(.+)-size$", r"size of the \1", LABEL.get(name, name)).replace("-", " ")
+    return name + ", by run" * variable.of_the_run + f" [{variable.unit}]" * bool(variable.unit)
 
 
 @style.house_style
-def where_figure(where: Where, words: str, units: str = "runs", less: str = "simulated") -> Figure:
-    """Draw small multiples, one a variable, most significant first, above a heat map of runs by time; `words` are the
-    verdict, `units` are what chance turns the sign of, `less` is what the measured is compared with."""
-    shown = sorted(where.variables, key=_by_significance)[:MOST_PANELS]
-    rows = -(-len(shown) // COLUMNS)
-    heights = (*[1.55] * rows, 2.6)
-    figure, grid = style.new_figure(rows + 1, COLUMNS, style.PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
+def where_figure(looked: Looked, words: str, units: str = "runs", less: str = "simulated") -> Figure:
+    """Draw small multiples, one a variable, most significant first, above a heat map of runs by time where there are
+    runs; `words` are the verdict, `units` are what chance turns, `less` is what the measured is compared with."""
+    dof = looked.dof if isinstance(looked, Where) else None
+    shown = sorted(looked.variables, key=_by_significance)[:MOST_PANELS]
+    columns = COLUMNS if dof else max(min(len(shown), COLUMNS), 1)
+    heights = [1.55 if dof else 2.2] * max(-(-len(shown) // columns), 1)
+    rows = len(heights)
+    heights += [2.6] * bool(dof)
+    figure, grid = style.new_figure(len(heights), columns, style.PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
     panels = grid[:rows].ravel()
     for axes, variable in zip(panels, shown):
-        _bins(axes, variable, in_words(variable, where.dof), _gap_of(variable.telling, where.dof))
+        _bins(axes, variable, dof)
     for axes in panels[len(shown) :]:
         axes.set_axis_off()
-    (heat,) = style.span(figure, grid[rows], slice(None))
-    _heat_map(figure, heat, where, less)
-    out = sum(bool(variable.stands_out.any()) for variable in where.variables)
-    _explain_bins(figure, units)
-    depends = f"{out or 'none'} of {len(where.variables)} variables{' (yellow)' * bool(out)}"
+    if isinstance(looked, Where):
+        (heat,) = style.span(figure, grid[rows], slice(None))
+        _heat_map(figure, heat, looked, less)
+    handles = [
+        Patch(color=MARK, alpha=0.45, label="significant"),
+        Patch(color=BEFORE, alpha=0.3, label=f"mean ± 2 standard errors ({units} as units)"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    out = sum(bool(variable.stands_out.any()) for variable in looked.variables)
+    many = f"{len(looked.variables)} variable{'s' * (len(looked.variables) != 1)}"
+    depends = f"{out or 'none'} of {many}{' (yellow)' * bool(out)}"
     figure.suptitle(f"The error depends on {depends}. Verdict: {words}")
     return figure
 
@@ -72,30 +82,7 @@ def _by_significance(variable: Variable) -> tuple[float, float]:
     return variable.p_value, -float(np.abs(variable.telling.t).max())
 
 
-@style.house_style
-def thruster_where_figure(result: ThrusterDiagnosis) -> Figure:
-    """Draw the gap of the map in the bins of every variable; bins that stand out are shaded."""
-    variables = result.where.variables
-    figure, grid = style.new_figure(1, max(len(variables), 1), style.PAGE_IN, 2.6)
-    for axes, variable in zip(grid[0], variables):
-        unit, row = f" [{variable.unit}]" * bool(variable.unit), variable.telling
-        gap = "log gap" if row.unit == "log" else "along the thrust [N]" if row.directed else "measured − map [N]"
-        _bins(axes, variable, LABEL[variable.name] + unit, gap)
-    _explain_bins(figure, "points")
-    share = result.percent(result.gap.before)
-    figure.suptitle(f"Where the {result.given.form} map is wrong: {share:.2g} % of full scale")
-    return figure
-
-
-def _explain_bins(figure: Figure, units: str) -> None:
-    handles = [
-        Patch(color=MARK, alpha=0.45, label="significant"),
-        Patch(color=BEFORE, alpha=0.3, label=f"mean ± 2 standard errors ({units} as units)"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
-
-
-def _bins(axes: Axes, variable: Variable, label: str, gap_label: str) -> None:
+def _bins(axes: Axes, variable: Variable, dof: Dof | None) -> None:
     """Draw the most telling row of one variable as steps with a band; bins that stand out are shaded."""
     row, edges, out = variable.telling, variable.edges, bool(variable.stands_out.any())
     reach = float(np.ptp(edges))
@@ -112,23 +99,24 @@ def _bins(axes: Axes, variable: Variable, label: str, gap_label: str) -> None:
     most = float(np.max(np.abs(row.mean[have]) + 2 * np.nan_to_num(row.error[have]), initial=1e-9))
     axes.set_ylim(-1.15 * most, 1.15 * most)
     axes.set_xlim(float(edges[0]) - 0.02 * reach, float(edges[-1]) + 0.02 * reach)
+    label = in_words(variable) if dof else in_words(variable).replace(", by run", "")
     axes.set_xlabel(label, labelpad=1, fontsize=7, parse_math=False)
-    axes.set_ylabel(gap_label, labelpad=1, fontsize=6.5)
-    axes.set_title(
-        f"p = {variable.p_value:.2g}" if out else "within chance",
-        fontsize=7, fontweight="bold" if out else "normal", color="black" if out else "0.45", pad=2,
-    )  # fmt: skip
+    axes.set_ylabel(_gap_of(row, dof), labelpad=1, fontsize=6.5)
+    weight, ink = ("bold", "black") if out else ("normal", "0.45")
+    title = f"p = {variable.p_value:.2g}" if out else "within chance"
+    axes.set_title(title, fontsize=7, fontweight=weight, color=ink, pad=2)
     axes.tick_params(labelsize=6)
 
 
-def _gap_of(row: Row, dof: Dof) -> str:
-    force = dof.words.force
+def _gap_of(row: Row, dof: Dof | None) -> str:
     if row.kind == SIZE:
-        return "log gap of the run"
+        return "log size of the gap"
+    if dof is None:
+        return f"measured − map [{row.unit}]" + "\nalong the thrust" * row.directed
     if row.unit == "%":
-        return "own thrust [%]" + (f" × {dof.words.way}" if row.directed else "")
+        return "own thrust [%]" + f" × {dof.words.way}" * row.directed
     word = {THRUST: "gap, equal thrust", dof.words.position: "gap"}.get(row.kind, f"missing {row.kind}")
-    return f"{word} [{row.unit}]" + (f"\nalong the {force}" if row.directed else "")
+    return f"{word} [{row.unit}]" + f"\nalong the {dof.words.force}" * row.directed
 
 
 def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
@@ -156,114 +144,121 @@ def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
     axes.grid(False)
 
 
-Look = Mapping[str, tuple[float, str]]
-"""What each candidate gains over the model in one look at them, and its colour."""
-
-
-def _look(gains: Mapping[str, float], named: Sequence[str], rivals: Sequence[str]) -> Look:
-    colours = dict.fromkeys(rivals, RIVAL) | dict.fromkeys(named, AFTER)
-    return {name: (gain, colours.get(name, NOT_NEEDED)) for name, gain in gains.items()}
-
-
-def why_figure(diagnosis: Diagnosis) -> Figure:
-    """Draw the evidence of every candidate in the first round against the threshold."""
-    found, first = diagnosis.found, diagnosis.found.rounds[0]
-    gains = {trial.added[-1]: first.gain(trial) for trial in first.trials}
-    look = _look(gains, found.final.added, [rival.name for rival in found.rivals])
-    what = "the innovations of driven runs" if diagnosis.study.driven else "the gap"
-    best = "suspected" if diagnosis.verdict == SUSPECTED else "named"
-    return evidence_figure(
-        [look], first.threshold, {best: AFTER, "rival not excluded": RIVAL, "not needed": NOT_NEEDED},
-        f"threshold ({1000 * LEVEL:.0f} in 1000 by chance)",
-        f"Which missing effect would explain {what}.\nVerdict: {diagnosis.words}",
-    )  # fmt: skip
-
-
-def thruster_why_figure(result: ThrusterDiagnosis) -> Figure:
-    """Draw the evidence of every candidate of the first step, in the better direction, against the threshold."""
-    first, names = result.search.steps[0], [effect.name for effect in result.effects]
-    gains = {trial.effect: trial.gain for trial in sorted(first.candidates, key=lambda candidate: candidate.gain)}
-    look = _look(gains, names, [rival.name for effect in result.effects for rival in effect.rivals])
-    words = " and ".join(names) or result.verdict.replace("-", " ")
-    return evidence_figure(
-        [look], first.threshold, {"named or suspected": AFTER, "not needed": NOT_NEEDED},
-        f"threshold ({1000 * ALPHA:.0f} in 1000 by chance)",
-        f"Which missing effect would explain the gap. Verdict: {words}",
-    )  # fmt: skip
-
-
-def planar_why_figure(search: PlanarSearch) -> Figure:
-    """Draw the deviance that each candidate gains, of those that were fitted, or is promised to gain, look by look."""
-    looks = []
-    for look in search.steps or search.rounds[:1]:
-        fitted = {contender.candidate.added: contender for contender in look.tried}
-        rivals = {rival.candidate.added for rival in look.rivals}
-        best = look.best.candidate.added if look.best else None
-        gains: dict[str, tuple[float, str]] = {}
-        for candidate, promised in look.promised:
-            added = candidate.added
-            gain, colour = (fitted[added].surplus, TRIED) if added in fitted else (promised, PROMISED)
-            gains[candidate.label] = gain, AFTER if added == best else RIVAL if added in rivals else colour
-        looks.append(gains)
-    marks = {"named": AFTER, "rival not excluded": RIVAL, "fitted, not needed": TRIED,
-              "not fitted: promised": PROMISED}  # fmt: skip
-    title = f"Which missing effect would explain the innovations. Verdict: {search.words}"
-    return evidence_figure(looks, HEAD_START, marks, "threshold", title, "deviance gained beyond the penalty")
-
-
 @style.house_style
-def evidence_figure(
-    looks: Sequence[Look], threshold: float, marks: Mapping[str, str], line: str, title: str,
-    label: str = "evidence gained over the base model [deviance]",
-) -> Figure:  # fmt: skip
-    """Draw horizontal bars, best on top, on a scale that is linear up to ten and logarithmic beyond."""
-    counts = [max(len(look), 1) for look in looks]
-    height = max(3.0, 0.17 * sum(counts) + 1.3 + 0.4 * (len(looks) - 1))
-    figure, grid = style.new_figure(len(looks), 1, style.PAGE_IN, height, height_ratios=counts, sharex=True)
-    every = np.array([0.0, *(gain for look in looks for gain, _ in look.values())])
-    low, high = 1.2 * float(every.min()) - 1.0, max(2.5 * float(every.max()), 20.0)
-    for number, (axes, look) in enumerate(zip(grid[:, 0], looks), 1):
-        names = sorted(look, key=lambda name: look[name][0])
-        gains, colours = [look[name][0] for name in names], [look[name][1] for name in names]
-        axes.barh(np.arange(len(names)), gains, color=colours, height=0.72)
-        axes.axvline(threshold, color=BEFORE, lw=1.2, ls="--")
-        axes.axvline(0.0, color="0.3", lw=0.6)
-        axes.set_xscale("symlog", linthresh=10.0, linscale=1.0)
-        axes.set_yticks(np.arange(len(names)), names, parse_math=False)
-        for text, colour in zip(axes.get_yticklabels(), colours):
-            text.set_fontweight("bold" if colour == AFTER else "normal")
-        for at, gain in enumerate(gains):
-            if gain > 0.4 * threshold:
-                axes.annotate(f"{gain:.0f}", (gain, at), (3, 0), textcoords="offset points", va="center", fontsize=6.5)
-        axes.grid(False, axis="y")
-        axes.margins(y=0.01)
-        if len(looks) > 1:
-            axes.set_title(f"Look {number}")
+def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str, words: str) -> Figure:
+    """Draw the evidence of each candidate, a row of the table with its status, against the threshold as horizontal
+    bars, best on top, on a scale that is linear up to ten and logarithmic beyond; `line` says what the threshold is."""
+    figure, ((axes,),) = style.new_figure(1, 1, style.PAGE_IN, max(3.0, 0.17 * len(rows) + 1.3))
+    bars = sorted(rows, key=lambda row: row["evidence gained"])
+    gains, colours = [row["evidence gained"] for row in bars], [STATUS[row["is"]] for row in bars]
+    axes.barh(range(len(bars)), gains, color=colours, height=0.72)
+    axes.axvline(threshold, color=BEFORE, lw=1.2, ls="--")
+    axes.axvline(0.0, color="0.3", lw=0.6)
+    axes.set_xscale("symlog", linthresh=10.0, linscale=1.0)
+    axes.set_yticks(range(len(bars)), [row["effect"] for row in bars], parse_math=False)
+    for at, (text, gain, colour) in enumerate(zip(axes.get_yticklabels(), gains, colours)):
+        text.set_fontweight("bold" if colour == AFTER else "normal")
+        if gain > 0.4 * threshold:
+            axes.annotate(f"{gain:.0f}", (gain, at), (3, 0), textcoords="offset points", va="center", fontsize=6.5)
+    axes.grid(False, axis="y")
+    axes.margins(y=0.01)
+    low, high = 1.2 * min([0.0, *gains]) - 1.0, max([20.0, *(2.5 * gain for gain in gains)])
     ticks = [tick for tick in (-100, -10, 0, 10, 100, 1000, 10000, 100000) if low <= tick <= high]
     axes.set_xlim(low, high)
     axes.set_xticks(ticks, [f"{tick}" for tick in ticks])
     axes.minorticks_off()
-    axes.set_xlabel(label)
-    handles = [Patch(color=colour, label=word) for word, colour in marks.items()]
-    handles.append(Line2D([], [], ls="--", color=BEFORE, label=line))  # type: ignore[arg-type]
+    axes.set_xlabel("evidence gained over the base model [deviance]")
+    words_of = {row["is"] for row in rows}
+    handles: list[Any] = [Patch(color=colour, label=word) for word, colour in STATUS.items() if word in words_of]
+    handles.append(Line2D([], [], ls="--", color=BEFORE, label=line))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    figure.suptitle(title)
+    figure.suptitle(f"Which missing effect would explain the gap. Verdict: {words}")
     return figure
 
 
-@dataclass(frozen=True)
-class Telling:
-    """A run that tells much, in the unit that is shown: what was measured, and of the model before and after the time,
-    what it says and how far that is off."""
-
-    title: str
-    time: Floats
-    measured: Floats
-    lines: Sequence[tuple[Floats, Floats, Floats]]
-
-
+Line = tuple[Floats, Floats]
+Draw = Callable[[Axes], None]
 Sizes = tuple[str, Floats, Floats]
 """Which runs, and the gap of each before and after."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run, or levels of a thruster, in the unit that is shown: what was measured, and by how much the model is off
+    before and after, over its own x; what the model says is drawn as `curves` where there are some."""
+
+    title: str
+    x: Floats
+    measured: Floats
+    errors: Sequence[Line]
+    curves: Sequence[Line] = ()
+    doubtful: NDArray[np.bool_] | None = None
+
+
+@singledispatch
+def before_after_figure(result: Any) -> Figure:
+    """Draw telling cases of a diagnosis with both models, their errors on equal axes and, of runs, the gap of each."""
+    raise TypeError(f"no figure of a {type(result).__name__} is drawn before and after")
+
+
+@style.house_style
+def _before_after(
+    cases: Sequence[Case], title: str, measures: str, names: tuple[str, str], unit: str, floor: float,
+    x_label: str = "time [s]", sizes: Sequence[Sizes] = (), beside: Draw | None = None, tracks: Sequence[Draw] = (),
+) -> Figure:  # fmt: skip
+    heights = [1.5, 1.2] + [1.4] * bool(tracks) + [1.4] * bool(sizes)
+    columns = max(len(cases), 1)
+    height = 2.0 * max(len(heights), 2.5)
+    figure, grid = style.new_figure(len(heights), columns, style.PAGE_IN, height, height_ratios=heights)
+    most = 1.08 * max((float(np.abs(error).max(initial=0.0)) for case in cases for _, error in case.errors), default=0)
+    for case, top, bottom in zip(cases, *grid[:2]):
+        top.plot(case.x, case.measured, "o", color=style.MEASURED, ms=3.0 if case.curves else 1.6, label="measured")
+        bottom.axhspan(-2 * floor, 2 * floor, color="0.9", lw=0, label="± 2 × noise")
+        bottom.axhline(0.0, color="0.3", lw=0.6)
+        curves = case.curves or [(x, np.interp(x, case.x, case.measured) - error) for x, error in case.errors]
+        looks = zip((BEFORE, AFTER), ("--", "-"), ("none", AFTER), names)
+        for curve, error, (colour, dashes, fill, label) in zip(curves, case.errors, looks):
+            top.plot(*curve, color=colour, lw=1.0, ls=dashes, label=label)
+            bottom.plot(*error, "o" if case.curves else "-", color=colour, lw=0.7, ms=3.0, mfc=fill)
+        if case.doubtful is not None and case.doubtful.any():
+            doubtful = case.x[case.doubtful], case.measured[case.doubtful]
+            top.plot(*doubtful, "x", color="black", ms=6.0, zorder=4, label="little weight")
+        low, high = float(case.measured.min()), float(case.measured.max())
+        style.limit(top, low, high, 0.5 * (high - low), [y[np.isfinite(y)] for _, y in curves])
+        top.set_title(case.title, fontsize=6.5, parse_math=False)
+        bottom.sharex(top)
+        bottom.set_ylim(-(most or 1.0), most or 1.0)
+        bottom.set_xlabel(x_label, labelpad=1)
+    for axes in grid[1, 1:]:
+        axes.set_yticklabels([])
+    grid[0, 0].set_ylabel(f"{measures} [{unit}]")
+    grid[1, 0].set_ylabel(f"measured − modelled [{unit}]")
+    for axes, draw in zip(grid[2:].flat, tracks):
+        draw(axes)
+    if sizes:
+        half = max(columns // 2, 1) if beside else columns
+        parts = [slice(None, half)] + [slice(half, None)] * (half < columns)
+        left, *right = style.span(figure, grid[-1], *parts)
+        _sizes(left, sizes, unit, floor)
+        if beside and right:
+            beside(right[0])
+        elif not beside:
+            left.set_box_aspect(1.0)
+    style.legend_below(figure, grid[0, 0], grid[1, 0], ncols=5)
+    figure.suptitle("\n".join(textwrap.fill(line, WIDEST) for line in title.split("\n")))
+    return figure
+
+
+def _sizes(axes: Axes, groups: Sequence[Sizes], unit: str, floor: float) -> None:
+    """Draw the gap of every run before against after, on equal axes."""
+    for (word, before, after), marker, fill in zip(groups, "os", (AFTER, "none")):
+        axes.plot(before, after, marker, color=AFTER, mfc=fill, ms=3.5, label=f"runs {word}")
+    top = 1.05 * max((float(np.nanmax(gaps)) for _, *pair in groups for gaps in pair if len(gaps)), default=1.0)
+    axes.plot([0, top], [0, top], color="0.4", lw=0.7, ls=":")
+    axes.axhline(floor, color="0.5", lw=0.8, ls="--", label="noise")
+    axes.set(xlim=(0.0, top), ylim=(0.0, top), ylabel=f"gap after [{unit}]")
+    axes.set_xlabel(f"gap before [{unit}]", labelpad=1)
+    axes.legend(loc="upper left", fontsize=6.5)
 
 
 def _titled(name: str, word: str) -> str:
@@ -276,142 +271,68 @@ def _two_of(size: Floats, among: NDArray[np.int64]) -> list[int]:
     return list(dict.fromkeys([int(order[0]), int(order[len(order) // 2])])) if len(order) else []
 
 
-def _beside_each_other(
-    runs: Sequence[Telling], dof: Dof, labels: tuple[str, str], axis: str, less: str, floor: float = 0.0, rows: int = 3
-) -> tuple[Figure, NDArray[np.object_]]:
-    """Draw runs with both models, and their errors; the last of `rows` are left for the caller."""
-    figure, grid = style.new_figure(
-        rows, max(len(runs), 1), style.PAGE_IN, 2.0 * rows, height_ratios=[1.5, 1.2, *[1.4] * (rows - 2)]
-    )
-    most = 1.08 * max((float(np.nanmax(np.abs(error))) for run in runs for _, _, error in run.lines), default=1)
-    for column, run in enumerate(runs):
-        top, bottom = grid[0, column], grid[1, column]
-        top.plot(run.time, run.measured, "o", color=style.MEASURED, ms=1.6, label="measured")
-        if floor:
-            bottom.axhspan(-2 * floor, 2 * floor, color="0.9", lw=0, label="± 2 × noise")
-        for (time, modelled, error), colour, dashes, label in zip(run.lines, (BEFORE, AFTER), ("--", "-"), labels):
-            top.plot(time, modelled, color=colour, lw=1.0, ls=dashes, label=label)
-            bottom.plot(time, error, color=colour, lw=0.7)
-        bottom.axhline(0.0, color="0.3", lw=0.6)
-        low, high = float(run.measured.min()), float(run.measured.max())
-        style.limit(
-            top, low, high, 0.5 * (high - low), [modelled[np.isfinite(modelled)] for _, modelled, _ in run.lines]
-        )
-        top.set_title(run.title, fontsize=6.5, parse_math=False)
-        bottom.sharex(top)
-        bottom.set_ylim(-most, most)
-        bottom.set_xlabel("time [s]", labelpad=1)
-        if column:
-            bottom.set_yticklabels([])
-    grid[0, 0].set_ylabel(f"{axis} [{dof.units.shown}]")
-    grid[1, 0].set_ylabel(f"measured − {less} [{dof.units.shown}]")
-    style.legend_below(figure, grid[0, 0], grid[1, 0], ncols=4)
-    return figure, grid
-
-
-def _sizes(axes: Axes, groups: Sequence[Sizes], dof: Dof, floor: float = 0.0) -> None:
-    """Draw the gap of every run before against after, on equal axes."""
-    for (word, before, after), marker, fill in zip(groups, "os", (AFTER, "none")):
-        axes.plot(before, after, marker, color=AFTER, mfc=fill, ms=3.5, label=f"runs {word}")
-    top = 1.05 * max((float(np.nanmax(gaps)) for _, *pair in groups for gaps in pair if len(gaps)), default=1.0)
-    axes.plot([0, top], [0, top], color="0.4", lw=0.7, ls=":")
-    if floor:
-        axes.axhline(floor, color="0.5", lw=0.8, ls="--", label=f"noise of the {dof.words.position}")
-    axes.set(xlim=(0.0, top), ylim=(0.0, top), ylabel=f"gap after [{dof.units.shown}]")
-    axes.set_xlabel(f"gap before [{dof.units.shown}]", labelpad=1)
-    axes.legend(loc="upper left", fontsize=6.5)
-
-
-def sets_of(diagnosis: Diagnosis) -> list[tuple[Study, Gap, str]]:
-    """List the runs fitted and, where there are some, those held out, with the gap of each."""
-    sets = (diagnosis.study, diagnosis.gap, "fitted"), (diagnosis.held_out, diagnosis.held_out_gap, "held out")
-    return [(study, gap, word) for study, gap, word in sets if study is not None and gap is not None]
-
-
-@style.house_style
-def before_after_figure(diagnosis: Diagnosis) -> Figure:
-    """Draw telling runs with both models, their errors, and the error by the most telling variable."""
+@before_after_figure.register
+def _(diagnosis: Diagnosis) -> Figure:
     driven, dof = diagnosis.study.driven, diagnosis.study.base.dof
-    runs, groups = list[Telling](), list[Sizes]()
-    for study, gap, word in sets_of(diagnosis):
-        both = gap.residuals_before, gap.residuals_after
-        size = [np.sqrt((rest**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for rest in both]
-        groups.append((word, np.asarray(dof.shown(size[0])), np.asarray(dof.shown(size[1]))))
-        for i in _two_of(size[0], np.arange(len(study.runs))):
-            run, n = study.runs[i], len(study.runs[i])
-            time, measured = run.time - run.time[0], dof.shown(run.position - run.position[0])
-            off = [dof.shown(rest[i, :n]) for rest in both]
-            if driven:  # nothing is predicted before the first filtered state
-                off = [np.where(error == 0.0, np.nan, error) for error in off]
-            lines = [(time, measured - error, error) for error in off]
-            runs.append(Telling(_titled(run.name, word), time, measured, lines))
-    ahead, floor = f", {JUDGED:g} s ahead" * driven, float(dof.shown(diagnosis.gap.floor))
-    figure, grid = _beside_each_other(
-        runs[:MOST_RUNS_SHOWN], dof, (f"base model{ahead}", f"after{ahead}"), dof.words.moved,
-        "predicted" if driven else "sim.", floor,
+    cases, sizes, gaps = list[Case](), list[tuple[str, Floats, Floats]](), list[str]()
+    held_out = diagnosis.held_out, diagnosis.held_out_gap, "held out"
+    for study, gap, word in ((diagnosis.study, diagnosis.gap, "fitted"), held_out):
+        if study is None or gap is None:
+            continue
+        gaps.append(f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}")
+        both = [np.asarray(dof.shown(rest)) for rest in (gap.residuals_before, gap.residuals_after)]
+        before, after = (np.sqrt((rest**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for rest in both)
+        sizes.append((word, before, after))
+        for i in _two_of(before, np.arange(len(study.runs))):
+            run = study.runs[i]
+            time, off = run.time - run.time[0], [rest[i, : len(run)] for rest in both]
+            # of driven runs nothing is predicted before the first filtered state
+            errors = [(time[have], error[have]) for error in off for have in [(error != 0.0) | (not driven)]]
+            cases.append(Case(_titled(run.name, word), time, dof.shown(run.position - run.position[0]), errors))
+    floor, ahead = float(dof.shown(diagnosis.gap.floor)), f", {JUDGED:g} s ahead" * driven
+    first = f"Predictions {JUDGED:g} s ahead from filtered states" if driven else "Gap"
+    added = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
+    names = f"{added}: {' and '.join(diagnosis.found.final.added)}" if diagnosis.found.final.added else "Nothing added"
+    return _before_after(
+        cases[:MOST_RUNS_SHOWN], f"{first}: {', '.join(gaps)} (noise {floor:.2f} {dof.units.shown}). {names}",
+        dof.words.moved, (f"base model{ahead}", f"after{ahead}"), dof.units.shown, floor, sizes=sizes,
+        beside=partial(_by_variable, diagnosis),
     )  # fmt: skip
-    half = max(len(grid[2]) // 2, 1)
-    parts = [slice(None, half), *([slice(half, None)] if len(grid[2]) > 1 else [])]
-    left, *right = style.span(figure, grid[2], *parts)
-    _sizes(left, groups, dof, floor)
-    for axes in right:
-        _by_variable(axes, diagnosis)
-    figure.suptitle(textwrap.fill(_sizes_in_words(diagnosis), WIDEST))
-    return figure
 
 
-def _sizes_in_words(diagnosis: Diagnosis) -> str:
-    dof = diagnosis.study.base.dof
-    parts = ", ".join(
-        f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
-        for _, gap, word in sets_of(diagnosis)
-    )
-    names = " and ".join(diagnosis.found.final.added)
-    word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
-    added = f"{word}: {names}" if names else "Nothing added"
-    if diagnosis.study.driven:
-        return f"Predictions {JUDGED:g} s ahead from filtered states: {parts}. {added}"
-    return f"Gap: {parts} (noise {dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}). {added}"
-
-
-@style.house_style
-def planar_before_after_figure(search: PlanarSearch) -> Figure:
-    """Draw telling runs with the heading, and the track where places are logged, as both models predict them some
-    seconds ahead; the errors of the heading; and those of every run, before against after, on equal axes."""
-    count, course = len(search.every.runs), search.every.course
+@before_after_figure.register
+def _(search: PlanarSearch) -> Figure:
+    """The heading, and the track where places are logged, as both models predict them some seconds ahead."""
+    runs, course = search.every.runs, search.every.course
     ahead = [judged(forecast[YAW.position]) for forecast in search.foretold]
-    sizes = [np.asarray(YAW.shown(np.sqrt(each.by_run(each.error, count)))) for each in ahead]
+    sizes = [np.asarray(YAW.shown(np.sqrt(each.by_run(each.error, len(runs))))) for each in ahead]
     values = {channel.quantity: channel.values for channel in course.channels}
     known = np.flatnonzero(np.isfinite(sizes[0]))
     groups = {"fitted": known[known < search.fitted], "held out": known[known >= search.fitted]}
     picks = {r: word for word, group in groups.items() for r in _two_of(sizes[0], group)}
-    runs = []
-    for r, word in picks.items():
-        run, lines = search.every.runs[r], list[tuple[Floats, Floats, Floats]]()
-        for predicted in ahead:
-            target, error = predicted.target[predicted.run == r], predicted.error[predicted.run == r]
-            modelled = values[YAW.position][r, target] - error
-            lines.append((course.time[r, target], np.asarray(YAW.shown(modelled)), np.asarray(YAW.shown(error))))
-        measured = np.asarray(YAW.shown(run.position))
-        runs.append(Telling(_titled(run.name, word), run.time - run.time[0], measured, lines))
+    cases = [
+        Case(
+            _titled(runs[r].name, word), runs[r].time - runs[r].time[0], np.asarray(YAW.shown(runs[r].position)),
+            [(course.time[r, p.target[p.run == r]], np.asarray(YAW.shown(p.error[p.run == r]))) for p in ahead],
+        )
+        for r, word in picks.items()
+    ]  # fmt: skip
     placed = set(PLACES) <= search.foretold[0].keys()
-    labels = "predicted, before", "predicted, after"
-    figure, grid = _beside_each_other(runs, YAW, labels, r"heading $\psi$", "predicted", rows=3 + placed)
-    for axes, r in zip(grid[2], picks if placed else ()):
-        _track_of(axes, search, values, r)
-    (last,) = style.span(figure, grid[-1], slice(None))
-    _sizes(last, [(word, *(size[group] for size in sizes)) for word, group in groups.items()], YAW)  # type: ignore[misc]
-    last.set_box_aspect(1.0)
-    figure.suptitle(
+    return _before_after(
+        cases,
         f"Predictions {ahead[0].horizon:g} s ahead, from filtered states, by the commands as they were logged.\n"
-        f"Added: {search.words if search.named else 'nothing'}"
-    )
-    return figure
+        f"Added: {search.words if search.named else 'nothing'}",
+        r"heading $\psi$", ("predicted, before", "predicted, after"), YAW.units.shown,
+        float(YAW.shown(search.after.noises[YAW.position])),
+        sizes=[(word, sizes[0][group], sizes[1][group]) for word, group in groups.items()],
+        tracks=[partial(_track_of, search, values, r) for r in picks if placed],
+    )  # fmt: skip
 
 
-def _track_of(axes: Axes, search: PlanarSearch, values: Mapping[str, Floats], r: int) -> None:
+def _track_of(search: PlanarSearch, values: Mapping[str, Floats], r: int, axes: Axes) -> None:
     """Draw places as they were measured and predicted; what is predicted far from the measured leaves the picture."""
     track(axes, search.every.runs[r], 1.5)
+    axes.autoscale_view()  # now: it waits until something is drawn, and would then be off
     axes.autoscale(False)
     for forecast, colour in zip(search.foretold, (BEFORE, AFTER)):
         places = {name: judged(forecast[name]) for name in PLACES}
@@ -421,43 +342,27 @@ def _track_of(axes: Axes, search: PlanarSearch, values: Mapping[str, Floats], r:
     axes.set_xlabel("East [m]")
 
 
-@style.house_style
-def thruster_before_after_figure(result: ThrusterDiagnosis) -> Figure:
-    """Draw thrust with both maps, and their errors on equal axes, on levels fitted and held out."""
-    figure, grid = style.new_figure(3, 1, style.PAGE_IN * 0.8, 6.6, sharex=True, height_ratios=(1.8, 1.0, 1.0))
-    thrust, *errors = grid[:, 0]
-    sets = [(result.base.data, False), *([] if result.held_out is None else [(result.held_out, True)])]
-    for data, held_out in sets:
-        _points(thrust, data, data.points.force, held_out, "black", f"levels {'held out' if held_out else 'fitted'}")
-    along = np.linspace(result.data.points.n.min(), result.data.points.n.max(), 801)
-    thrust.plot(along, result.base.along(along), color=BEFORE, ls="--", label="before")
+@before_after_figure.register
+def _(result: ThrusterDiagnosis) -> Figure:
+    cases, n, maps = [], result.data.points.n, (result.base, result.final)
+    curves = [(along, fit.along(along)) for along in [np.linspace(n.min(), n.max(), 801)] for fit in maps]
+    gaps = {"fitted": (result.base.data, result.gap), "held out": (result.held_out, result.held_out_gap)}
+    for word, (data, gap) in gaps.items():
+        if data is not None and gap is not None:
+            points, percent = data.points, f"{result.percent(gap.after):.2g} % of full scale"
+            title = f"levels {word}: {gap.before:.3g} → {gap.after:.3g} N = {percent}"
+            errors = [(points.n, points.force - fit.thrust(data)) for fit in maps]
+            cases.append(Case(title, points.n, points.force, errors, curves, points.flag != ""))
     volts = f" at {result.final.reference:.3g} V" if result.final.shape.voltage else ""
-    thrust.plot(along, result.final.along(along), color=AFTER, label=f"after{volts}")
-    thrust.set_ylabel("thrust of one thruster [N]")
-    style.legend(thrust, loc="upper left")
-    maps = (("before", result.base, BEFORE, result.gap.before), ("after", result.final, AFTER, result.gap.after))
-    rests = [data.points.force - fit.thrust(data) for _, fit, _, _ in maps for data, _ in sets]
-    most = 1.1 * max(float(np.abs(rest).max()) for rest in rests) or 1.0
-    for axes, (word, fit, colour, gap) in zip(errors, maps):
-        axes.axhspan(-2 * result.gap.floor, 2 * result.gap.floor, color="0.85", lw=0)
-        axes.axhline(0.0, color="0.5", lw=0.6)
-        for data, held_out in sets:
-            _points(axes, data, data.points.force - fit.thrust(data), held_out, colour, "_")
-        axes.set(ylim=(-most, most), ylabel="error [N]")
-        axes.set_title(f"{word}: {gap:.3g} N = {result.percent(gap):.2g} % of full scale", loc="left")
-    errors[1].set_xlabel(f"control signal n [{result.data.n_unit or 'as logged'}]")
-    return figure
+    names = " and ".join(effect.name for effect in result.effects) if result.verdict == NAMED else "nothing"
+    return _before_after(
+        cases, f"Before: the {result.given.form} map refitted. Added: {names}",
+        "thrust of one thruster", ("before", f"after{volts}"), "N", result.gap.floor,
+        f"control signal n [{result.data.n_unit or 'as logged'}]",
+    )  # fmt: skip
 
 
-def _points(axes: Axes, data: BollardData, values: Floats, held_out: bool, colour: str, label: str) -> None:
-    size, face = (2.0 if len(data.points) > 60 else 3.5) + held_out, "none" if held_out else colour
-    axes.plot(data.points.n, values, "o", color=colour, mfc=face, mew=0.7, ms=size, zorder=2 + held_out, label=label)
-    flagged = data.points.flag != ""
-    if np.any(flagged):
-        axes.plot(data.points.n[flagged], values[flagged], "x", color=style.COLOURS["purple"], ms=6.0, zorder=4)
-
-
-def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
+def _by_variable(diagnosis: Diagnosis, axes: Axes) -> None:
     where, dof = diagnosis.where, diagnosis.where.dof
     variable, column = min(zip(where.variables, where.columns), key=lambda pair: _by_significance(pair[0]))
     row = variable.telling
@@ -467,8 +372,7 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
     else:
         gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
         pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
-        along = f"\nalong the {dof.words.force}" if row.directed else ""
-        axes.set_ylabel(f"mean gap [{dof.units.shown}]{along}")
+        axes.set_ylabel(f"mean gap [{dof.units.shown}]" + f"\nalong the {dof.words.force}" * row.directed)
     have = np.isfinite(column.values)
     which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
     axes.axhline(0.0, color="0.3", linewidth=0.6)
@@ -476,37 +380,24 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
         bins = (values[which == b] for b in range(len(variable.middle)))
         means = [np.mean(inside) if len(inside) else np.nan for inside in bins]
         axes.plot(variable.middle, means, form, color=colour, markersize=2.5, linewidth=1.0, label=label)
-    axes.set_xlabel(in_words(variable, dof), labelpad=1, parse_math=False)
+    axes.set_xlabel(in_words(variable), labelpad=1, parse_math=False)
     axes.legend(loc="best", fontsize=6.5)
 
 
 @style.house_style
 def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
-    """The curve over its variable, with its 95 % band."""
+    """Draw the curve over its variable, with its 95 % band."""
     figure, grid = style.new_figure(1, 1, 0.62 * style.PAGE_IN, 2.9)
     axes, gain = grid[0, 0], curve.kind == "gain"
-    scale = 100.0 if gain else 1.0
-    if gain:
-        _thrust_of_runs(axes, diagnosis, curve)
+    scale, word = (100.0, "change of thrust [%]") if gain else (1.0, f"change of linear drag [{curve.y_unit}]")
+    if curve.kind == "moment":
+        word = f"{diagnosis.study.base.dof.words.force} [{curve.y_unit}]"
     low, high = scale * curve.low, scale * curve.high
     axes.fill_between(curve.x, low, high, color=style.COLOURS["sky"], alpha=0.4, lw=0, label="95 % band")
     axes.plot(curve.x, scale * curve.y, color=style.COLOURS["blue"], label="learned curve")
     axes.axhline(0.0, color="0.3", linewidth=0.6)
-    unit, size = f" [{curve.unit}]" * bool(curve.unit), "size of " * curve.sized
-    axes.set_xlabel(f"{size}{curve.variable}{unit}", parse_math=False)
-    word = diagnosis.study.base.dof.words.force if curve.kind == "moment" else "change of linear drag"
-    axes.set_ylabel("change of thrust [%]" if gain else f"{word} [{curve.y_unit}]", parse_math=False)
-    style.legend(axes)
+    unit = f" [{curve.unit}]" * bool(curve.unit)
+    axes.set_xlabel(f"{'size of ' * curve.sized}{curve.variable}{unit}", parse_math=False)
+    axes.set_ylabel(word, parse_math=False)
+    axes.legend()
     return figure
-
-
-def _thrust_of_runs(axes: Axes, diagnosis: Diagnosis, curve: LearnedCurve) -> None:
-    """Each run's own thrust under the base model, where the variable has about one value a run."""
-    study = diagnosis.study
-    values = signals_of(study.runs, curve.variable) if curve.needs else []
-    if not values or max(float(np.ptp(v)) for v in values) > OF_THE_RUN * float(np.ptp(curve.x)):
-        return
-    own = 100.0 * diagnosis.found.base.fit.own(GAIN)[:, 0]
-    mean = np.array([float(v.mean()) for v in values])
-    level = np.mean(own - 100.0 * np.interp(mean, curve.x, curve.y))
-    axes.plot(mean, own - level, "o", color=style.MEASURED, markersize=3.5, label="thrust of each run, base model")

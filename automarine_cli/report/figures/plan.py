@@ -5,7 +5,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from automarine_cli.planning.campaign import Campaign
 from automarine_cli.planning.candidates import KINDS
-from automarine_cli.report.figures.style import COLOURS, house_style, panels
+from automarine_cli.report.figures.style import COLOURS, house_style, legend_below, panels
 
 MOST_PANELS = 4
 NARROW = 5.0  # highest over lowest value up to which even ticks suit a logarithmic axis
@@ -40,5 +40,5 @@ def plan_figure(campaign: Campaign) -> Figure:
     for ax in axes.flat[max(0, len(names) - axes.shape[1]) : len(names)]:
         ax.set_xlabel("minutes in the pool")
         ax.tick_params(labelbottom=True)
-    figure.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    legend_below(figure, axes.flat[0], ncols=4)
     return figure

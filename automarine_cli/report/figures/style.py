@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
@@ -34,7 +34,7 @@ DPI = 200
 COLUMN_IN = 3.5  # width of one column of a journal [inch]
 PAGE_IN = 7.2  # width of a page [inch]
 
-_OURS = {
+house_style = matplotlib.style.context(["default", {
     "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "xtick.labelsize": 7.0, "ytick.labelsize": 7.0,
     "legend.fontsize": 7.0, "figure.titlesize": 9.0, "legend.frameon": True, "legend.framealpha": 0.9,
     "legend.edgecolor": "0.85", "legend.handlelength": 2.6, "axes.grid": True, "axes.axisbelow": True,
@@ -42,15 +42,7 @@ _OURS = {
     "grid.linewidth": 0.4, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2,
     "lines.markersize": 3.5, "axes.prop_cycle": cycler(color=list(COLOURS.values())[:-2]), "figure.dpi": 100.0,
     "savefig.dpi": float(DPI),
-}  # fmt: skip
-# Settings of programs that show windows; everything else goes back to matplotlib's own defaults first.
-_LEFT_ALONE = ("backend", "backend_fallback", "interactive", "toolbar", "timezone", "webagg", "tk", "docstring")
-
-
-_DEFAULTS: dict[Any, Any] = {
-    key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)
-}
-house_style = matplotlib.rc_context(_DEFAULTS | _OURS)
+}])  # fmt: skip
 """Decorator (or `with` block once) under which figures are drawn."""
 
 
@@ -87,11 +79,14 @@ FORMATS: Mapping[str, Callable[[Figure], bytes]] = {
 }  # text stays text, letters that other programs can edit
 
 
-@house_style
-def legend(axes: Axes, **keywords: Any) -> None:
-    """Add the legend of the axes in the house's type size, if anything in it has a label."""
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(**keywords)
+def above_residuals(width_in: float, height_in: float, labels: tuple[str, str, str]) -> tuple[Figure, Axes, Axes]:
+    """A figure with a panel of `labels` x and y, and one of residuals of the third below it."""
+    figure, axes = new_figure(2, 1, width_in, height_in, sharex=True, height_ratios=(2.3, 1.0))
+    top, bottom = axes[:, 0]
+    top.set_ylabel(labels[1])
+    bottom.set(xlabel=labels[0], ylabel=labels[2])
+    bottom.axhline(0.0, color="0.4", lw=0.6, zorder=1)
+    return figure, top, bottom
 
 
 def legend_below(figure: Figure, *axes: Axes, ncols: int = 3) -> None:

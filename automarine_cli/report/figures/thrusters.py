@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, above_residuals, house_style
 from automarine_cli.thrusters.fit import Analysis
 from automarine_cli.thrusters.result import ThrusterFit
 
@@ -26,39 +26,44 @@ Group = tuple[str, NDArray[np.bool_], str, str]
 def thruster_figure(result: ThrusterFit) -> Figure:
     """Draw thrust and residuals of one thruster against its control signal; one marker a voltage, and a map of each
     voltage where one map cannot serve all."""
-    figure, axes = new_figure(2, 1, PAGE_IN * 0.8, 5.6, sharex=True, height_ratios=(2.2, 1.0))
-    thrust, rest = axes[:, 0]
     points, pooled, groups = result.points, result.analysis, _groups(result)
+    labels = (
+        f"Control signal n [{pooled.n_unit or 'unit as logged'}]",
+        "Thrust of one thruster [N]",
+        "Measured − fitted [N]",
+    )
+    figure, thrust, rest = above_residuals(PAGE_IN * 0.8, 5.6, labels)
+    thrust.axhline(0.0, color="0.6", lw=0.6)
     good, size = points.flag == "", 2.0 if len(points) > CROWD else 3.5
-    for ax in axes.flat:
-        ax.axhline(0.0, color="0.6", linewidth=0.6)
     _measured(thrust, result, groups)
 
-    def residuals(drawn: NDArray[np.bool_], analysis: Analysis, square: bool, *form: str, **style: Any) -> None:
-        n, force = points.n[drawn & good], points.force[drawn & good]
-        rest.plot(n, force - analysis.fitted(n, square=square), *form, **style)
+    def draw(analysis: Analysis, square: bool, drawn: NDArray[np.bool_] | None, form: str, **look: Any) -> None:
+        """Draw the chosen map or the square law, and the residuals of the points `drawn`."""
+        line: dict[str, Any] = {"ls": DASHES, "lw": 0.7} if square else {}
+        hollow: dict[str, Any] = {"mfc": "none", "mew": 0.7} if square else {}
+        measured = analysis.points.n
+        along = np.linspace(float(np.min(measured, initial=0.0)), float(np.max(measured, initial=0.0)), 801)
+        thrust.plot(along, analysis.fitted(along, square=square), zorder=3, **line, **look)
+        if drawn is not None:
+            n = points.n[drawn & good]
+            residual = points.force[drawn & good] - analysis.fitted(n, square=square)
+            rest.plot(n, residual, form, ms=size + square, **hollow, **look)
 
     separate = [analysis.chosen.rmse**2 for _, analysis in result.voltages]
     if len(separate) > 1 and pooled.chosen.rmse > WORSE * np.sqrt(np.mean(separate)):
         for i, ((_, drawn, colour, marker), (_, analysis)) in enumerate(zip(groups, result.voltages)):
-            labels = ("_", "_") if i else ("square law at each voltage", "chosen map at each voltage")
-            _line(thrust, analysis, True, color=colour, linestyle=DASHES, linewidth=0.7, label=labels[0])
-            _line(thrust, analysis, False, color=colour, label=labels[1])
-            residuals(drawn, analysis, False, marker, color=colour, markersize=size)
+            names = ("_", "_") if i else ("square law at each voltage", "chosen map at each voltage")
+            draw(analysis, True, None, marker, color=colour, label=names[0])
+            draw(analysis, False, drawn, marker, color=colour, label=names[1])
     else:
-        name, label, law = pooled.chosen.form.name, "square law (chosen)", {"color": COLOURS["vermilion"]}
+        name, every = pooled.chosen.form.name, np.ones(len(points), dtype=bool)
         if name != "square":
-            label, law["label"] = f"chosen: {name}", "square law"
-            _line(thrust, pooled, True, linestyle=DASHES, **law)
-            residuals(good, pooled, True, "o", mfc="none", mew=0.7, markersize=size + 1.0, **law)
-        _line(thrust, pooled, False, color=COLOURS["blue"], label=label)
-        residuals(good, pooled, False, "o", color=COLOURS["blue"], markersize=size, label=label)
-    thrust.set_ylabel("Thrust of one thruster [N]")
-    rest.set_ylabel("Measured − fitted [N]")
-    rest.set_xlabel(f"Control signal n [{pooled.n_unit or 'unit as logged'}]")
-    legend(thrust, loc="upper left")
+            draw(pooled, True, every, "o", color=COLOURS["vermilion"], label="square law")
+        label = "square law (chosen)" if name == "square" else f"chosen: {name}"
+        draw(pooled, False, every, "o", color=COLOURS["blue"], label=label)
+    thrust.legend(loc="upper left")
     if len(rest.get_legend_handles_labels()[0]) > 1:
-        legend(rest, loc="best", ncols=2)
+        rest.legend(loc="best", ncols=2)
     return figure
 
 
@@ -91,9 +96,3 @@ def _measured(axes: Axes, result: ThrusterFit, groups: Sequence[Group]) -> None:
         style: dict[str, Any] = {"markersize": 6.0, "markeredgewidth": 1.4, "zorder": 4}
         label = "outlier from its neighbours"
         axes.plot(points.n[~good], points.force[~good], "x", color=COLOURS["vermilion"], label=label, **style)
-
-
-def _line(axes: Axes, analysis: Analysis, square: bool, **style: Any) -> None:
-    n = analysis.points.n
-    along = np.linspace(float(np.min(n, initial=0.0)), float(np.max(n, initial=0.0)), 801, dtype=float)
-    axes.plot(along, analysis.fitted(along, square=square), zorder=3, **style)

@@ -11,7 +11,7 @@ from automarine_cli.control.design import Designed
 from automarine_cli.control.tuning import FlownStep
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
 
 LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
 MOST_STEPS = 4
@@ -22,7 +22,7 @@ FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 def tuning_figure(made: Designed) -> Figure:
     """Draw step, load, and disk margin against settling, all over the crowd."""
     figure, axes = new_figure(1, 3, PAGE_IN, 2.7)
-    dof, task = made.nominal.dof, made.task
+    dof, task, last = made.nominal.dof, made.task, axes[0, 2]
     way = dof.shown(task.step)
     for name, outcome in (("present", made.old), ("new", made.new)):
         if outcome is not None:
@@ -30,23 +30,18 @@ def tuning_figure(made: Designed) -> Figure:
             for i in range(2):
                 _banded(axes[0, i], time, dof.shown(outcome.flight.position[:, i]), name, FURTHEST * way)
             settling = np.where(np.isfinite(outcome.scores.settling), outcome.scores.settling, 1.06 * time[-1])
-            look: dict[str, Any] = {"marker": "x" if name == "present" else "o", "color": colour, "alpha": 0.6}
-            axes[0, 2].plot(outcome.margins.disk, settling, ls="", ms=2.5, mew=0.6, label=name, **look)
+            look: dict[str, Any] = {"ls": "", "ms": 2.5, "mew": 0.6, "color": colour, "alpha": 0.6, "label": name}
+            last.plot(outcome.margins.disk, settling, marker="x" if name == "present" else "o", **look)
+    titles = "Step", f"Load of {100 * task.load:g} % from the start", f"Every vehicle; asked for {task.margin:g}"
+    for ax, title in zip(axes[0], titles):
+        ax.set_title(title, loc="left")
+        ax.set(xlabel="Time [s]", ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]")
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
-    axes[0, 0].set_title("Step", loc="left")
-    axes[0, 1].set_title(f"Load of {100 * task.load:g} % from the start", loc="left")
-    for ax in axes[0, :2]:
-        ax.set_xlabel("Time [s]")
-        ax.set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]")
-    last = axes[0, 2]
     last.axvline(task.margin, color="0.4", lw=0.6, ls=":")
-    last.set_title(f"Every vehicle; asked for {task.margin:g}", loc="left")
-    last.set_xlabel("Disk margin")
-    last.set_ylabel("Settles after [s]")
-    last.set_ylim(0.0, 1.12 * task.seconds)
+    last.set(xlabel="Disk margin", ylabel="Settles after [s]", ylim=(0.0, 1.12 * task.seconds))
     last.set_yticks([*last.get_yticks()[:-1]])
     last.text(0.98, 0.97, "top: never", transform=last.transAxes, ha="right", va="top", fontsize=6)
-    legend(axes[0, 0], loc="lower right")
+    axes[0, 0].legend(loc="lower right")
     return figure
 
 
@@ -63,7 +58,7 @@ def flown_figure(steps: Sequence[FlownStep], dof: Dof) -> Figure:
         ax.set_title(f"{step.run}, {step.begins:.0f} s", loc="left", parse_math=False)
         ax.set_xlabel("Time [s]")
     axes[0, 0].set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]")
-    legend(axes[0, 0], loc="lower right")
+    axes[0, 0].legend(loc="lower right")
     return figure
 
 

@@ -30,27 +30,22 @@ def half_turns_figure(fit: YawFit) -> Figure:
     scale, colours = _moment_scale(np.array([turn.moment for turn in fit.turns]))
     for ax, sign, way, side in zip(axes[0], (-1, 1), words.to_ways[::-1], ("negative", "positive")):
         turns = [turn for turn in fit.turns if np.sign(turn.moment) == sign]
-        rest = [_position(turn, part) for turn in turns for part in _left_out(turn)]
+        ends = [(t, slice(t.looked_at[0], t.kept.start + 1), slice(t.kept.stop - 1, t.looked_at[1])) for t in turns]
+        rest = [_position(turn, part) for turn, *parts in ends for part in parts]
         _lines(ax, rest, colors="0.82", linewidths=0.7, zorder=1)
         sizes = np.array([abs(turn.moment) for turn in turns])
         _lines(ax, [_position(turn, turn.kept) for turn in turns], colors=colours(sizes), linewidths=0.9, zorder=2)
         if dof.wraps:
             ax.axhline(sign * 180.0, color=style.COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
-        ax.set_title(f"{way} ({side} {words.force}s)")
-        ax.set_xlabel("Time since the step [s]")
+        ax.set(title=f"{way} ({side} {words.force}s)", xlabel="Time since the step [s]")
     x = dof.symbols.position_print
     axes[0, 0].set_ylabel(f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]")
     axes[0, 1].plot([], [], color="0.82", label="rest, and what was cut")
     if dof.wraps:
         axes[0, 1].plot([], [], color=style.COLOURS["vermilion"], ls="--", label=words.reach)
-    style.legend(axes[0, 1], loc="lower right")
+    axes[0, 1].legend(loc="lower right")
     figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
     return figure
-
-
-def _left_out(turn: HalfTurn) -> tuple[slice, slice]:
-    first, stop = turn.looked_at
-    return slice(first, turn.kept.start + 1), slice(turn.kept.stop - 1, stop)
 
 
 def _position(turn: HalfTurn, part: slice) -> Floats:
@@ -70,26 +65,22 @@ def _lines(ax: Axes, lines: Sequence[Floats], **look: Any) -> None:
 @style.house_style
 def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Draw steady velocity against force with the three curves of Table 1, residuals below (the paper's Fig. 7)."""
-    dof = fit.dof
-    figure, axes = style.new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
-    top, bottom = axes[:, 0]
-    moment, rate = np.array([turn.moment for turn in fit.turns]), seed.tails.rate
+    dof, moment = fit.dof, np.array([turn.moment for turn in fit.turns])
+    rate = f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]"
+    labels = _full_force(fit), rate, f"Residual [{fit.moment_unit}]"
+    figure, top, bottom = style.above_residuals(4.6, 4.6, labels)
+    points: dict[str, Any] = {"mfc": "none", "mec": style.MEASURED, "mew": 0.8, "zorder": 2}
+    top.plot(moment, dof.shown(seed.tails.rate), "o", label="measured, one run each", **points)
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
-    points: dict[str, Any] = {"mfc": "none", "mec": style.MEASURED, "mew": 0.8}
-    top.plot(moment, dof.shown(rate), "o", label="measured, one run each", zorder=2, **points)
     for i, number in enumerate("123"):
         if (drag := seed.drag.get(number)) is None:
             continue
-        look: dict[str, object] = {"color": style.MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
+        look: dict[str, Any] = {"color": style.MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
         curve = dof.shown(steady_rate(*drag.acting(grid)))
         top.plot(grid, curve, ls=style.MODEL_LINES[number], label=f"model {number}", **look)
-        shift = (i - 1) * 0.006 * np.ptp(grid)
+        shift = (i - 1) * 0.006 * np.ptp(grid)  # so that none hides another
         bottom.plot(moment + shift, drag.residuals, "^os"[i], ms=2.6, mec="none", **look)
-    top.set_ylabel(f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]")
-    bottom.set_ylabel(f"Residual [{fit.moment_unit}]")
-    bottom.set_xlabel(_full_force(fit))
-    bottom.axhline(0.0, color="0.4", lw=0.6, zorder=1)
-    style.legend(top, loc="upper left")
+    top.legend(loc="upper left")
     return figure
 
 
@@ -113,21 +104,23 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         spread = np.array([*table.per_run, *ml.ci95])
         low, high = np.percentile(spread, [2, 98])
         ax.set_ylim(min(0.0, low), max(1.1 * high, high + 0.35 * np.ptp([low, high])))
-        ax.set_title(f"model {number}")
-        ax.set_xlabel(_full_force(fit))
+        ax.set(title=f"model {number}", xlabel=_full_force(fit))
     unit = dof.unit_of("inertia", fit.moment_unit)
     axes[0, 0].set_ylabel(f"{dof.words.full_inertia.capitalize()} ${dof.symbols.inertia}$ [{unit}]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    style.legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
 
 @style.house_style
 def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     """Draw position against time times the root of the force: one curve for all runs if model 3 holds."""
-    dof, own = fit.dof, fit.dof.symbols
-    figure, axes = style.new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
-    top, bottom = axes[:, 0]
-    model = fit.output_error["3"]
+    dof, own, model = fit.dof, fit.dof.symbols, fit.output_error["3"]
+    x, force, unit = own.position_print, own.force_print, dof.units.shown
+    figure, top, bottom = style.above_residuals(4.6, 4.6, (
+        f"Scaled time s = t √|{force}| [s ({fit.moment_unit})$^{{1/2}}$]",
+        f"{dof.words.position.capitalize()} {dof.words.moved} sgn({force})({x} − {x}₀) [{unit}]",
+        f"Off the curve [{unit}]",
+    ))  # fmt: skip
     k_rr, inertia = model.estimates[own.quadratic].value, model.estimates[own.inertia].value
     scale, colours = _moment_scale(data.moment)
     late = model.offset.value * data.interval
@@ -148,13 +141,8 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
     top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=name)
-    bottom.axhline(0.0, color=style.COLOURS["vermilion"], lw=1.0)
-    x, force, unit = own.position_print, own.force_print, dof.units.shown
-    top.set_ylabel(f"{dof.words.position.capitalize()} {dof.words.moved} sgn({force})({x} − {x}₀) [{unit}]")
-    bottom.set_ylabel(f"Off the curve [{unit}]")
-    bottom.set_xlabel(f"Scaled time s = t √|{force}| [s ({fit.moment_unit})$^{{1/2}}$]")
-    style.legend(top, loc="upper left", title=f"{MOST_RUNS} of {runs} runs are shown" if runs > MOST_RUNS else None)
-    figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
+    top.legend(loc="upper left", title=f"{MOST_RUNS} of {runs} runs are shown" if runs > MOST_RUNS else None)
+    figure.colorbar(scale, ax=[top, bottom], label=_size_of_force(fit), pad=0.01)
     return figure
 
 
