@@ -18,8 +18,7 @@ from automarine_cli.errors import AutomarineError, OutputError, SettingError, To
 from automarine_cli.pipeline.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.result_files import RunFile
-    from automarine_cli.report.campaign_page import Step
+    from automarine_cli.report.campaign_page import RunFile, Step
     from automarine_cli.report.campaign_run import CampaignOutcome, CampaignRun, Campaigns, StepOutcome
 
 RESULTS = "results"
@@ -194,8 +193,9 @@ def _do(
 
 def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
     from automarine_cli.pipeline.manifest import MANIFEST, sha256
-    from automarine_cli.pipeline.result_files import RUN, THRUSTER_MAP, RunFile, StepDone
+    from automarine_cli.report.campaign_page import RUN, RunFile, StepDone
     from automarine_cli.report.campaign_run import cautions
+    from automarine_cli.thrusters.map import THRUSTER_MAP
 
     entries = []
     for step, outcome in zip(steps, outcomes):
@@ -214,9 +214,8 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
     from automarine_cli.logs import with_joined
     from automarine_cli.pipeline.manifest import Input, given_as, why_made_again
     from automarine_cli.pipeline.records import json_text, to_mapping
-    from automarine_cli.pipeline.result_files import RUN
     from automarine_cli.pipeline.results_folder import result_folder
-    from automarine_cli.report.campaign_page import make_report
+    from automarine_cli.report.campaign_page import RUN, make_report
     from automarine_cli.runs.load import has_bytes
 
     logs = with_joined(campaign.every_log(), campaign.columns)

@@ -13,21 +13,43 @@ effect is there if its parameters are. What was not identified is a plain number
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from automarine_cli import effects
-from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError
+from automarine_cli.estimate import Given
 from automarine_cli.models import planar
-from automarine_cli.models.store import number_at, values_of
+from automarine_cli.models.store import Covariance, Use, number_at, values_of
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Codec, Source, read_plain, told
-from automarine_cli.pipeline.result_files import PLANAR_MODEL
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.pipeline.words import LONGEST, printable
 
 PARAMETERS = ("parameters",)
 UNITS = {"force_unit": "N", "moment_unit": "N m"}
 CURRENT = ("current.north", "current.east")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarFile(ResultRecord):
+    """`planar_model.json`: parameters by qualified name."""
+
+    unread: ClassVar[tuple[str, ...]] = (
+        "fitted_to", "assumptions", "valid_range", "channels", "disturbance", "noises", "log_likelihood",
+        "structure_because", "estimated", "estimated_because", "effects", "predicts", "parent", "notes", "warnings",
+    )  # fmt: skip
+    force_unit: str = "N"
+    moment_unit: str = "N m"
+    parameters: Mapping[str, Given]
+    structure: str = ""
+    covariance: Covariance | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
+    prediction: Use = field(default_factory=Use)
+
+
+PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", PlanarFile, "fit-planar", YAW)
 
 
 @dataclass(frozen=True)

@@ -11,22 +11,54 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.comparison.validation import VALIDATION, ValidationFile
+from automarine_cli.control.tuning import TUNING, TuningFile
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import OutputError
+from automarine_cli.estimate import Given
 from automarine_cli.fits.innovations import sentences_of
-from automarine_cli.pipeline import result_files as files
+from automarine_cli.models.planar_store import PLANAR_MODEL, PlanarFile
+from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
+from automarine_cli.pipeline.result_files import ResultKind, SetAside
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.pipeline.words import listed
+from automarine_cli.report.check_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Sections, bullets, document, sections
 from automarine_cli.report.tables import Table, escape, interval, number
+from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 FILES = ("report.html", "report.md")
 REPORT = "report"
 SHOWN_OPEN, MOST_SHOWN = 6, 40  # runs whose validation figure stands open, and that are in the page at all
 MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
+
+
+@dataclass(frozen=True)
+class StepDone:
+    """A step of a campaign: its folder and the hash of its manifest, or why it was skipped or refused."""
+
+    step: str
+    folder: str | None = None
+    manifest_sha256: str | None = None
+    skipped: str | None = None
+    refused: str | None = None
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """`run.json`: what `run` left beside the report."""
+
+    schema: str
+    title: str = ""
+    campaign: str = ""
+    steps: tuple[StepDone, ...] = ()
+    cautions: tuple[str, ...] = ()
+
+
+RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
 
 
 @dataclass(frozen=True)
@@ -39,7 +71,7 @@ class Step:
 
     name: str
     folder: str
-    kind: files.ResultKind[Any]
+    kind: ResultKind[Any]
     section: str = ""
     logs: tuple[tuple[str, ...], ...] = ()
     models: tuple[str, ...] = ()
@@ -59,21 +91,21 @@ def folder_of(dof: Dof, step: str) -> str:
     return step if dof is YAW else f"{dof.name}_{step}"
 
 
-def _of(motion: str, fit: files.ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
+def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
     after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
     models = (f"{motion}/{fit.file}",)
     yield Step(f"fit-{motion}", motion, fit, motion, fitted)
-    yield Step(f"validate{after}", f"{before}validation", files.VALIDATION, motion, (("validation",),), models)
+    yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
     everything = tuple(kind for kinds in fitted for kind in kinds)
-    yield Step(f"diagnose{after}", f"{before}diagnosis", files.DIAGNOSIS, motion, (everything,), models)
+    yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
 
 
 STEPS = (
-    Step("check", "check", files.CHECK),
-    Step("fit-thrusters", "thrusters", files.THRUSTER_MAP, "thrusters", (("thrusters",),)),
-    *(step for motion in DOFS for step in _of(motion, files.MODELS[motion], (("steps",), ("manoeuvres",)))),
-    *_of(PLANAR.name, files.PLANAR_MODEL, (("runs",),)),
-    Step("tune", "tune", files.TUNING, "tune", (), (f"diagnosis/{files.DIAGNOSIS.file}", "yaw/yaw_model.json")),
+    Step("check", "check", CHECK),
+    Step("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
+    *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
+    Step("tune", "tune", TUNING, "tune", (), (f"diagnosis/{DIAGNOSIS.file}", "yaw/yaw_model.json")),
 )
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
@@ -155,7 +187,7 @@ def _(result: Report) -> Sections:
     return Sections([], listed=tuple(result.files))
 
 
-def make_report(folder: Path, title: str | None = None, ran: files.RunFile | None = None) -> Report:
+def make_report(folder: Path, title: str | None = None, ran: RunFile | None = None) -> Report:
     """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
 
     Without a `title` it is that of what was identified. Steps without results are left out, and the report says so.
@@ -219,9 +251,9 @@ def alternatives(dof: Dof) -> dict[str, str]:
 
 def _refusal(file: Any) -> str:
     """Why a model must not be used; empty where it may, and for results of other kinds."""
-    if isinstance(file, files.ValidationFile):
+    if isinstance(file, ValidationFile):
         return file.use.refusal
-    return file.prediction.refusal if isinstance(file, files.ModelFile | files.PlanarFile) else ""
+    return file.prediction.refusal if isinstance(file, ModelFile | PlanarFile) else ""
 
 
 def headlines(steps: Steps) -> dict[str, str]:
@@ -235,14 +267,14 @@ def headlines(steps: Steps) -> dict[str, str]:
     return lines
 
 
-def _of_check(file: files.CheckFile, *_: object) -> str:
+def _of_check(file: CheckFile, *_: object) -> str:
     used, aside = file.runs.used, len(file.runs.set_aside)
     idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
     parts = [f"{file.logs} log{'s' * (file.logs != 1)}", f"{used} run{'s' * (used != 1)}"]
     return ", ".join([*parts, *[f"{idle} without a half-turn"] * bool(idle), *[f"{aside} set aside"] * bool(aside)])
 
 
-def _of_thrusters(file: files.ThrusterFile, *_: object) -> str:
+def _of_thrusters(file: ThrusterFile, *_: object) -> str:
     laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
     values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
     if not file.chosen:
@@ -251,7 +283,7 @@ def _of_thrusters(file: files.ThrusterFile, *_: object) -> str:
     return f"{file.chosen} law{values}, R² {number(file.r2)}, error {error} % of full scale"
 
 
-def _of_model(file: files.ModelFile, step: StepResult, steps: Steps) -> str:
+def _of_model(file: ModelFile, step: StepResult, steps: Steps) -> str:
     """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
     keys, before = {step.dof.symbols.quadratic_print: step.dof.symbols.quadratic}, dict(file.main_parameters())
     added, diagnosis = added_by(steps, step.dof), steps.get(folder_of(step.dof, "diagnosis"))
@@ -263,12 +295,12 @@ def _of_model(file: files.ModelFile, step: StepResult, steps: Steps) -> str:
     return f"model {file.preferred} with {added}: {_values(after)} (without: {alone})"
 
 
-def _of_planar(file: files.PlanarFile, *_: object) -> str:
+def _of_planar(file: PlanarFile, *_: object) -> str:
     masses = {name: value for name, value in file.parameters.items() if name in MASSES}
     return f"{file.structure}: {_values(masses)}" if masses else file.structure
 
 
-def _of_validation(file: files.ValidationFile, step: StepResult, steps: Steps) -> str:
+def _of_validation(file: ValidationFile, step: StepResult, steps: Steps) -> str:
     """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
     unit, planar = step.dof.units.key, file.motion == PLANAR.name
     model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
@@ -289,20 +321,20 @@ def _of_validation(file: files.ValidationFile, step: StepResult, steps: Steps) -
     return f"without {added}, {said}" if added else said
 
 
-def _of_diagnosis(file: files.DiagnosisFile, *_: object) -> str:
+def _of_diagnosis(file: DiagnosisFile, *_: object) -> str:
     names = ", ".join(effect.name for effect in file.effects)
     verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
-    return f"{verdict}; gap {number(file.before, 3)} to {number(file.after, 3)} {file.unit}"
+    return f"{verdict}; gap {number(file.gap.before, 3)} to {number(file.gap.after, 3)} {file.unit}"
 
 
-def _of_tuning(file: files.TuningFile, *_: object) -> str:
+def _of_tuning(file: TuningFile, *_: object) -> str:
     return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
 _HEADLINES: dict[type[object], Callable[..., str]] = {
-    files.CheckFile: _of_check, files.ThrusterFile: _of_thrusters, files.ModelFile: _of_model,
-    files.PlanarFile: _of_planar, files.ValidationFile: _of_validation, files.DiagnosisFile: _of_diagnosis,
-    files.TuningFile: _of_tuning,
+    CheckFile: _of_check, ThrusterFile: _of_thrusters, ModelFile: _of_model,
+    PlanarFile: _of_planar, ValidationFile: _of_validation, DiagnosisFile: _of_diagnosis,
+    TuningFile: _of_tuning,
 }  # fmt: skip
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 
@@ -315,11 +347,11 @@ def added_by(steps: Steps, dof: Dof) -> str:
     return " and ".join(effect.name for effect in step.file.effects)
 
 
-def _values(given: Mapping[str, files.Given]) -> str:
+def _values(given: Mapping[str, Given]) -> str:
     return ", ".join(f"{name} {_interval(value)}" for name, value in given.items())
 
 
-def _interval(given: files.Given) -> str:
+def _interval(given: Given) -> str:
     return f"{interval(given.estimate)} {given.unit}".rstrip() if given.estimate else number(given.value)
 
 
@@ -378,7 +410,7 @@ def _validation(steps: Steps, folder: str) -> list[str]:
 
 
 def _set_aside(steps: Steps) -> list[str]:
-    names: dict[files.SetAside, list[str]] = {}
+    names: dict[SetAside, list[str]] = {}
     for step in steps.values():
         for run in step.file.runs.set_aside:
             names.setdefault(run, []).append(step.name)
@@ -431,7 +463,7 @@ def _settings(options: Mapping[str, object]) -> str:
     return ", ".join([*plain, *flags]) or "none"
 
 
-def missing_sentence(steps: Steps, done: Sequence[files.StepDone]) -> str:
+def missing_sentence(steps: Steps, done: Sequence[StepDone]) -> str:
     """Which steps left nothing to report, and why where that is not told as a refusal."""
     only_force = any(not step.always and step.folder in steps for step in STEPS) and YAW.name not in steps
     fates = {step.step: step for step in done}
@@ -440,7 +472,7 @@ def missing_sentence(steps: Steps, done: Sequence[files.StepDone]) -> str:
         fate = fates.get(step.name)
         passed = only_force and step.section == YAW.name
         if step.folder in missing(steps) and not passed and not (fate and fate.refused):
-            words = f"no {step.kind.words.removeprefix('a ').removeprefix('an ')}"
+            words = f"no {step.kind.name.replace('-', ' ')}"
             lacking.setdefault((fate.skipped if fate else None) or "", []).append(words)
     sentences = []
     for why, results in lacking.items():

@@ -7,10 +7,10 @@ from pathlib import Path
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.manifest import manifest_of
 from automarine_cli.pipeline.records import Shown, to_mapping
-from automarine_cli.pipeline.result_files import RunFile, ThrusterFile, VoltagePower
-from automarine_cli.report.campaign_page import FILES, REPORT, STEPS, headlines, read_steps
+from automarine_cli.report.campaign_page import FILES, REPORT, STEPS, RunFile, headlines, read_steps
 from automarine_cli.report.sections import Content, Sections, sections
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.thrusters.map import ThrusterFile, VoltagePower
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end
 

@@ -1,11 +1,11 @@
 """The result of `check`: one line for each run, one for each thruster test."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.records import Shown
-from automarine_cli.pipeline.result_files import CHECK
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.report.sections import Sections, document, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
@@ -13,6 +13,17 @@ from automarine_cli.runs.run import SetAside, runs_json
 
 NAMED = 3  # runs that share a note
 LEVELS = 6  # written out
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckFile(ResultRecord):
+    """`check.json`: what is in the logs."""
+
+    logs: int
+    yaw_runs: tuple[Mapping[str, object], ...] = ()
+
+
+CHECK = ResultKind("check.json", "check", CheckFile, "check", YAW)
 
 
 @dataclass(frozen=True, repr=False)

@@ -18,7 +18,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.canonical import driven, names_of
-from automarine_cli.pipeline.parallel import ordered_stream
+from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
@@ -62,7 +62,7 @@ def load_runs(
     runs: list[Run] = []
     aside: list[SetAside] = []
     jobs = jobs if len(files) > PAYS_FROM else 1
-    for good, bad in ordered_stream(work, files, jobs, progress=progress, stage="reading logs"):
+    for good, bad in ordered_map(work, files, jobs, progress=progress, stage="reading logs"):
         runs += good
         aside += bad
     if strict and aside:

@@ -158,7 +158,7 @@ def test_png_serves_where_no_svg_was_drawn(folder: Path, tmp_path: Path) -> None
     assert (image["src"] or "").startswith("data:image/png;base64,") and "Thrust of one thruster" in (
         image["alt"] or ""
     )
-    assert "No look at the logs, no yaw model" in text
+    assert "No check, no yaw model" in text
 
 
 def test_refusals_say_what_to_do(folder: Path, tmp_path: Path) -> None:
