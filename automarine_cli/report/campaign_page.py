@@ -18,13 +18,12 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import OutputError
 from automarine_cli.estimate import Given
 from automarine_cli.fits.innovations import sentences_of
-from automarine_cli.models.planar_store import PLANAR_MODEL, PlanarFile
-from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
+from automarine_cli.models.store import DIAGNOSIS, MODELS, PLANAR_MODEL, DiagnosisFile, ModelFile, PlanarFile
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.result_files import ResultKind, SetAside
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.pipeline.words import listed
-from automarine_cli.report.check_tables import CHECK, CheckFile
+from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Sections, bullets, document, sections
 from automarine_cli.report.tables import Table, escape, interval, number
