@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 5739, "report": 5317, "logs": 4368, "diagnosis": 3957, "commands": 3204, "runs": 2984, "thrusters":
-    2699, "link": 2562, "control": 2400, "planning": 2029, "effects": 2014, "simulation": 1844, "exports": 1750,
-    "comparison": 1467, "pipeline": 1435, "models": 1002, "filters": 980, "dofs": 495, "top": 195, "guide": 192,
+    "fits": 5739, "report": 5359, "logs": 4368, "diagnosis": 3956, "commands": 3201, "runs": 2986, "thrusters":
+    2747, "link": 2562, "control": 2411, "planning": 2044, "effects": 2014, "simulation": 1843, "exports": 1749,
+    "comparison": 1493, "pipeline": 1027, "models": 1185, "filters": 980, "dofs": 495, "top": 195, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 46633
+MOST_LINES_IN_ALL = 46546
 MOST_FILES = 235
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

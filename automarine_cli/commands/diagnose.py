@@ -40,8 +40,9 @@ def diagnose(
       automarine diagnose sample_runs/hidden_one --model out/hidden/yaw_model.json -o out/diagnosis
     """
     from automarine_cli.logs import given_columns
+    from automarine_cli.models.store import PLANAR_MODEL
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
+    from automarine_cli.thrusters.map import THRUSTER_MAP
 
     names, execution = given_columns(columns), {"strict": strict, "progress": progress}
     schema = schema_in(model)
@@ -58,11 +59,10 @@ def _of_a_motion(
     channels: str, seed: int, jobs: int, each: Any, *, strict: bool, progress: Any,
 ) -> "MotionDiagnosis":  # fmt: skip
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
-    import hashlib
-
     from automarine_cli.comparison.validation import usable_runs
     from automarine_cli.diagnosis.diagnose import MotionDiagnosis, diagnose_runs, expected_seconds
     from automarine_cli.models.store import load_yaw_models
+    from automarine_cli.pipeline.manifest import sha256
     from automarine_cli.pipeline.progress import foretell
     from automarine_cli.runs.channels import wanted_channels
     from automarine_cli.runs.checks import without_stuck
@@ -93,20 +93,20 @@ def _of_a_motion(
         diagnosis = diagnose_runs(
             runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, each=each, channels=channels
         )
-    return MotionDiagnosis(diagnosis, stored, hashlib.sha256(model.read_bytes()).hexdigest(), tuple(aside))
+    return MotionDiagnosis(diagnosis, stored, sha256(model), tuple(aside))
 
 
 def _of_the_plane(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, **settings: Any
 ) -> "PlanarDiagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
-    import hashlib
     from dataclasses import replace
 
     from automarine_cli.diagnosis.diagnose import split_off
     from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
     from automarine_cli.models.store import load_planar_model
+    from automarine_cli.pipeline.manifest import sha256
     from automarine_cli.thrusters.map import load_planar
 
     stored = load_planar_model(model)
@@ -117,7 +117,7 @@ def _of_the_plane(
     search = find_missing(stored, runs, held_out, observed(campaign.runs))
     search = replace(search, where=find_planar_where(search, seed))
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
-    return PlanarDiagnosis(search, aside, hashlib.sha256(model.read_bytes()).hexdigest())
+    return PlanarDiagnosis(search, aside, sha256(model))
 
 
 def _of_a_map(
@@ -125,9 +125,8 @@ def _of_a_map(
 ) -> "ThrusterDiagnosis":
     """Diagnose a thruster map on bollard tests; without `hold_out` a quarter of the levels is held out."""
     from automarine_cli.diagnosis.thruster_map import diagnose_thrusters
-    from automarine_cli.pipeline.result_files import THRUSTER_MAP
     from automarine_cli.thrusters.bollard_data import load_thruster_logs, thrusters_pulling
-    from automarine_cli.thrusters.map import ThrusterMap
+    from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterMap
 
     base, file = ThrusterMap.load(model), THRUSTER_MAP.read(model)
     apart = {log.path.resolve() for log in hold_out}
@@ -145,9 +144,10 @@ def _of_a_map(
 
 
 def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
+    from automarine_cli.models.store import PLANAR_MODEL
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.pipeline.result_files import PLANAR_MODEL, THRUSTER_MAP
     from automarine_cli.runs.channels import AUTO
+    from automarine_cli.thrusters.map import THRUSTER_MAP
 
     name, schema = settings["model"].name, schema_in(settings["model"])
     if schema == THRUSTER_MAP.schema and (settings["thrusters"] is not None or settings["arm"] is not None):

@@ -27,9 +27,8 @@ def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
     Example:
       automarine report out/pool_day
     """
-    from automarine_cli.pipeline.result_files import RUN
     from automarine_cli.pipeline.results_folder import write_whole
-    from automarine_cli.report.campaign import FILES, make_report
+    from automarine_cli.report.campaign import FILES, RUN, make_report
 
     there = [name for name in FILES if (folder / name).exists()]
     if there and not overwrite:

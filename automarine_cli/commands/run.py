@@ -18,8 +18,7 @@ from automarine_cli.errors import AutomarineError, OutputError, SettingError, To
 from automarine_cli.pipeline.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.result_files import RunFile
-    from automarine_cli.report.campaign import CampaignRun, Campaigns, Step, StepOutcome
+    from automarine_cli.report.campaign import CampaignRun, Campaigns, RunFile, Step, StepOutcome
 
 RESULTS = "results"
 """The folder beside the campaign file that takes the results of who names none."""
@@ -88,8 +87,7 @@ def run_campaign(
 
 
 def _outcome(task: tuple[str, Path, Path], how: dict[str, Any]) -> "tuple[str, CampaignRun]":
-    from automarine_cli.pipeline.result_files import RunFile
-    from automarine_cli.report.campaign import CampaignRun
+    from automarine_cli.report.campaign import CampaignRun, RunFile
 
     name, campaign, out = task
     try:
@@ -193,8 +191,8 @@ def _do(
 
 def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
     from automarine_cli.pipeline.manifest import MANIFEST, sha256
-    from automarine_cli.pipeline.result_files import RUN, THRUSTER_MAP, RunFile, StepDone
-    from automarine_cli.report.campaign import cautions
+    from automarine_cli.report.campaign import RUN, RunFile, StepDone, cautions
+    from automarine_cli.thrusters.map import THRUSTER_MAP
 
     entries = []
     for step, outcome in zip(steps, outcomes):
@@ -213,9 +211,8 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
     from automarine_cli.logs import with_joined
     from automarine_cli.pipeline.manifest import Input, given_as, why_made_again
     from automarine_cli.pipeline.records import json_text, to_mapping
-    from automarine_cli.pipeline.result_files import RUN
     from automarine_cli.pipeline.results_folder import result_folder
-    from automarine_cli.report.campaign import make_report
+    from automarine_cli.report.campaign import RUN, make_report
     from automarine_cli.runs.load import has_bytes
 
     logs = with_joined(campaign.every_log(), campaign.columns)

@@ -83,8 +83,8 @@ def tune(
 def _completed(settings: dict[str, Any]) -> dict[str, Any]:
     """A diagnosis brings the model beside it. Raises UsageError where there is nothing to do."""
     from automarine_cli.control.knowledge import EXTENDED
+    from automarine_cli.models.store import DIAGNOSIS
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.pipeline.result_files import DIAGNOSIS
 
     if not settings["target"] and not settings["check"]:
         raise click.UsageError("give --for TARGET, or --check LOG with a tuning.json")

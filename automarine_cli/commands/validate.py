@@ -39,9 +39,8 @@ def validate(
     """
     from automarine_cli.comparison.validation import ahead_of, compare, compare_planar, usable_runs
     from automarine_cli.logs import given_columns
-    from automarine_cli.models.store import load_planar_model, load_yaw_models
+    from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.pipeline.result_files import PLANAR_MODEL
     from automarine_cli.runs.channels import AUTO, choose_channels, wanted_channels
     from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
     from automarine_cli.runs.run import command_warnings

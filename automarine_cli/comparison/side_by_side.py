@@ -11,22 +11,14 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from automarine_cli.comparison.validation import VALIDATION, ValidationFile
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
+from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, manifest_of
-from automarine_cli.pipeline.result_files import (
-    DIAGNOSIS,
-    MODELS,
-    THRUSTER_MAP,
-    VALIDATION,
-    DiagnosisFile,
-    ModelFile,
-    ResultKind,
-    ResultRecord,
-    ThrusterFile,
-    ValidationFile,
-)
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"
 LEVEL = 0.05
@@ -229,7 +221,8 @@ def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Said:
     for name, moved in file.base.items():
         label = own.quadratic_print if name == own.quadratic else name
         yield f"{label} with what was missing", moved.after, f"base.{name}.after"
-    for name, size in (("gap before", file.before), ("gap after", file.after), ("noise", file.noise_floor)):
+    gap = file.gap
+    for name, size in (("gap before", gap.before), ("gap after", gap.after), ("noise", gap.noise_floor)):
         yield f"{name} [{file.unit}]", size, ""
 
 

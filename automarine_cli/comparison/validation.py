@@ -6,7 +6,7 @@ fitted on these very runs, for no file knows the weather of their day.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -39,18 +39,18 @@ from automarine_cli.comparison.simulated_runs import (
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects.thruster_imbalance import lacking_signal
-from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError
+from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError, SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.driven import STEPS, ForecastScore, base_starts, disturbed, driven_problem, judged_of, worth_of
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
-from automarine_cli.models.store import StoredModels, StoredPlanar
+from automarine_cli.models.store import StoredModels, StoredPlanar, Use
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
-from automarine_cli.pipeline.records import Shown
-from automarine_cli.pipeline.result_files import VALIDATION
+from automarine_cli.pipeline.records import Shown, keyed, told
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.checks import without_undriven
 from automarine_cli.runs.run import Run, SetAside, runs_json
@@ -119,6 +119,40 @@ class Ahead:
                 runs = {run: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
                 by_model[number].append(worth.to_json(self.dof) | {"runs": runs})
         return by_model
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreEntry:
+    rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}", "heading_rmse_deg"))
+    ci95: tuple[float, float] | None = field(default=None, metadata=keyed("rmse_{shown_unit}_ci95"))
+    restarted: float | None = field(default=None, metadata=keyed("restarted_rmse_{shown_unit}"))
+    runs: Mapping[str, "ScoreEntry"] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ForecastEntry:
+    horizon_s: float
+    runs: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValidationFile(ResultRecord):
+    """`validation.json`: the models of a file against measured runs; of a planar model there is one, and no fit."""
+
+    models: Mapping[str, ScoreEntry]
+    best: str
+    preferred_by_fit: str = ""
+    noise_floor: float | None = field(default=None, metadata=keyed("noise_floor_{shown_unit}"))
+    use: Use = field(default_factory=Use)
+    logs: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    prediction: Mapping[str, tuple[ForecastEntry, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.best not in self.models:
+            raise SettingError(f"best: found {told(self.best)}, expected one of {', '.join(self.models)}")
+
+
+VALIDATION = ResultKind("validation.json", "validation", ValidationFile, "validate")
 
 
 @dataclass(frozen=True, repr=False)

@@ -9,10 +9,9 @@ from automarine_cli import effects
 from automarine_cli.control.targets.base import Target
 from automarine_cli.control.vehicles import Bend, Spread
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.models.store import StoredModels
+from automarine_cli.models.store import DiagnosisFile, ModelFile, StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import Source
-from automarine_cli.pipeline.result_files import DiagnosisFile, ModelFile
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid

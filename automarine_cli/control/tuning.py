@@ -21,9 +21,10 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
+from automarine_cli.models.store import DIAGNOSIS
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Document, Shown, Source, json_document, read_plain, schema_in
-from automarine_cli.pipeline.result_files import DIAGNOSIS, TUNING
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.pipeline.results_folder import Attempt, attempted
 from automarine_cli.planning.campaign import Plan, make_plan
 from automarine_cli.planning.candidates import Goal, Limits, Moments
@@ -73,6 +74,17 @@ def set_up(
     step = step if step is not None else STEP_DEG if dof.wraps else STEP_M
     band = dof.inner(BAND_DEG if dof.wraps else BAND_M)
     return Setup(stack, known, most, bend, Task(dof.inner(step), band, load / 100.0, margin, 0.0), seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuningFile(ResultRecord):
+    """`tuning.json`: what became of the gains of a target."""
+
+    verdict: str
+    target: str
+
+
+TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 
 @dataclass(frozen=True, repr=False)

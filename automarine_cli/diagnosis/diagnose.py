@@ -40,11 +40,10 @@ from automarine_cli.fits.innovations import InnovationsFit, channel_noises, chan
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
-from automarine_cli.models.store import StoredModels, effects_json, model_head
+from automarine_cli.models.store import DIAGNOSIS, StoredModels, effects_json, model_head
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import Run, SetAside, runs_json

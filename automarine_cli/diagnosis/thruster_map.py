@@ -21,8 +21,8 @@ from automarine_cli.diagnosis.diagnose import (
 from automarine_cli.diagnosis.residual_regions import Column, Gap, Looked, look
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
+from automarine_cli.models.store import DIAGNOSIS
 from automarine_cli.pipeline.records import Shown
-from automarine_cli.pipeline.result_files import DIAGNOSIS
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import SetAside, runs_json
 from automarine_cli.thrusters import family

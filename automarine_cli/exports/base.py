@@ -17,8 +17,8 @@ from typing import Any
 
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.models.store import ModelFile
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.result_files import ModelFile
 from automarine_cli.thrusters.map import ThrusterMap
 
 FRAMES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}

@@ -26,8 +26,8 @@ from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import SWITCH, Outcome, natural_of, search_of
 from automarine_cli.models.allocation import Vehicle
+from automarine_cli.models.store import Sensor
 from automarine_cli.pipeline.records import to_mapping
-from automarine_cli.pipeline.result_files import Sensor
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import ChannelChoice, ChannelVerdict
 from automarine_cli.runs.run import Run, position_noise

@@ -11,9 +11,8 @@ from typing import Literal
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping, told
-from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.pipeline.words import printable
-from automarine_cli.planning.candidates import Candidate, Supply
+from automarine_cli.planning.candidates import PLAN, Candidate, Supply
 from automarine_cli.simulation.specification import between, positive
 
 SCHEMA = "automarine/link-campaign/1"

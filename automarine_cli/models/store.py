@@ -13,25 +13,186 @@ effect is there if its parameters are. What was not identified is a plain number
 """
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
+from typing import ClassVar
 
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects import Effect
-from automarine_cli.errors import ModelError
+from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models import planar
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel, base_roles
-from automarine_cli.pipeline.records import Codec, Place, Source, key_of, read_plain, told
-from automarine_cli.pipeline.result_files import MODELS, PLANAR_MODEL, AddedEffect, ModelEntry, ModelFile
+from automarine_cli.pipeline.records import Codec, Place, Source, key_of, keyed, read_plain, told
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.pipeline.words import LONGEST, printable
 
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 ROLES = ("inertia", "quadratic", "linear", "constant", "difference")
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Whether a sensor counts: how noisy it is, or why not."""
+
+    quantity: str
+    used: bool
+    noise: Estimate | None = None
+    why: str | None = None
+
+
+@dataclass(frozen=True)
+class Covariance:
+    parameters: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Use:
+    """Whether a model predicts better than somebody who expects no change, and the sentences that say so."""
+
+    of_use: bool = True
+    says: tuple[str, ...] | str = ()
+
+    @property
+    def refusal(self) -> str:
+        """Why the model is not to be used; empty where it is of use."""
+        sentences = (self.says,) if isinstance(self.says, str) else self.says
+        return "" if self.of_use or not sentences else sentences[0]
+
+
+@dataclass(frozen=True)
+class AddedEffect:
+    unread: ClassVar[tuple[str, ...]] = ("says", "confidence", "p_value", "rivals")
+    name: str
+    parameters: Mapping[str, Given]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelEntry:
+    """One of the models of a file; None is what it does not have."""
+
+    unread: ClassVar[tuple[str, ...]] = ("velocity_error", "sse", "why", "sides", "warnings", "notes")
+    inertia: Given | None = field(default=None, metadata=keyed("{inertia_symbol}"))
+    quadratic: Given | None = field(default=None, metadata=keyed("{quadratic}"))
+    linear: Given | None = field(default=None, metadata=keyed("{linear}"))
+    constant: Given | None = field(default=None, metadata=keyed("{constant}"))
+    difference: Given | None = field(default=None, metadata=keyed("{difference}"))
+    ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
+    covariance: Covariance | None = field(default=None, metadata=keyed("output_error/covariance"))
+    effects: tuple[AddedEffect, ...] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFile(ResultRecord):
+    """`yaw_model.json`, or that of another motion: models by number."""
+
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s")
+    models: Mapping[str, ModelEntry | None]
+    preferred: str
+    force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
+    switch_offset: Given | None = None
+    effects: tuple[AddedEffect, ...] = ()
+    preferred_because: str = ""
+    ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
+    gain_scatter: Given | None = None
+    gain_exponent: Given | None = None
+    noise: float | None = field(default=None, metadata=keyed("{position}_noise_{shown_unit}"))
+    force_range: tuple[float, float] | None = field(default=None, metadata=keyed("valid_range/{force}"))
+    velocity_range: tuple[float, float] | None = field(default=None, metadata=keyed("valid_range/{velocity_key}"))
+    parent_file: str = field(default="", metadata=keyed("parent/file"))
+    parent_sha256: str = field(default="", metadata=keyed("parent/sha256"))
+    channels: tuple[Sensor, ...] = ()
+    random: Mapping[str, Given] = field(default_factory=dict)
+    proposed: Mapping[str, float] = field(default_factory=dict)
+    buoyancy: Mapping[str, object] = field(default_factory=dict)
+    prediction: Use = field(default_factory=Use)
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        there = [number for number, entry in self.models.items() if entry is not None]
+        if not there:
+            raise SettingError("models: holds no model; expected one or more of 1, 2, 3")
+        if self.preferred not in there:
+            raise SettingError(
+                f"preferred: found {told(self.preferred)}, expected one of the file's models ({', '.join(there)})"
+            )
+
+    @property
+    def chosen(self) -> ModelEntry:
+        return self.models[self.preferred] or ModelEntry()
+
+    def main_parameters(self) -> Iterator[tuple[str, Given]]:
+        """Drag and inertia of the preferred model that it has, in letters for print."""
+        own, entry = self.dof.symbols, self.chosen
+        found = {own.quadratic_print: entry.quadratic, own.linear: entry.linear, own.inertia: entry.inertia}
+        return ((name, given) for name, given in found.items() if given is not None)
+
+
+MODELS = {
+    name: ResultKind(f"{name}_model.json", f"{name}-model", ModelFile, f"fit-{name}", dof) for name, dof in DOFS.items()
+}
+"""The model file of each motion, by its name."""
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that a diagnosis named or suspects, and those that cannot be excluded."""
+
+    name: str
+    parameters: Mapping[str, Given] = field(default_factory=dict)
+    rivals: tuple["FoundEffect", ...] = ()
+    split_by: str = ""
+
+
+@dataclass(frozen=True)
+class Tried:
+    name: str
+    gain: float
+
+
+@dataclass(frozen=True)
+class Moved:
+    after: Given
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapEntry:
+    """Of the runs that were fitted, in the unit in which positions are shown; of thrusters in newtons."""
+
+    before: float = field(metadata=keyed("before_{shown_unit}", "before_N"))
+    after: float = field(metadata=keyed("after_{shown_unit}", "after_N"))
+    noise_floor: float = field(metadata=keyed("noise_floor_{shown_unit}", "noise_floor_N"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisFile(ResultRecord):
+    """`diagnosis.json`, of a motion, of the plane or of a thruster map: what it adds to the model."""
+
+    verdict: str
+    gap: GapEntry = field(metadata=keyed("gap/fitted_runs"))
+    model: str = ""
+    force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
+    effects: tuple[FoundEffect, ...] = ()
+    base: Mapping[str, Moved] = field(default_factory=dict)
+    candidates: tuple[Tried, ...] = ()
+    threshold: float | None = None
+    smallest_visible: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def of_thrusters(self) -> bool:
+        return self.model == "thruster-map"
+
+    @property
+    def unit(self) -> str:
+        return "N" if self.of_thrusters else self.dof.units.key
+
+
+DIAGNOSIS = ResultKind("diagnosis.json", "diagnosis", DiagnosisFile, "diagnose")
 
 
 def number_at(given: Given, codec: Codec, place: Place) -> float:
@@ -201,6 +362,26 @@ def values_of(
 PARAMETERS = ("parameters",)
 UNITS = {"force_unit": "N", "moment_unit": "N m"}
 CURRENT = ("current.north", "current.east")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarFile(ResultRecord):
+    """`planar_model.json`: parameters by qualified name."""
+
+    unread: ClassVar[tuple[str, ...]] = (
+        "fitted_to", "assumptions", "valid_range", "channels", "disturbance", "noises", "log_likelihood",
+        "structure_because", "estimated", "estimated_because", "effects", "predicts", "parent", "notes", "warnings",
+    )  # fmt: skip
+    force_unit: str = "N"
+    moment_unit: str = "N m"
+    parameters: Mapping[str, Given]
+    structure: str = ""
+    covariance: Covariance | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
+    prediction: Use = field(default_factory=Use)
+
+
+PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", PlanarFile, "fit-planar", YAW)
 
 
 @dataclass(frozen=True)

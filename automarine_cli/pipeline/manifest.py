@@ -1,7 +1,6 @@
 """`manifest.json`: what a folder of results was made from, by what, and the hash of everything in it."""
 
 import contextlib
-import dataclasses
 import hashlib
 import json
 import platform
@@ -13,13 +12,12 @@ from typing import NamedTuple
 
 from automarine_cli import __version__
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.records import Document, Source, from_mapping, json_text, read_mapping, to_mapping
+from automarine_cli.pipeline.records import Codec, Source, json_text, plain, read_mapping, schema_in
 from automarine_cli.pipeline.words import listed, printable
 
-MANIFEST, SCHEMA = "manifest.json", "automarine/manifest/1"
+MANIFEST, OURS = "manifest.json", "automarine/manifest/"
+SCHEMA = f"{OURS}1"
 LIBRARIES = ("click", "numpy", "scipy", "pandas", "pyarrow", "matplotlib")
-# Settings that must not change a result, or that `inputs` says already: never in the manifest.
-UNRECORDED = frozenset({"logs", "out", "jobs", "overwrite", "as_json", "json", "progress", "verbose", "quiet"})
 
 
 class Input(NamedTuple):
@@ -71,29 +69,21 @@ class Manifest:
 def read_manifest(path: Path) -> Manifest:
     """Return the manifest at `path`. Raises SettingError with the key's path for one that is not automarine's."""
     data = read_mapping(path)
-    if not _is_ours(data):
+    if not str(data.get("schema")).startswith(OURS):
         raise SettingError(f"{path.name}: is no manifest of automarine; expected the {MANIFEST} in a folder of results")
-    return from_mapping(Manifest, data, path.name)
-
-
-def _is_ours(data: object) -> bool:
-    return isinstance(data, dict) and str(data.get("schema", "")).startswith("automarine/manifest/")
+    return Codec(path.name).read(Manifest, data)
 
 
 def is_manifest(path: Path) -> bool:
-    """Whether there is a file that says it is a manifest of automarine, of whatever version. Raises OSError."""
-    try:
-        return path.is_file() and _is_ours(json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, RecursionError):
-        return False
+    """Whether there is a file that says it is a manifest of automarine, of whatever version."""
+    return schema_in(path).startswith(OURS)
 
 
 def manifest_of(folder: Path) -> Manifest | None:
     """Return the manifest of a folder of results; None where there is none, or none that this version reads."""
-    try:
-        return read_manifest(folder / MANIFEST) if is_manifest(folder / MANIFEST) else None
-    except (OSError, SettingError):
-        return None
+    with contextlib.suppress(SettingError):
+        return read_manifest(folder / MANIFEST)
+    return None
 
 
 def manifests_in(folder: Path) -> Iterator[Path]:
@@ -124,49 +114,46 @@ def recorded(
     versions, files = dict(versions_here()), [Input(*file) for file in inputs]
     return {
         "schema": SCHEMA, "automarine": versions.pop("automarine"), "libraries": versions, "command": command,
-        "options": {key: _without_place(value) for key, value in options.items() if key not in UNRECORDED},
-        "seed": seed,
+        "options": _without_places(plain(options)), "seed": seed,
         "inputs": [{"file": one.name, "role": one.role, "sha256": sha256_if_readable(one.path)} for one in files],
     }  # fmt: skip
 
 
-def _without_place(value: object) -> object:
-    if isinstance(value, PurePath | Document):
-        return value.name
-    if isinstance(value, str):
-        return PurePath(value).name if PurePath(value).is_absolute() else value
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = to_mapping(value)
-    if isinstance(value, Mapping):
-        return {str(key): _without_place(entry) for key, entry in value.items()}
-    return [_without_place(entry) for entry in value] if isinstance(value, list | tuple) else value
+def _without_places(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _without_places(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_without_places(entry) for entry in value]
+    return PurePath(value).name if isinstance(value, str) and PurePath(value).is_absolute() else value
 
 
 def why_made_again(
     folder: Path, *, command: str, options: Mapping[str, object], seed: int | None, inputs: Sequence[Input]
 ) -> str | None:
-    """Return why `command` must run although there is `folder`; None if that holds what would be made again.
-
-    Looked at are, in this order: whether there is a result, versions, settings, inputs, files that somebody changed.
-    """
+    """Return why `command` must run although there is `folder`; None if that holds what would be made again."""
     then = manifest_of(folder)
     if then is None or then.command != command:
         return "no result yet"
-    now = from_mapping(Manifest, json.loads(json_text(recorded(command, options, seed, inputs))), MANIFEST)
-    before, here = {"automarine": then.automarine, **then.libraries}, versions_here()
-    if odd := _different(before, here):
-        return "version: " + listed(f"{n} {before.get(n, 'none')} then, {here.get(n, 'none')} now" for n in odd)
-    if odd := _different({**then.options, "seed": then.seed}, {**now.options, "seed": now.seed}):
-        return f"settings changed: {listed(odd)}"
-    old, new = ({(entry.role, entry.file): entry.sha256 for entry in one.inputs} for one in (then, now))
-    odd = [name for (role, name), sha in new.items() if old.get((role, name), sha) != sha]
-    odd += [f"{name} (new)" for role, name in new if (role, name) not in old]
-    odd += [f"{name} (gone)" for role, name in old if (role, name) not in new]
-    if odd:
-        return f"inputs changed: {listed(odd)}"
-    odd = [entry.file for entry in then.outputs if sha256_if_readable(folder / entry.file) != entry.sha256]
-    return f"results changed since they were written: {listed(odd)}" if odd else None
+    now = Codec(MANIFEST).read(Manifest, json.loads(json_text(recorded(command, options, seed, inputs))))
+    before, after = ({"automarine": one.automarine, **one.libraries} for one in (then, now))
+    hashes = {entry.file: sha256_if_readable(folder / entry.file) for entry in then.outputs}
+    changes = {
+        "version": [f"{n} {before.get(n, 'none')} then, {after.get(n, 'none')} now" for n in _changed(before, after)],
+        "settings changed": _changed({**then.options, "seed": then.seed}, {**now.options, "seed": now.seed}),
+        "inputs changed": _changed(_inputs(then), _inputs(now)),
+        "results changed since they were written": _changed({e.file: e.sha256 for e in then.outputs}, hashes),
+    }
+    return next((f"{what}: {listed(names)}" for what, names in changes.items() if names), None)
 
 
-def _different(then: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
-    return [key for key in {**then, **now} if then.get(key) != now.get(key)]
+def _inputs(manifest: Manifest) -> dict[str, str | None]:
+    return {f"{e.file}{'' if e.role == 'log' else f' as {e.role}'}": e.sha256 for e in manifest.inputs}
+
+
+def _changed(then: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
+    """Return the names of what is not the same, and which of them are new or gone."""
+    return [
+        name + " (new)" * (name not in then) + " (gone)" * (name not in now)
+        for name in {**then, **now}
+        if name not in then or name not in now or then[name] != now[name]
+    ]

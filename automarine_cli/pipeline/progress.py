@@ -1,6 +1,6 @@
 """How long work says how far it is: a plain callable, so that no room knows about terminals."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -15,12 +15,11 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def foretell(progress: Progress, what: str, seconds: float) -> None:
-    """Say that something will take about so many `seconds`, where that is a minute or more."""
     if seconds >= 60.0:
         progress(f"{what} takes about {round(seconds / 60.0)} min", 0, 0)
 
 
-def counted(progress: Progress, stage: str, items: Sequence[Item] | Iterable[Item], total: int) -> Iterator[Item]:
+def counted(progress: Progress, stage: str, items: Iterable[Item], total: int) -> Iterator[Item]:
     """Yield `items`, telling `progress` after each one how many of `total` are done."""
     for done, item in enumerate(items, start=1):
         yield item

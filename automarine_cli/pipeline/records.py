@@ -1,12 +1,12 @@
 """Plain data (JSON, TOML) to and from typed records, by their type hints; what does not fit is refused by file and key.
 
 A record is any frozen dataclass whose fields are `bool`, `int`, `float`, `str`, `Literal[...]`, `object`, `X | None`,
-`tuple[X, ...]`, `tuple[X, Y]`, `Mapping[str, X]` or another such dataclass. A field called `from_` is the key `from`;
-the key of a `keyed` field is a template, filled by whom the reader gives. A record with a class method `of_number`
-takes a plain number too. A record checks its own values in `__post_init__` and raises SettingError with the bare
-reason; the place in the file is put in front of it here.
+`tuple[X, ...]`, `tuple[X, Y]`, `Mapping[str, X]` or another such dataclass. A field called `from_` is the key `from`. A
+record with a class method `of_number` takes a plain number too. A record checks its own values in `__post_init__` and
+raises SettingError with the bare reason; the place in the file is put in front of it here.
 """
 
+import contextlib
 import dataclasses
 import difflib
 import functools
@@ -16,47 +16,41 @@ import math
 import re
 import sys
 import tomllib
-import types
-import typing
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, TypeVar, Union
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Literal, Protocol, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
 from automarine_cli.pipeline.words import LONGEST, printable, quoted
 
 # A model is a few kilobytes, with ten thousand runs set aside a few megabytes; TOML is written by hand.
 MOST_BYTES = {"JSON": 16_000_000, "TOML": 1_000_000}
 LARGEST_WHOLE = 10**300  # beyond it a whole number is no float any more
-FILLER: Mapping[str, object] = {"filler": True}
-"""Metadata of a field that is in no file: who fills the keys, as given to the codec."""
-Place = tuple[object, ...]
-"""Keys and numbers of list entries, from the outside in."""
+FILLER: Mapping[str, object] = {"filler": True}  # metadata of a field that is in no file: the codec's `words`
+Place = tuple[object, ...]  # keys and numbers of list entries, from the outside in
 
 
 class Record(Protocol):
     __dataclass_fields__: ClassVar[dict[str, "Field[Any]"]]
 
 
-class Words(Protocol):
-    """Fills the keys of records, such as the record of a motion."""
-
-    def fill(self, template: str) -> str: ...
-
-
 Kind = TypeVar("Kind", bound=Record)
+_hints = functools.cache(get_type_hints)
 
 
 def keyed(*keys: str) -> Mapping[str, object]:
     """Return the metadata of a field whose key in files is a template such as "noise_{log_unit}", for the codec's
-    words; of several the first that is there is read. Of results "gap/after" is the key `after` in the table `gap`."""
+    words; of several the first that is there is read. "gap/after" is the key `after` in the table `gap`."""
     return {"keys": keys}
 
 
 @dataclass(frozen=True)
 class Document:
-    """A file that is on no disk: the name and the bytes that a result of Python would have been written as."""
+    """A file that is on no disk: what a result of Python would have been written as, or what came over a link."""
 
     name: str
     content: bytes
@@ -64,12 +58,8 @@ class Document:
     def open(self, mode: Literal["rb"]) -> io.BytesIO:
         return io.BytesIO(self.content)
 
-    def read_bytes(self) -> bytes:
-        return self.content
-
 
 Source = Path | Document
-"""What a model, a map or a diagnosis is read from."""
 
 
 def read_plain(
@@ -79,7 +69,7 @@ def read_plain(
 
     Raises `refuse` with the file, and the key's path where there is one.
     """
-    name, most = printable(path.name), MOST_BYTES[kind] if most is None else most
+    name, most = printable(path.name), most or MOST_BYTES[kind]
     try:
         with path.open("rb") as file:
             content = file.read(most + 1)  # what has no end (a device) must not fill the memory
@@ -109,11 +99,11 @@ def read_plain(
 
 
 def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    names = [key for key, _ in pairs]
-    for key in names if len(set(names)) < len(names) else ():
-        if names.count(key) > 1:
-            raise ValueError(f"the key {quoted(key)} is given more than once")
-    return dict(pairs)
+    data = dict(pairs)
+    if len(data) < len(pairs):
+        counts = Counter(key for key, _ in pairs)
+        raise ValueError(f"the key {quoted(counts.most_common(1)[0][0])} is given more than once")
+    return data
 
 
 def read_mapping(path: Path) -> dict[str, object]:
@@ -123,10 +113,9 @@ def read_mapping(path: Path) -> dict[str, object]:
 
 def schema_in(source: object) -> str:
     """Return the schema that a JSON file says it has; empty where there is none, or nothing that can be read."""
-    try:
+    with contextlib.suppress(AutomarineError):
         return str(read_plain(source, "JSON", AutomarineError).get("schema")) if isinstance(source, Source) else ""
-    except AutomarineError:
-        return ""
+    return ""
 
 
 def everything(data: object, place: Place = ()) -> Iterator[tuple[object, Place]]:
@@ -150,8 +139,6 @@ def told(value: object) -> str:
         return "nothing" if value is None else "an object"
     if isinstance(value, list | tuple):
         return f"a list of {len(value)}"
-    if isinstance(value, str) and len(value) > LONGEST:
-        value = value[:LONGEST] + "..."
     text = printable(json.dumps(value, ensure_ascii=False, default=str))
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
 
@@ -162,15 +149,14 @@ class Codec:
 
     `name` is that of the file or table, for messages; `words` fill the keys and become the value of the field marked
     `FILLER`; `refuse` is raised. `writer` is the command that writes such files; where none is named they are settings
-    that people write. `others` are words that may be mistaken for these. A record of results refuses unknown keys
-    only if it names in `unread` those that may be there; settings refuse all.
+    that people write. A record of results refuses unknown keys only if it names in `unread` those that may be there;
+    settings refuse all.
     """
 
     name: str
-    words: Words | None = None
+    words: Dof | None = None
     refuse: type[AutomarineError] = SettingError
     writer: str = ""
-    others: tuple[Words, ...] = ()
 
     def refusal(self, place: Place, why: str) -> AutomarineError:
         return self.refuse(f"{self.name}: {in_words(place)}{why}")
@@ -194,7 +180,8 @@ class Codec:
             elif path is not None:
                 values[field.name] = self.value(hint, _inner(data, path), (*place, *path))
             elif field.default is MISSING and field.default_factory is MISSING:
-                raise self.missing((*place, *paths[0][:-1]), paths[0][-1], _expected(hint))
+                *outer, key = paths[0]
+                raise self.missing((*place, *outer), key, _expected(hint))
         try:
             return record(**values)
         except SettingError as problem:
@@ -202,39 +189,35 @@ class Codec:
 
     def _refuse_unknown(self, record: type[Record], data: Mapping[object, object], place: Place) -> None:
         """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
-        fields = [field for field in dataclasses.fields(record) if "filler" not in field.metadata]
-        known = [*dict.fromkeys(key.partition("/")[0] for field in fields for key in _keys(field, self.words))]
-        if (unread := getattr(record, "unread", None if self.writer else ())) is None:
+        unread, read = getattr(record, "unread", None if self.writer else ()), _top_keys(record, self.words)
+        known = [*dict.fromkeys(read), *(unread or ())]
+        key = next((key for key in data if key not in known), None)
+        if unread is None or key is None:
             return
-        known += unread
-        for key in (key for key in data if key not in known):
-            free = [name for name in known if name not in data] if self.writer else known
-            twins = {(theirs, ours) for other in self.others for field in fields
-                     for theirs, ours in zip(_keys(field, other), _keys(field, self.words))}  # fmt: skip
-            meant = [ours for theirs, ours in twins if theirs == key and ours in free]
-            cutoff = 0.8 if self.writer else 0.6
-            close = meant or difflib.get_close_matches(str(key)[:LONGEST], free, n=1, cutoff=cutoff)
-            hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(known)}"
-            raise self.refusal(place, f"unknown key {told(key)}; {hint}")
+        free = [name for name in known if name not in data] if self.writer else known
+        of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), read))
+        meant = [ours for theirs, ours in of_motions if theirs == key and ours in free]
+        close = meant or difflib.get_close_matches(str(key)[:LONGEST], free, 1, 0.8 if self.writer else 0.6)
+        hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(known)}"
+        raise self.refusal(place, f"unknown key {told(key)}; {hint}")
 
     def value(self, hint: Any, value: Any, place: Place = ()) -> Any:
         """Return a plain value as the type `hint`, which a record's field may have. Raises `refuse` with the place."""
-        origin, args = typing.get_origin(hint), typing.get_args(hint)
+        origin, args = get_origin(hint), get_args(hint)
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if hasattr(hint, "of_number") and not isinstance(value, Mapping):
             return hint.of_number(self.value(float, value, place))
         if dataclasses.is_dataclass(hint):
-            return self.read(typing.cast(type[Record], hint), value, place)
-        if origin in (Union, types.UnionType):
-            members = [member for member in args if member is not types.NoneType]
-            if value is None and len(members) < len(args):
+            return self.read(cast(type[Record], hint), value, place)
+        if origin in (Union, UnionType):
+            if value is None and NoneType in args:
                 return None
+            members = [member for member in args if member is not NoneType]
+            if len(members) == 1:
+                return self.value(members[0], value, place)
             for member in members:
-                try:
+                with contextlib.suppress(AutomarineError):
                     return self.value(member, value, place)
-                except AutomarineError:
-                    if len(members) == 1:
-                        raise
         elif origin is tuple and isinstance(value, list | tuple):
             inner = (args[0],) * len(value) if args[-1] is Ellipsis else args
             if len(inner) == len(value):
@@ -256,19 +239,11 @@ class Codec:
         raise self.refusal(place, f"found {found}, expected {_expected(hint)}")
 
 
-def from_mapping(cls: type[Kind], mapping: object, where: str, words: Words | None = None) -> Kind:
-    """Return the settings `cls` that plain data hold; `where` names the file or table. Raises SettingError by key."""
-    return Codec(where, words).read(cls, mapping)
-
-
 def to_mapping(record: Record) -> dict[str, object]:
     """Return the plain data of a record, field order kept; what is None is left out (TOML has no null)."""
-    values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
-    return {
-        key_of(record, field.name): _plain(values[field.name])
-        for field in dataclasses.fields(record)
-        if values[field.name] is not None and "filler" not in field.metadata
-    }
+    names = [field.name for field in dataclasses.fields(record) if "filler" not in field.metadata]
+    values = {key_of(record, name): getattr(record, name) for name in names}
+    return {key: plain(value) for key, value in values.items() if value is not None}
 
 
 def key_of(record: Record, name: str) -> str:
@@ -277,17 +252,25 @@ def key_of(record: Record, name: str) -> str:
     return _keys(fields[name], next(words, None))[0]
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """Return a value whose records, at any depth, are plain data, and files their names."""
+    if isinstance(value, Source):
+        return value.name
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return to_mapping(value)
     if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+        return {str(key): plain(entry) for key, entry in value.items()}
+    return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
-def _keys(field: "Field[Any]", words: Words | None) -> tuple[str, ...]:
+def _keys(field: "Field[Any]", words: Dof | None) -> tuple[str, ...]:
     templates = field.metadata.get("keys", ())
     return tuple(map(words.fill, templates)) if templates and words is not None else (field.name.rstrip("_"),)
+
+
+def _top_keys(record: type[Record], words: Dof | None) -> list[str]:
+    fields = (field for field in dataclasses.fields(record) if "filler" not in field.metadata)
+    return [key.partition("/")[0] for field in fields for key in _keys(field, words)]
 
 
 def _inner(data: object, path: Sequence[str]) -> object:
@@ -296,15 +279,10 @@ def _inner(data: object, path: Sequence[str]) -> object:
     return data
 
 
-@functools.cache
-def _hints(record: type[Record]) -> dict[str, object]:
-    return typing.get_type_hints(record)
-
-
 def _expected(hint: Any) -> str:
-    origin, args = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (Union, types.UnionType):
-        return " or ".join(_expected(arg) for arg in args if arg is not types.NoneType)
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return " or ".join(_expected(arg) for arg in args if arg is not NoneType)
     if origin is Literal:
         return "one of " + ", ".join(repr(arg) for arg in args)
     if origin is tuple:
@@ -319,23 +297,22 @@ def json_text(data: object) -> str:
 
     Raises OutputError for a value that is not a finite number: a result file never holds NaN.
     """
-    try:
-        text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False, default=_as_plain) + "\n"
-    except ValueError:
-        plain = json.loads(json.dumps(data, default=_as_plain))
-        odd = (place for value, place in everything(plain) if isinstance(value, float) and not math.isfinite(value))
-        where = in_words(("result", *next(odd))).removesuffix(": ")
-        raise OutputError(f"{where} is not a finite number; this is a bug, please report it") from None
+    text = json.dumps(data, indent=1, ensure_ascii=False, default=_of_numpy) + "\n"
+    if re.search(r"\b(NaN|Infinity)\b", text):
+        for value, place in everything(json.loads(text)):
+            if isinstance(value, float) and not math.isfinite(value):
+                where = in_words(("result", *place)).removesuffix(": ")
+                raise OutputError(f"{where} is not a finite number; this is a bug, please report it")
     # a byte of a file's name that is not UTF-8 has no letter, only an escape
     return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
 
 
+def _of_numpy(value: Any) -> object:
+    return value.tolist()
+
+
 def json_document(name: str, data: object) -> Document:
     return Document(name, json_text(data).encode("utf-8"))
-
-
-def _as_plain(value: Any) -> object:
-    return value.tolist()
 
 
 def toml_text(mapping: Mapping[str, object], prefix: str = "") -> str:

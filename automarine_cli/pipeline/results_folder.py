@@ -1,14 +1,13 @@
 """Results in a folder appear whole or not at all: filled beside the target, then renamed; old ones stay until then.
 
-While a process writes to `NAME`, `.NAME.automarine-new` beside it is what it fills, and nobody else can make one. The
-process holds a lock on a file in it, which ends with the process: what a killed one left is replaced.
-`.NAME.automarine-old` holds the former results between two renames.
+While a process writes to `NAME`, it holds a lock in `.NAME.automarine` beside it, and fills the folder `new` in there;
+`old` holds the former results between two renames. The lock ends with the process: the next one tidies up what a killed
+one left.
 """
 
 import contextlib
 import errno
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from automarine_cli.errors import AutomarineError, OutputError
-from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, manifests_in, recorded
+from automarine_cli.pipeline.manifest import MANIFEST, Input, manifest_of, manifests_in, recorded
 from automarine_cli.pipeline.records import Source, json_text
 from automarine_cli.pipeline.words import printable
 
@@ -25,17 +24,14 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-LOCK = ".lock"
 Made = TypeVar("Made")
 Attempt = tuple[Made | None, str]
 """What was made; or None, and a sentence that says why."""
 
 MOST_FOREIGN = 1000  # files of others in a folder that may be replaced by a rename: not a home, not a project
-ROOM, RIGHT = "Make room, or choose another folder with -o", "Choose a folder that you may write to with -o"
-ADVICE = {errno.ENOSPC: ROOM, errno.EDQUOT: ROOM, errno.EROFS: RIGHT, errno.EACCES: RIGHT, errno.EPERM: RIGHT}
 
 
-def attempted(failure: str, work: Callable[[], Made]) -> tuple[Made | None, str]:
+def attempted(failure: str, work: Callable[[], Made]) -> Attempt[Made]:
     """Do what results can do without; `failure` begins the sentence on why there is none."""
     try:
         return work(), ""
@@ -83,7 +79,7 @@ class ResultFolder:
     def write_json(self, name: str, data: object) -> None:
         self.write(name, json_text(data))
 
-    def taken(self, attempt: tuple[Made | None, str]) -> Made | None:
+    def taken(self, attempt: Attempt[Made]) -> Made | None:
         """Return what was `attempted`; where nothing was made None, and the warning is in the manifest."""
         self.warnings += filter(None, attempt[1:])
         return attempt[0]
@@ -103,14 +99,17 @@ def result_folder(
     """
     refuse_unfit(out)
     target = Path(os.path.realpath(out))
-    new, old = (target.with_name(f".{target.name}.automarine-{role}") for role in ("new", "old"))
+    beside = target.with_name(f".{target.name}.automarine")
+    new, old = beside / "new", beside / "old"
     missing = [parent for parent in target.parents if not parent.exists()]
     with one_sentence(out):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        lock = _taken(new, target.name)
+        lock = _locked(beside, target.name)
     try:
         with one_sentence(out):
             _put_back(old, target)
+            for left in (new, old):
+                shutil.rmtree(left, ignore_errors=True)
+            new.mkdir()
             replaced = _replaced(target, out, command, overwrite)
             record = recorded(command, options, seed, inputs)
         folder = ResultFolder(out, new, target if not (replaced or overwrite) else None)
@@ -121,40 +120,28 @@ def result_folder(
         with one_sentence(out):
             (new / MANIFEST).write_text(json_text(record), encoding="utf-8")
             _carry_over(target, new, _replaced(target, out, command, overwrite))  # again: it may be there by now
-            shutil.rmtree(old, ignore_errors=True)
             if target.exists():
                 target.rename(old)
             new.rename(target)
-            (target / LOCK).unlink()
-            shutil.rmtree(old, ignore_errors=True)
     finally:
         _put_back(old, target)
-        shutil.rmtree(new, ignore_errors=True)
+        shutil.rmtree(beside, ignore_errors=True)
         os.close(lock)
         for parent in missing:  # those that stay empty
             with contextlib.suppress(OSError):
                 parent.rmdir()
 
 
-def _taken(new: Path, name: str) -> int:
-    """Make the folder to be filled, in place of one that a killed process left; return the open file that locks it.
-    Raises OutputError where its process still runs."""
-    with contextlib.suppress(OSError):  # there is none, or it is held
-        if fcntl is not None:
-            with (new / LOCK).open() as held:
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                left = new.rename(new.with_name(f"{new.name}-{os.getpid()}"))
-                shutil.rmtree(left, ignore_errors=True)
+def _locked(beside: Path, name: str) -> int:
+    """Return the open file whose lock lets this process alone write. Raises OutputError while another one does."""
+    beside.mkdir(parents=True, exist_ok=True)
+    lock = os.open(beside / "lock", os.O_CREAT | os.O_RDWR)
     try:
-        new.mkdir()
-    except FileExistsError:
-        raise OutputError(
-            f"another automarine is writing results to {name}; wait until it has ended, or, if it was killed, "
-            f"delete {new}"
-        ) from None
-    lock = os.open(new / LOCK, os.O_CREAT | os.O_RDWR)
-    if fcntl is not None:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        if fcntl is not None:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise OutputError(f"another automarine is writing results to {name}; wait until it has ended") from None
     return lock
 
 
@@ -172,16 +159,15 @@ def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str
         if count > MOST_FOREIGN:
             raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")
         return set()
-    if not is_manifest(target / MANIFEST):
+    if (manifest := manifest_of(target)) is None:
         raise OutputError(f"{out} holds a {MANIFEST} that is not automarine's; choose another folder with -o")
-    there = json.loads((target / MANIFEST).read_text(encoding="utf-8"))
     if not overwrite:
         raise OutputError(
-            f"{out} already holds results of {there.get('command', 'automarine')}; give --overwrite to replace them, "
-            "or another folder with -o"
+            f"{out} already holds results of {manifest.command}; give --overwrite to replace them, or another folder "
+            "with -o"
         )
-    outputs = there.get("outputs", []) if there.get("command") == command else []  # those of another command stay
-    return {MANIFEST, *(str(entry["file"]) for entry in outputs)}
+    # results of another command stay
+    return {MANIFEST, *(entry.file for entry in manifest.outputs if manifest.command == command)}
 
 
 def _carry_over(target: Path, new: Path, replaced: set[str]) -> None:
@@ -224,9 +210,10 @@ def one_sentence(out: Path) -> Iterator[None]:
         yield
     except OSError as problem:
         reason = problem.strerror or type(problem).__name__
-        advice = ADVICE.get(problem.errno or 0, "Choose another folder with -o")
+        room = ", or make room" if problem.errno in (errno.ENOSPC, errno.EDQUOT) else ""
         raise OutputError(
-            f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed there. {advice}"
+            f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed there. "
+            f"Choose another folder with -o{room}"
         ) from None
 
 

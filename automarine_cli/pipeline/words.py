@@ -8,19 +8,16 @@ LONGEST = 60  # characters of one name or cell shown
 
 def printable(text: str) -> str:
     """The same text on one line: control characters and undecodable bytes are written as escapes."""
-    return "".join(_shown(character) for character in text)
+    return "".join(letter if letter.isprintable() else _escaped(letter) for letter in text)
 
 
-def _shown(character: str) -> str:
-    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not UTF-8
-        return f"\\x{ord(character) - 0xDC00:02x}"
-    if character.isprintable() or character == " ":
-        return character
-    return character.encode("unicode_escape", "backslashreplace").decode("ascii")
+def _escaped(letter: str) -> str:
+    if "\udc80" <= letter <= "\udcff":  # a byte of a file name that is not UTF-8
+        return f"\\x{ord(letter) - 0xDC00:02x}"
+    return letter.encode("unicode_escape").decode("ascii")
 
 
 def quoted(text: str) -> str:
-    """A cell or a name in single quotes, shortened, on one line."""
     text = printable(text)
     return f"'{text}'" if len(text) <= LONGEST else f"'{text[:LONGEST]}...'"
 

@@ -23,10 +23,9 @@ from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Document, Shown, Source, to_mapping
-from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info
-from automarine_cli.planning.candidates import Candidate, Limits, Slot, Supply
+from automarine_cli.planning.candidates import PLAN, Candidate, Limits, Slot, Supply
 from automarine_cli.planning.information import Fitting, Intervals, Logger, PriorResults
 from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head_start, pairs_of, splits, with_effect
 from automarine_cli.planning.vehicle import Drive, consumption, drive_of

@@ -1,7 +1,7 @@
 """What a day at the pool allows, from TOML (schema automarine/plan-limits/1), the runs that a campaign may be made of,
 what each costs, and their order at the pool."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from math import radians
@@ -10,9 +10,11 @@ from typing import Literal
 
 import numpy as np
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.models.yaw_model import YawModel, steady_rate
-from automarine_cli.pipeline.records import from_mapping, read_mapping
+from automarine_cli.pipeline.records import Codec, keyed, read_mapping
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import Commands, between, moment_text, positive, time_to_turn
 
@@ -136,12 +138,27 @@ class Limits:
             raise SettingError(f'schema is {self.schema!r}; expected the line schema = "{SCHEMA}"')
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanFile(ResultRecord):
+    """`plan.json`: what the vehicle plays of it."""
+
+    moment_unit: str
+    rate_hz: float = field(metadata=keyed("limits/logger/rate_hz"))
+    rest_s: float = field(metadata=keyed("limits/runs/rest_before_s"))
+    battery: Mapping[str, object] = field(metadata=keyed("limits/battery"))
+    supply: Mapping[str, object]
+    planned: tuple[Mapping[str, object], ...]
+
+
+PLAN = ResultKind("plan.json", "plan", PlanFile, "plan", YAW)
+
+
 def example_limits() -> str:
     return files("automarine_cli.planning").joinpath("limits.toml").read_text(encoding="utf-8")
 
 
 def read_limits(path: Path) -> Limits:
-    return from_mapping(Limits, read_mapping(path), path.name)
+    return Codec(path.name).read(Limits, read_mapping(path))
 
 
 POWER_LAW = 1.5

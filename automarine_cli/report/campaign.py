@@ -10,17 +10,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.comparison.validation import VALIDATION, ValidationFile
+from automarine_cli.control.tuning import TUNING
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import OutputError
+from automarine_cli.estimate import Given
 from automarine_cli.fits.innovations import sentences_of
-from automarine_cli.pipeline import result_files as files
+from automarine_cli.models.store import DIAGNOSIS, MODELS, PLANAR_MODEL, DiagnosisFile, ModelFile, Moved, PlanarFile
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.records import Shown, to_mapping
+from automarine_cli.pipeline.result_files import ResultKind, SetAside
 from automarine_cli.pipeline.results_folder import file_stems
+from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
+from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile, VoltagePower
 
 FILES = ("report.html", "report.md")
 REPORT = "report"
@@ -45,6 +51,31 @@ CAPTIONS = {
 
 
 @dataclass(frozen=True)
+class StepDone:
+    """A step of a campaign: its folder and the hash of its manifest, or why it was skipped or refused."""
+
+    step: str
+    folder: str | None = None
+    manifest_sha256: str | None = None
+    skipped: str | None = None
+    refused: str | None = None
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """`run.json`: what `run` left beside the report."""
+
+    schema: str
+    title: str = ""
+    campaign: str = ""
+    steps: tuple[StepDone, ...] = ()
+    cautions: tuple[str, ...] = ()
+
+
+RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
+
+
+@dataclass(frozen=True)
 class Step:
     """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
 
@@ -54,7 +85,7 @@ class Step:
 
     name: str
     folder: str
-    kind: files.ResultKind[Any]
+    kind: ResultKind[Any]
     section: str = ""
     logs: tuple[tuple[str, ...], ...] = ()
     models: tuple[str, ...] = ()
@@ -70,25 +101,25 @@ class Step:
 
     @property
     def title(self) -> str:
-        words = self.kind.words.removeprefix("a ")
+        words = self.kind.name.replace("-", " ")
         return (self.folder.replace("_", " ") if self.folder.endswith(words) else words).capitalize()
 
 
-def _of(motion: str, fit: files.ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
+def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
     after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
     models = (f"{motion}/{fit.file}",)
     yield Step(f"fit-{motion}", motion, fit, motion, fitted)
-    yield Step(f"validate{after}", f"{before}validation", files.VALIDATION, motion, (("validation",),), models)
+    yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
     everything = tuple(kind for kinds in fitted for kind in kinds)
-    yield Step(f"diagnose{after}", f"{before}diagnosis", files.DIAGNOSIS, motion, (everything,), models)
+    yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
 
 
 STEPS = (
-    Step("check", "check", files.CHECK),
-    Step("fit-thrusters", "thrusters", files.THRUSTER_MAP, "thrusters", (("thrusters",),)),
-    *(step for motion in DOFS for step in _of(motion, files.MODELS[motion], (("steps",), ("manoeuvres",)))),
-    *_of(PLANAR.name, files.PLANAR_MODEL, (("runs",),)),
-    Step("tune", "tune", files.TUNING, "tune", (), (f"diagnosis/{files.DIAGNOSIS.file}", "yaw/yaw_model.json")),
+    Step("check", "check", CHECK),
+    Step("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
+    *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
+    Step("tune", "tune", TUNING, "tune", (), (f"diagnosis/{DIAGNOSIS.file}", "yaw/yaw_model.json")),
 )
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
@@ -152,7 +183,7 @@ class CampaignRun(Shown):
     was refused."""
 
     out: Path
-    content: files.RunFile
+    content: RunFile
     steps: tuple[StepOutcome, ...] = ()
     results: Steps = field(default_factory=dict)
     refusal: str = ""
@@ -230,7 +261,7 @@ def _(result: Campaigns) -> Sections:
     return Sections([table], written, listed=("campaigns.csv", "campaigns.json", *folders))
 
 
-def cautions(thrusters: files.ThrusterFile | None, supply: float | None) -> list[str]:
+def cautions(thrusters: ThrusterFile | None, supply: float | None) -> list[str]:
     """Say what does not fit together between the thruster tests and the vehicle: other voltages than its supply."""
     if supply is None or thrusters is None or thrusters.voltage_range_V is None:
         return []
@@ -239,7 +270,7 @@ def cautions(thrusters: files.ThrusterFile | None, supply: float | None) -> list
         return []
     nearest, volts = low if supply < low else high, number(supply, 3)
     tested = " to ".join(dict.fromkeys(number(end, 3) for end in (low, high)))
-    entries = (entry for entry in thrusters.voltage_exponent.values() if isinstance(entry, files.VoltagePower))
+    entries = (entry for entry in thrusters.voltage_exponent.values() if isinstance(entry, VoltagePower))
     powers, size = [at.value for entry in entries if (at := entry.thrust_at_fixed_n) and at.value is not None], ""
     if powers and (power := sum(powers) / len(powers)):
         size = (
@@ -272,13 +303,13 @@ def _(result: Report) -> Sections:
     return Sections([], listed=tuple(result.files))
 
 
-def make_report(folder: Path, title: str | None = None, ran: files.RunFile | None = None) -> Report:
+def make_report(folder: Path, title: str | None = None, ran: RunFile | None = None) -> Report:
     """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
 
     Without a `title` it is that of what was identified. Steps that have no result have a line that says why.
     Raises OutputError if there is none at all.
     """
-    steps, ran = read_steps(folder), ran or files.RunFile("")
+    steps, ran = read_steps(folder), ran or RunFile("")
     if not steps:
         raise OutputError(
             f"{folder}: none of the folders {', '.join(step.folder for step in STEPS if step.always)} with results is "
@@ -313,9 +344,9 @@ def captions(dof: Dof) -> dict[str, str]:
 
 def _refusal(file: Any) -> str:
     """Why a model must not be used; empty where it may, and for results of other kinds."""
-    if isinstance(file, files.ValidationFile):
+    if isinstance(file, ValidationFile):
         return file.use.refusal
-    return file.prediction.refusal if isinstance(file, files.ModelFile | files.PlanarFile) else ""
+    return file.prediction.refusal if isinstance(file, ModelFile | PlanarFile) else ""
 
 
 def headlines(steps: Steps) -> dict[str, str]:
@@ -330,32 +361,32 @@ def headlines(steps: Steps) -> dict[str, str]:
 def _headline(result: StepResult, steps: Steps) -> str:
     file = result.file
     match file:
-        case files.CheckFile():
+        case CheckFile():
             idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
             aside = len(file.runs.set_aside)
             parts = [f"{file.logs} log{'s' * (file.logs != 1)}", _runs(file.runs.used)]
             parts += [f"{idle} without a half-turn"] * bool(idle) + [f"{aside} set aside"] * bool(aside)
             return ", ".join(parts)
-        case files.ThrusterFile():
+        case ThrusterFile():
             laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
             values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
             error = f"R² {number(file.r2)}, error {number(file.rmse_percent, 2)} % of full scale"
             return f"{file.chosen or file.form} law{values}, {error}"
-        case files.ModelFile():
+        case ModelFile():
             return _of_model(file, result.dof, steps)
-        case files.PlanarFile():
+        case PlanarFile():
             masses = {name: value for name, value in file.parameters.items() if name in MASSES}
             return f"{file.structure}: {_values(masses)}" if masses else file.structure
-        case files.ValidationFile():
+        case ValidationFile():
             return _of_validation(file, result, steps)
-        case files.DiagnosisFile():
+        case DiagnosisFile():
             names = ", ".join(effect.name for effect in file.effects)
             verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
-            return f"{verdict}; gap {number(file.before, 3)} to {number(file.after, 3)} {file.unit}"
+            return f"{verdict}; gap {number(file.gap.before, 3)} to {number(file.gap.after, 3)} {file.unit}"
     return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
-def _of_model(file: files.ModelFile, dof: Dof, steps: Steps) -> str:
+def _of_model(file: ModelFile, dof: Dof, steps: Steps) -> str:
     """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
     keys, before = {dof.symbols.quadratic_print: dof.symbols.quadratic}, dict(file.main_parameters())
     added, base = _added_by(steps, dof)
@@ -366,7 +397,7 @@ def _of_model(file: files.ModelFile, dof: Dof, steps: Steps) -> str:
     return f"model {file.preferred} with {added}: {_values(after)} (without: {alone})"
 
 
-def _of_validation(file: files.ValidationFile, result: StepResult, steps: Steps) -> str:
+def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> str:
     """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
     dof, planar = result.dof, file.motion == PLANAR.name
     model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
@@ -384,7 +415,7 @@ def _of_validation(file: files.ValidationFile, result: StepResult, steps: Steps)
     return f"without {added}, " * bool(added) + f"model {model}: {error}{best}, {others} {dof.units.key}, {over}"
 
 
-def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, files.Moved]]:
+def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:
     """Name what the diagnosis of a motion added to its model, and give the parameters that moved; empty for nothing."""
     result = steps.get("diagnosis" if dof is YAW else f"{dof.name}_diagnosis")
     if result is None or result.file.verdict != "named" or result.file.of_thrusters:
@@ -396,11 +427,11 @@ def _runs(count: int) -> str:
     return f"{count} run{'s' * (count != 1)}"
 
 
-def _values(parameters: Mapping[str, files.Given]) -> str:
+def _values(parameters: Mapping[str, Given]) -> str:
     return ", ".join(f"{name} {_interval(value)}" for name, value in parameters.items())
 
 
-def _interval(value: files.Given) -> str:
+def _interval(value: Given) -> str:
     return f"{interval(value.estimate)} {value.unit}".rstrip() if value.estimate else number(value.value)
 
 
@@ -409,13 +440,13 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
     figures that it does not show."""
     dof, file, texts, first = result.dof, result.file, captions(result.dof), list[str]()
     markdown = result.markdown()
-    if isinstance(file, files.ModelFile):
+    if isinstance(file, ModelFile):
         added, _ = _added_by(steps, dof)
         first = [f"This is the model without {added}, which the diagnosis added: the final numbers are at the top."]
         first = [*first * bool(added), file.preferred_because, *sentences_of(file.channels, dof)]
         first += [str(file.buoyancy.get("says", "")), *(f"Warning: {line}" for line in file.warnings)]
         first = [line for text in first if (line := escape(text)).removeprefix("Warning: ") not in markdown]
-    if isinstance(file, files.ValidationFile):
+    if isinstance(file, ValidationFile):
         about = dof.fill("measured and simulated {position}, their difference, the {force}")
         texts = {f"validation_{stem}": f"Run {run}: {about}" for run, stem in zip(file.logs, file_stems([*file.logs]))}
     text = re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", markdown), flags=re.MULTILINE)
@@ -442,7 +473,7 @@ def _folded(summary: str, table: str, place: str) -> list[str]:
 
 
 def _set_aside(steps: Steps) -> list[str]:
-    folders: dict[files.SetAside, list[str]] = {}
+    folders: dict[SetAside, list[str]] = {}
     for folder, result in steps.items():
         for run in result.file.runs.set_aside:
             folders.setdefault(run, []).append(folder)

@@ -1,12 +1,12 @@
 """What is shown of logs without a fit: the runs and thruster tests that `check` lists, and those that `slice` cuts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.records import Shown
-from automarine_cli.pipeline.result_files import CHECK
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.sections import Content, Sections, document, sections
 from automarine_cli.report.tables import MISSING, Table, number
@@ -17,6 +17,17 @@ MOST_NAMED = 3  # runs that share a note
 MOST_LEVELS = 6  # written out
 MOST_BETWEEN = 20  # intervals between the runs that a table lists
 RUNS, MOVING = "runs", "moving"  # folders of what was cut
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckFile(ResultRecord):
+    """`check.json`: what is in the logs."""
+
+    logs: int
+    yaw_runs: tuple[Mapping[str, object], ...] = ()
+
+
+CHECK = ResultKind("check.json", "check", CheckFile, "check", YAW)
 
 
 @dataclass(frozen=True, repr=False)

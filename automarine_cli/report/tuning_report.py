@@ -6,9 +6,8 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.control.design import Designed
-from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, TuningCheck, in_print, margins_of, promises
+from automarine_cli.control.tuning import LIMITS, SETTLES, TUNING, Tuning, TuningCheck, in_print, margins_of, promises
 from automarine_cli.pipeline.records import toml_text
-from automarine_cli.pipeline.result_files import TUNING
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.figures.tuning import flown_figure, tuning_figure

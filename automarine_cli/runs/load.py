@@ -22,7 +22,7 @@ from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.columns import driven, names_of
 from automarine_cli.logs.table import is_velocity_only
-from automarine_cli.pipeline.parallel import ordered_stream
+from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
@@ -436,7 +436,7 @@ def load_runs(
     runs: list[Run] = []
     aside: list[SetAside] = []
     jobs = jobs if len(files) > PAYS_FROM else 1
-    for good, bad in ordered_stream(work, files, jobs, progress=progress, stage="reading logs"):
+    for good, bad in ordered_map(work, files, jobs, progress=progress, stage="reading logs"):
         runs += good
         aside += bad
     if strict and aside:

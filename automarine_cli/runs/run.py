@@ -15,7 +15,7 @@ from automarine_cli.errors import RunError
 from automarine_cli.logs.columns import names_of
 from automarine_cli.logs.find import stem_of
 from automarine_cli.pipeline.records import to_mapping
-from automarine_cli.pipeline.result_files import LogReading, RunsUsed, SetAside
+from automarine_cli.pipeline.result_files import SetAside
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
@@ -314,9 +314,11 @@ def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
 
 def runs_json(used: int, set_aside: Iterable[SetAside], runs: Sequence[Run] = ()) -> dict[str, object]:
     """Return the `runs` of a result file; of `runs` come notes of the reading and of the thrusters' map."""
-    notes = {run.source: run.reading for run in runs if run.reading}
-    readings = tuple(LogReading(file, tuple(reading)) for file, reading in notes.items())
-    return to_mapping(RunsUsed(used, tuple(set_aside), readings or None, command_warnings(runs) or None))
+    by_file = {run.source: list(run.reading) for run in runs if run.reading}
+    readings = [{"file": file, "notes": texts} for file, texts in by_file.items()]
+    notes = {"readings": readings, "commands": list(command_warnings(runs))}
+    notes = {key: texts for key, texts in notes.items() if texts}
+    return {"used": used, "set_aside": [to_mapping(run) for run in set_aside], **notes}
 
 
 def shared_readings(runs: Iterable[Run]) -> tuple[str, ...]:

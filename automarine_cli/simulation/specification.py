@@ -22,10 +22,9 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR, Motion
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.store import planar_from_json
+from automarine_cli.models.store import PLANAR_MODEL, planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
 from automarine_cli.pipeline.records import FILLER, Codec, Place, Record, everything, in_words, key_of, keyed, told
-from automarine_cli.pipeline.result_files import PLANAR_MODEL
 from automarine_cli.quantities import Floats
 
 
@@ -774,7 +773,7 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
         **{name: {**defaults[name], **part} if isinstance(part, Mapping) else part for name, part in tables.items()},
     }
     _refuse_unlikely(mapping, where)
-    codec = Codec(where, dof, others=tuple(DOFS.values()))
+    codec = Codec(where, dof)
     base = codec.read(Vehicle if turns else TranslatingVehicle, mapping.get("vehicle"), ("vehicle",))
     raw = codec.read(_Raw, mapping)
     if not raw.runs and raw.bollard is None:

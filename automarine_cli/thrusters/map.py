@@ -10,9 +10,10 @@ steps from the best grid points. Deterministic: no random starts.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import isfinite
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,8 +25,8 @@ from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.allocation import twin_forces
 from automarine_cli.models.store import number_at
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Codec, Place, Source, read_plain, told
-from automarine_cli.pipeline.result_files import THRUSTER_MAP, CurveEntry
+from automarine_cli.pipeline.records import Codec, Place, Source, keyed, read_plain, told
+from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import Campaign, load_runs, none_left, read_planar, refused_by_strict
@@ -234,6 +235,53 @@ def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndar
 
 
 FORCE_DECIMALS = 3
+
+
+@dataclass(frozen=True)
+class CurveEntry:
+    unread: ClassVar[tuple[str, ...]] = ()
+    a: Given | None = None
+    p: Given | None = None
+    n_0: Given | None = None
+    n_sat: Given | None = None
+
+
+@dataclass(frozen=True)
+class Curves:
+    unread: ClassVar[tuple[str, ...]] = ()
+    forward: CurveEntry | None = None
+    backward: CurveEntry | None = None
+
+
+@dataclass(frozen=True)
+class VoltagePower:
+    thrust_at_fixed_n: Given | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterFile(ResultRecord):
+    """`thrusters.json`: a thruster map."""
+
+    unread: ClassVar[tuple[str, ...]] = (
+        "per_test", "r2", "rmse_N", "rmse_all_points_N", "rmse_percent_of_full_scale", "cv_rmse_N", "forms",
+        "chosen_because", "tare", "flagged", "voltages", "notes", "points", "by",
+    )  # fmt: skip
+    a_forward: Given | None = field(default=None, metadata=keyed("forward/a"))
+    a_backward: Given | None = field(default=None, metadata=keyed("backward/a"))
+    form: str
+    parameters: Curves
+    n_unit: str = ""
+    n_range: tuple[float, float] | None = None
+    thrusters_per_test: int | None = None
+    full_scale_N: float | None = None
+    chosen: str = field(default="", metadata=keyed("chosen/form"))
+    r2: float | None = field(default=None, metadata=keyed("chosen/r2"))
+    rmse_percent: float | None = field(default=None, metadata=keyed("chosen/rmse_percent_of_full_scale"))
+    voltage_range_V: tuple[float, float] | None = None
+    voltage_exponent: Mapping[str, VoltagePower | float | None] = field(default_factory=dict)
+
+
+THRUSTER_MAP = ResultKind("thrusters.json", "thruster-map", ThrusterFile, "fit-thrusters", YAW)
 
 
 @dataclass(frozen=True)

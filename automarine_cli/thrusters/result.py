@@ -15,14 +15,13 @@ from automarine_cli.logs.recognise import is_called
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.pipeline.result_files import THRUSTER_MAP
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import runs_json
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
 from automarine_cli.thrusters.fit import FEWEST_LEVELS, Analysis, FormScore, Side, analyse, parameters_json
-from automarine_cli.thrusters.map import SIDES, ThrusterMap
+from automarine_cli.thrusters.map import SIDES, THRUSTER_MAP, ThrusterMap
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
 CHANCE = 0.05  # that any of the thrusters of one make is told to differ

@@ -11,7 +11,6 @@ import pytest
 import automarine_cli
 from automarine_cli.logs.csv import SIGNATURES
 from automarine_cli.logs.mixing import ELSE, FETCH
-from automarine_cli.pipeline.results_folder import ADVICE
 
 PACKAGE = Path(automarine_cli.__file__).parent
 DATA = {"LogError", "RunError", "FitError", "OutputError", "Unclear"}
@@ -152,13 +151,7 @@ def says_what_to_do(sentence: str, kind: str, place: str) -> bool:
 
 EVERY = list(refusals())
 UNCLEAR = {"": ELSE, " ": FETCH}
-TABLES = {
-    "{ELSE}": UNCLEAR,
-    "{FETCH}": UNCLEAR,
-    "{table.origin.why_not}": UNCLEAR,
-    "{what}": SIGNATURES,
-    "{ADVICE.get(problem.errno or 0, 'Choose another folder with -o')}": ADVICE,
-}
+TABLES = {"{ELSE}": UNCLEAR, "{FETCH}": UNCLEAR, "{table.origin.why_not}": UNCLEAR, "{what}": SIGNATURES}
 """Ends of sentences that are looked up in a table, which is read instead."""
 
 

@@ -21,8 +21,8 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FORCES, FRAMES, THRUSTER_MAP, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.export import in_enu, in_unit, refuse_inertia, split
+from automarine_cli.models.store import ModelEntry, ModelFile
 from automarine_cli.models.yaw_model import YawModel, steady_rate
-from automarine_cli.pipeline.result_files import ModelEntry, ModelFile
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
 PLACES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}

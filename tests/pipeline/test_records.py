@@ -13,17 +13,7 @@ from hypothesis import strategies as st
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.pipeline.records import (
-    FILLER,
-    Codec,
-    from_mapping,
-    json_text,
-    key_of,
-    keyed,
-    read_mapping,
-    to_mapping,
-    toml_text,
-)
+from automarine_cli.pipeline.records import FILLER, Codec, json_text, key_of, keyed, read_mapping, to_mapping, toml_text
 
 
 @dataclass(frozen=True)
@@ -62,7 +52,7 @@ FULL = Pool('"deep"\\\n\x7fψ', (Level(-1.0), Level(0.1, 3)), (0.0, 1e-7), 2.5, 
 def test_round_trip_through_toml(tmp_path: Path, pool: Pool) -> None:
     path = tmp_path / "pool.toml"
     path.write_text(toml_text(to_mapping(pool)), encoding="utf-8")
-    assert from_mapping(Pool, read_mapping(path), path.name) == pool
+    assert Codec(path.name).read(Pool, read_mapping(path)) == pool
 
 
 KEYS = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=5)
@@ -99,7 +89,7 @@ def test_toml_reads_back_the_same(data: dict[str, Any]) -> None:
 )
 def test_refusals_name_the_key(data: object, message: str) -> None:
     with pytest.raises(SettingError) as caught:
-        from_mapping(Pool, data, "pool.toml")
+        Codec("pool.toml").read(Pool, data)
     assert str(caught.value).startswith(f"pool.toml: {message}")
 
 
@@ -124,7 +114,7 @@ def test_broken_files(tmp_path: Path, name: str, content: bytes | None, message:
 def test_json_by_its_ending_and_numbers_keep_their_type(tmp_path: Path) -> None:
     path = tmp_path / "level.json"
     path.write_bytes(b'\xef\xbb\xbf{"tau": 2, "repeats": 2}')
-    level = from_mapping(Level, read_mapping(path), path.name)
+    level = Codec(path.name).read(Level, read_mapping(path))
     assert level == Level(2.0, 2) and isinstance(level.tau, float) and isinstance(level.repeats, int)
 
 
@@ -142,7 +132,7 @@ class Sensor:
 @pytest.mark.parametrize("dof", DOFS.values(), ids=lambda dof: dof.name)
 def test_keys_are_filled_by_whom_the_reader_gives(dof: Dof) -> None:
     key = f"{dof.position}_noise_{dof.units.log}"
-    sensor = from_mapping(Sensor, {key: 1}, "x", dof)
+    sensor = Codec("x", dof).read(Sensor, {key: 1})
     assert sensor == Sensor(1.0, dof=dof) and to_mapping(sensor) == {key: 1.0, "rate_hz": 10.0}
     for data, message in (
         ({"noise": 1}, f'x: unknown key "noise"; known are {key}, rate_hz'),
@@ -150,7 +140,7 @@ def test_keys_are_filled_by_whom_the_reader_gives(dof: Dof) -> None:
         ({key: -1}, f"x: {key} is below 0"),
     ):
         with pytest.raises(SettingError) as caught:
-            from_mapping(Sensor, data, "x", dof)
+            Codec("x", dof).read(Sensor, data)
         assert str(caught.value) == message
 
 

@@ -35,12 +35,12 @@ def content(out: Path) -> dict[str, str]:
 def test_new_folder_appears_with_its_manifest(tmp_path: Path) -> None:
     log, out = tmp_path / "run.csv", tmp_path / "deep" / "er" / "out"
     log.write_bytes(b"time_s,tau\n")
-    options = {"arm": 0.44, "model": tmp_path / "m.json", "file": str(log), "out": out, "jobs": 4, "overwrite": False}
+    options = {"arm": 0.44, "model": tmp_path / "m.json", "file": str(log), "logs": ("a", log)}
     write(out, {"b.csv": "1\n", "sub/a.csv": "ψ\n"}, options=options, inputs=[("steps/run.csv", log)], seed=3)
     assert content(out) == {"b.csv": "1\n", "sub/a.csv": "ψ\n"} and list(out.parent.iterdir()) == [out]
     manifest = json.loads((out / MANIFEST).read_text())
     assert (manifest["schema"], manifest["command"], manifest["seed"]) == ("automarine/manifest/1", "fit-yaw", 3)
-    assert manifest["options"] == {"arm": 0.44, "model": "m.json", "file": "run.csv"}  # nothing of the machine
+    assert manifest["options"] == {"arm": 0.44, "model": "m.json", "file": "run.csv", "logs": ["a", "run.csv"]}
     assert manifest["inputs"] == [
         {"file": "steps/run.csv", "role": "log", "sha256": hashlib.sha256(b"time_s,tau\n").hexdigest()}
     ]
@@ -124,7 +124,7 @@ def test_a_full_disk_is_one_sentence_and_an_error_between_two_renames_is_undone(
     write(out, {"a": "old"})
 
     def no_room(path: Path, target: Path) -> Path:
-        if path.name == ".out.automarine-new":
+        if path.name == "new":
             raise OSError(28, "No space left on device")
         return rename(path, target)
 
@@ -133,7 +133,7 @@ def test_a_full_disk_is_one_sentence_and_an_error_between_two_renames_is_undone(
         write(out, {"a": "new"}, overwrite=True)
     assert str(refused.value) == (
         f"results cannot be written to {out}: no space left on device; nothing was changed there. "
-        "Make room, or choose another folder with -o"
+        "Choose another folder with -o, or make room"
     )
     assert content(out) == {"a": "old"} and list(tmp_path.iterdir()) == [out]
 
@@ -163,7 +163,7 @@ def test_a_killed_command_leaves_the_old_results(tmp_path: Path, when: str) -> N
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     killed = subprocess.run([sys.executable, "-c", KILLED, when], cwd=tmp_path, env=environment, check=False)
     assert killed.returncode == -signal.SIGKILL
-    assert content(out if when == "filling" else tmp_path / ".out.automarine-old") == {"a": "old"}
+    assert content(out if when == "filling" else tmp_path / ".out.automarine" / "old") == {"a": "old"}
     with pytest.raises(OutputError, match="already holds results"):
         write(out, {"a": "newer"})
     assert content(out) == {"a": "old"} and list(tmp_path.iterdir()) == [out]

@@ -13,7 +13,7 @@ from specified import read_specification
 
 import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
-from automarine_cli.pipeline.records import from_mapping
+from automarine_cli.pipeline.records import Codec
 from automarine_cli.planning.campaign import Plan
 from automarine_cli.planning.candidates import Limits, Pool, example_limits
 
@@ -199,7 +199,7 @@ def test_a_diagnosis_is_split_first(model: Path, diagnosis: Path, limits: Path, 
 
 def test_a_goal_needs_fewer_runs(model: Path) -> None:
     pool = Pool(minutes=60, runs=24)
-    goal = from_mapping(Limits, {"goal": {"half_width_percent": 2.0}, "moments": {"levels": 3}}, "limits")
+    goal = Codec("limits").read(Limits, {"goal": {"half_width_percent": 2.0}, "moments": {"levels": 3}})
     made = am.plan(model, limits=Limits(pool=pool, moments=goal.moments, goal=goal.goal))
     assert len(made.campaign.slots) < 20
     for one in made.campaign.together.values():
@@ -207,7 +207,7 @@ def test_a_goal_needs_fewer_runs(model: Path) -> None:
 
 
 def test_half_turns_are_planned_of_steps_alone(model: Path) -> None:
-    runs = from_mapping(Limits, {"runs": {"fit": "half-turns"}, "moments": {"levels": 3}}, "limits")
+    runs = Codec("limits").read(Limits, {"runs": {"fit": "half-turns"}, "moments": {"levels": 3}})
     made = am.plan(model, limits=runs)
     assert {one.kind for one in made.campaign.candidates} == {"step"}
     assert made.to_json()["fit_command"].startswith("automarine fit-yaw LOGS --fit-to half-turns")
@@ -216,7 +216,7 @@ def test_half_turns_are_planned_of_steps_alone(model: Path) -> None:
 def test_the_example_is_the_default(run: Run) -> None:
     shown = run("plan", "--example-limits")
     assert shown.exit_code == 0 and shown.output == example_limits()
-    assert from_mapping(Limits, tomllib.loads(example_limits()), "limits.toml") == Limits()
+    assert Codec("limits.toml").read(Limits, tomllib.loads(example_limits())) == Limits()
     every = example_limits().replace("\n# ", "\n")
     keys = {
         f"{table}.{key}" for table, held in tomllib.loads(every.split("\n\n", 1)[1]).items()

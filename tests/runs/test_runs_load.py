@@ -276,13 +276,13 @@ def test_signs_are_mirrored_by_the_column_map(tmp_path: Path) -> None:
 
 def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    stream = load.ordered_stream
+    ordered_map = load.ordered_map
 
     def noted(read, files, jobs, **how):  # type: ignore[no-untyped-def]
         asked.append(jobs)
-        return stream(read, files, 1, **how)
+        return ordered_map(read, files, 1, **how)
 
-    monkeypatch.setattr(load, "ordered_stream", noted)
+    monkeypatch.setattr(load, "ordered_map", noted)
     written(step_run(0.5), tmp_path / "a.csv")
     load.load_runs([tmp_path], jobs=2, dof=YAW)
     monkeypatch.setattr(load, "PAYS_FROM", 0)

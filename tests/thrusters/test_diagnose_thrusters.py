@@ -14,12 +14,11 @@ from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.records import schema_in
-from automarine_cli.pipeline.result_files import THRUSTER_MAP
 from automarine_cli.report.diagnosis_report import map_verdict
 from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.map import THRUSTER_MAP, Curve, ThrusterMap
 
 TESTS = DATA / "thrusters"
 
