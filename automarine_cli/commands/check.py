@@ -8,10 +8,10 @@ from automarine_cli.commands.command import command
 
 if TYPE_CHECKING:
     from automarine_cli.pipeline.progress import Progress
-    from automarine_cli.report.check_tables import Check
+    from automarine_cli.report.log_tables import Check
 
 
-@command("check", report="check_tables", figures=False)
+@command("check", report="log_tables", figures=False)
 @options.logs
 @options.columns
 @options.ending(options.strict, options.jobs)
@@ -30,7 +30,7 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
 
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
-    from automarine_cli.report.check_tables import Check
+    from automarine_cli.report.log_tables import Check
     from automarine_cli.runs.load import none_left, refused_by_strict
     from automarine_cli.runs.look import look_at_log, with_limits
     from automarine_cli.runs.run import NAMED_APART, names_apart

@@ -68,7 +68,7 @@ def _of_a_motion(
     from automarine_cli.runs.checks import without_stuck
     from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
     from automarine_cli.runs.run import Run, SetAside, command_warnings
-    from automarine_cli.thrusters.propulsion import moment_maker
+    from automarine_cli.thrusters.map import moment_maker
 
     stored = load_yaw_models(model)
     dof = stored.dof
@@ -106,8 +106,8 @@ def _of_the_plane(
     from automarine_cli.diagnosis.diagnose import split_off
     from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
-    from automarine_cli.models.planar_store import load_planar_model
-    from automarine_cli.thrusters.propulsion import load_planar
+    from automarine_cli.models.store import load_planar_model
+    from automarine_cli.thrusters.map import load_planar
 
     stored = load_planar_model(model)
     campaign, other = load_planar(logs, **settings), load_planar(hold_out, **settings) if hold_out else None

@@ -88,7 +88,7 @@ def _fit(
     from automarine_cli.runs.half_turn import half_turns
     from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
     from automarine_cli.runs.run import command_warnings
-    from automarine_cli.thrusters.propulsion import moment_maker
+    from automarine_cli.thrusters.map import moment_maker
 
     if tail is not None and fit_to == WHOLE_RUNS:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")

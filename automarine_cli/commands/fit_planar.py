@@ -33,7 +33,7 @@ def fit_planar(
     from automarine_cli.fits.planar_structure import OWN, Structure, observed
     from automarine_cli.logs import given_columns
     from automarine_cli.runs.run import command_warnings
-    from automarine_cli.thrusters.propulsion import load_planar
+    from automarine_cli.thrusters.map import load_planar
 
     beforehand = Known.of(known)
     campaign = load_planar(logs, given_columns(columns), thrusters, arm, strict=strict, jobs=jobs, progress=progress)

@@ -13,12 +13,12 @@ from automarine_cli.pipeline.words import printable
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile, LogTable
     from automarine_cli.pipeline.progress import Progress
-    from automarine_cli.report.slice_tables import SlicedLog, Slices
+    from automarine_cli.report.log_tables import SlicedLog, Slices
     from automarine_cli.runs.run import SetAside
     from automarine_cli.runs.slices import By
 
 
-@command("slice", report="slice_tables", figures=False)
+@command("slice", report="log_tables", figures=False)
 @options.logs
 @option(
     "--by", type=click.Choice(["mode", "arm", "moment"]), required=True,
@@ -58,7 +58,7 @@ def slice_log(
 
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
-    from automarine_cli.report.slice_tables import SlicedLog, Slices
+    from automarine_cli.report.log_tables import SlicedLog, Slices
     from automarine_cli.runs.load import none_left, refused_by_strict
     from automarine_cli.runs.run import SetAside
 
@@ -87,7 +87,7 @@ def _cut(
 ) -> "SlicedLog | SetAside":
     from automarine_cli.logs import read_log
     from automarine_cli.logs.find import stem_of
-    from automarine_cli.report.slice_tables import Between, Cut, SlicedLog
+    from automarine_cli.report.log_tables import Between, Cut, SlicedLog
     from automarine_cli.runs.load import unreadable
     from automarine_cli.runs.slices import find_slices
 

@@ -1,5 +1,6 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -9,7 +10,7 @@ from automarine_cli.commands.command import command, option
 from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
-    from automarine_cli.comparison.validation import PlanarValidation, Validation
+    from automarine_cli.comparison.validation import Validation
 
 
 @command("validate", report="validation_report", by_effects=True)
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 def validate(
     logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, figures: bool, strict: bool,
     seed: int, jobs: int, progress: Any,
-) -> "Validation | PlanarValidation":  # fmt: skip
+) -> "Validation":  # fmt: skip
     """Simulate each log with each model of a yaw_model.json, and compare the headings.
 
     The models see the commands only. Scores, for each run and over all: heading error of the free run, of a run
@@ -36,23 +37,15 @@ def validate(
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
     """
-    from automarine_cli.comparison.validation import (
-        PlanarValidation,
-        Validation,
-        ahead_of,
-        compare,
-        planar_scored,
-        usable_runs,
-    )
+    from automarine_cli.comparison.validation import ahead_of, compare, compare_planar, usable_runs
     from automarine_cli.logs import given_columns
-    from automarine_cli.models.planar_store import load_planar_model
-    from automarine_cli.models.store import load_yaw_models
+    from automarine_cli.models.store import load_planar_model, load_yaw_models
     from automarine_cli.pipeline.records import schema_in
     from automarine_cli.pipeline.result_files import PLANAR_MODEL
     from automarine_cli.runs.channels import AUTO, choose_channels, wanted_channels
     from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
     from automarine_cli.runs.run import command_warnings
-    from automarine_cli.thrusters.propulsion import load_planar, moment_maker
+    from automarine_cli.thrusters.map import load_planar, moment_maker
 
     names = given_columns(columns)
     execution = {"strict": strict, "jobs": jobs, "progress": progress}
@@ -65,7 +58,7 @@ def validate(
         whole = load_planar_model(model)
         campaign = load_planar(logs, names, thrusters, arm, **execution)
         command_warnings(campaign.runs)  # refused where they cannot be of this map
-        return PlanarValidation(whole, planar_scored(whole.model, campaign.runs, seed), campaign.set_aside)
+        return replace(compare_planar(whole, campaign.runs, seed), set_aside=campaign.set_aside)
     stored = load_yaw_models(model)
     if stored.dof.levered or arm is not None:
         _refuse_half_a_drive(thrusters, arm, columns)
@@ -82,7 +75,8 @@ def validate(
     believed = choose_channels(runs, stored.dof, channels, late_position=True)
     runs = [believed.believed(run) for run in runs]
     compared = compare(stored, runs, seed, progress)
-    return Validation(stored, compared, left_out, believed, ahead_of(stored, runs, believed.names))
+    ahead = ahead_of(stored, runs, believed.names)
+    return replace(compared, set_aside=left_out, channels=believed, ahead=ahead)
 
 
 def _refuse_half_a_drive(thrusters: Any, arm: float | None, columns: Any) -> None:

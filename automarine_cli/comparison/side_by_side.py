@@ -2,7 +2,7 @@
 chance."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -13,7 +13,7 @@ from scipy import special
 
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
-from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
+from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, manifest_of
 from automarine_cli.pipeline.result_files import (
     DIAGNOSIS,
     MODELS,
@@ -80,7 +80,7 @@ class Difference:
 
 
 def difference(one: Estimate, other: Estimate) -> Estimate:
-    """`one` less `other`, both from data of their own; of means over runs run by run, of two that both have or more.
+    """Take `other` from `one`, both from data of their own; means over runs run by run, of two that both have or more.
 
     The interval takes the distance of each end from its value from the two intervals, so that it is as skew as
     they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9).
@@ -94,15 +94,15 @@ def difference(one: Estimate, other: Estimate) -> Estimate:
     return Estimate(apart, math.hypot(one.stderr, other.stderr), (low, high), one.unit)
 
 
-def comparable(one: Estimate, other: Estimate) -> bool:
-    """Whether a difference has an interval: means over runs need two in common."""
+def comparable(one: Estimate, other: Estimate | None) -> bool:
+    """Tell whether a difference has an interval: of means over runs that of two in common, of others in one unit."""
     if isinstance(one, OverRuns) and isinstance(other, OverRuns):
-        return len(set(one.by_run) & set(other.by_run)) > 1
-    return True
+        return len(one.by_run.keys() & other.by_run.keys()) > 1
+    return other is not None and one.unit == other.unit
 
 
 def p_value(apart: Estimate) -> float | None:
-    """Two-sided p of no difference, at 0.05 just where the interval ends at zero."""
+    """Return the two-sided p of no difference, at 0.05 just where the interval ends at zero."""
     toward = apart.value - apart.ci95[0] if apart.value > 0 else apart.ci95[1] - apart.value
     if toward <= 0:
         return None
@@ -110,7 +110,7 @@ def p_value(apart: Estimate) -> float | None:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values that allow for their number (Holm 1979, Scandinavian Journal of Statistics 6:65)."""
+    """Adjust p-values for their number (Holm 1979, Scandinavian Journal of Statistics 6:65)."""
     order = np.argsort(p_values, kind="stable")
     factor = np.arange(len(order), 0, -1)
     adjusted = np.empty(len(order))
@@ -119,134 +119,127 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def differences(sides: Sequence[Side]) -> tuple[Difference, ...]:
-    """Each result against the first, parameter by parameter, for all parameters that both have in one unit."""
-    found = []
-    base = sides[0]
-    for side in sides[1:]:
-        for name, own in side.parameters.items():
+    """Compare each result with the first, parameter by parameter, for all parameters that both have in one unit."""
+    found, (base, *others) = list[Difference](), sides
+    for side in others:
+        for name, estimate in side.parameters.items():
             first = base.parameters.get(name)
-            if first is None or first.unit != own.unit or not comparable(own, first):
+            if first is None or not comparable(estimate, first):
                 continue
-            apart = difference(own, first)
+            apart = difference(estimate, first)
             p = p_value(apart)
             verdict = ALIKE if apart.value == 0 or (p is not None and p >= LEVEL) else MAY_DIFFER
             found.append(Difference(name, side.name, base.name, apart, _relative(apart, first), p, verdict))
-    adjusted = holm([0.0 if one.p_value is None else one.p_value for one in found])
+    adjusted = holm([apart.p_value or 0.0 for apart in found])
     return tuple(
-        replace(one, verdict=DIFFERS) if one.verdict == MAY_DIFFER and p < LEVEL else one
-        for one, p in zip(found, adjusted)
+        replace(apart, verdict=DIFFERS) if apart.verdict == MAY_DIFFER and p < LEVEL else apart
+        for apart, p in zip(found, adjusted)
     )
 
 
 def _relative(apart: Estimate, base: Estimate) -> tuple[float, float, float] | None:
-    """The difference and its ends in percent of the first's value; None where that is not well away from zero."""
-    low, high = base.ci95
-    if low <= 0 <= high or base.value == 0:
+    """Give the difference and its ends in percent of the first's value; None where that is not well away from zero."""
+    if base.ci95[0] <= 0 <= base.ci95[1] or base.value == 0:
         return None
     scale = 100.0 / abs(base.value)
     return scale * apart.value, scale * apart.ci95[0], scale * apart.ci95[1]
 
 
-Contents = tuple[dict[str, Estimate], dict[str, str]]
+Said = Iterator[tuple[str, Given | Estimate | str | float | None, str]]
+"""What a result says: label, value (None for nothing), and the place in the file of a number that needs an interval."""
 
 
-def shared_models(files: Sequence[ResultRecord]) -> tuple[str, ...]:
-    """Models that some result prefers and all have; else all that all have."""
-    fits = [one for one in files if isinstance(one, ModelFile)]
-    common = [n for n in ("1", "2", "3") if fits and all(n in one.models for one in fits)]
-    preferred = {one.preferred for one in fits}
+def contents(said: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
+    """Sort into parameters, which are compared, and facts in words. Raises ModelError for a number with a place that
+    has no interval."""
+    parameters, facts = dict[str, Estimate](), dict[str, str]()
+    for label, value, place in said:
+        if isinstance(value, Given):
+            value = value.known(place) if place else value.estimate or _bound(value)
+        if isinstance(value, Estimate):
+            parameters[label] = value
+        elif value is not None:
+            facts[label] = value if isinstance(value, str) else f"{value:.3g}"
+    return parameters, facts
+
+
+def _bound(given: Given) -> str:
+    return str(given.at_bound) if given.value is None else f"{given.value:.3g}, {given.at_bound}"
+
+
+def shared_models(files: Iterable[ResultRecord]) -> tuple[str, ...]:
+    """Name the models that some result prefers and all have; else all that all have."""
+    fits = [file for file in files if isinstance(file, ModelFile)]
+    common = [n for n in ("1", "2", "3") if fits and all(n in fit.models for fit in fits)]
+    preferred = {fit.preferred for fit in fits}
     return tuple(number for number in common if number in preferred) or tuple(common)
 
 
-def of_model(file: ModelFile, models: Sequence[str]) -> Contents:
-    """What the file of a fit says, of the models in `models`. Raises ModelError for a number without an interval."""
+def of_model(file: ModelFile, models: Sequence[str]) -> Said:
     dof, own = file.dof, file.dof.symbols
     names = {
         "quadratic": own.quadratic_print, "linear": own.linear, "inertia": own.inertia,
         "ratio": f"{own.inertia}/{own.quadratic_print}", "constant": "constant force",
         "difference": "half the difference of drag",
     }  # fmt: skip
-    parameters = {
-        f"{label}{f', model {number}' * (len(models) > 1)}": given.known(
-            f"models.{number}.{dof.parameters.get(role, dof.ratio_key)}"
-        )
-        for number in models
-        for role, label in names.items()
-        if (given := getattr(file.models[number], role, None)) is not None
-    }
-    if file.gain_scatter is not None:
-        parameters["scatter of thrust"] = file.gain_scatter.known("gain_scatter")
-    noise = {} if file.noise is None else {f"{dof.words.position} noise [{dof.units.shown}]": _short(file.noise)}
-    return parameters, {"preferred model": file.preferred, **noise}
+    for number in models:
+        for role, label in names.items():
+            place = f"models.{number}.{dof.parameters.get(role, dof.ratio_key)}"
+            yield label + f", model {number}" * (len(models) > 1), getattr(file.models[number], role, None), place
+    yield "scatter of thrust", file.gain_scatter, "gain_scatter"
+    yield "preferred model", file.preferred, ""
+    yield f"{dof.words.position} noise [{dof.units.shown}]", file.noise, ""
 
 
-def of_thrusters(file: ThrusterFile, models: Sequence[str]) -> Contents:
-    """What a thruster map says. Raises ModelError for a number without an interval."""
-    parameters, facts = dict[str, Estimate](), {"form": file.form}
-    if file.rmse_percent is not None:
-        facts["error of it [% of full scale]"] = _short(file.rmse_percent)
+def of_thrusters(file: ThrusterFile, models: Sequence[str]) -> Said:
+    yield "form", file.form, ""
+    yield "error of it [% of full scale]", file.rmse_percent, ""
     for side in ("forward", "backward"):
-        square, curve = getattr(file, f"a_{side}"), getattr(file.parameters, side)
-        if square is not None:
-            parameters[f"a {side}, square law"] = square.known(f"{side}.a")
-        for name, value in vars(curve).items() if curve and file.form != "square" else ():
+        yield f"a {side}, square law", getattr(file, f"a_{side}"), f"{side}.a"
+        curve = getattr(file.parameters, side) if file.form != "square" else None
+        for name, value in vars(curve).items() if curve else ():
             if value and (value.estimate or value.at_bound):  # else the form fixes it
-                _place(f"{name} {side}, form {file.form}", value, parameters, facts)
-    return parameters, facts
+                yield f"{name} {side}, form {file.form}", value, ""
 
 
-def _place(name: str, value: Given, parameters: dict[str, Estimate], facts: dict[str, str]) -> None:
-    """A parameter with an interval is compared; one that a bound holds is a fact."""
-    if (estimate := value.estimate) is not None:
-        parameters[name] = estimate
-    else:
-        facts[name] = str(value.at_bound) if value.value is None else f"{_short(value.value)}, {value.at_bound}"
-
-
-def of_validation(file: ValidationFile, models: Sequence[str]) -> Contents:
+def of_validation(file: ValidationFile, models: Sequence[str]) -> Said:
+    """Yield the errors of the model that the fit preferred, as means over the runs."""
     number = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
-    each = file.models[number].runs
+    scores = file.models[number].runs
     samples = {run: f"{run} ({log['samples']} samples)" for run, log in file.logs.items()}
     errors: dict[str, Mapping[str, float | None]] = {
-        "free run rmse": {run: score.rmse for run, score in each.items()},
-        "restarted rmse": {run: score.restarted for run, score in each.items()},
+        "free run rmse": {run: score.rmse for run, score in scores.items()},
+        "restarted rmse": {run: score.restarted for run, score in scores.items()},
         **{f"error {ahead.horizon_s:g} s ahead": ahead.runs for ahead in file.prediction.get(number, ())},
     }
-    parameters = dict[str, Estimate]()
     for name, by_run in errors.items():
         known = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
         if len(known) > 1:
-            parameters[name] = OverRuns.of(known, file.dof.units.shown)
-    return parameters, {"preferred model": number}
+            yield name, OverRuns.of(known, file.dof.units.shown), ""
+    yield "preferred model", number, ""
 
 
-def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Contents:
-    """What a diagnosis says, of whatever motion. Raises ModelError for a number without an interval."""
-    own, parameters = file.dof.symbols, dict[str, Estimate]()
-    names = ", ".join(effect.name for effect in file.effects)
-    facts = {"verdict": file.verdict + (f": {names}" if names else "")}
+def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Said:
+    own, names = file.dof.symbols, ", ".join(effect.name for effect in file.effects)
+    yield "verdict", file.verdict + (f": {names}" if names else ""), ""
     for effect in file.effects:
         for name, value in effect.parameters.items():
             if value.stderr != 0:  # a choice of law has no interval
-                _place(f"{effect.name}: {name}", value, parameters, facts)
+                yield f"{effect.name}: {name}", value, ""
     for name, moved in file.base.items():
         label = own.quadratic_print if name == own.quadratic else name
-        parameters[f"{label} with what was missing"] = moved.after.known(f"base.{name}.after")
-    sizes = {"gap before": file.before, "gap after": file.after, "noise": file.noise_floor}
-    return parameters, facts | {f"{name} [{file.unit}]": _short(size) for name, size in sizes.items()}
+        yield f"{label} with what was missing", moved.after, f"base.{name}.after"
+    for name, size in (("gap before", file.before), ("gap after", file.after), ("noise", file.noise_floor)):
+        yield f"{name} [{file.unit}]", size, ""
 
 
-def _short(value: float) -> str:
-    return f"{value:.3g}"
-
-
-COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Contents]] = {
+COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Said]] = {
     **dict.fromkeys(MODELS.values(), of_model),
     THRUSTER_MAP: of_thrusters,
     VALIDATION: of_validation,
     DIAGNOSIS: of_diagnosis,
 }
-"""Parameters and facts of each kind of result, of the models that are compared."""
+"""What each kind of result says, of the models that are compared."""
 
 
 def locate(results: Sequence[Path]) -> dict[str, tuple[Path, ResultKind[Any]]]:
@@ -281,12 +274,10 @@ def _result_file(folder: Path) -> tuple[Path, ResultKind[Any]]:
 
 def inputs_of(results: Sequence[Path]) -> list[Input]:
     """List the result files as inputs of a manifest, then the manifests beside them."""
-    places = {name: path for name, (path, _) in locate(results).items()}
-    manifests = {name: path.with_name(MANIFEST) for name, path in places.items()}
-    return [
-        *(Input(f"{name}/{path.name}", path, "result") for name, path in places.items()),
-        *(Input(f"{name}/{MANIFEST}", path, "manifest") for name, path in manifests.items() if is_manifest(path)),
-    ]
+    places = [(name, path) for name, (path, _) in locate(results).items()]
+    places += [(name, beside) for name, path in places if is_manifest(beside := path.with_name(MANIFEST))]
+    roles = {MANIFEST: "manifest"}
+    return [Input(f"{name}/{path.name}", path, roles.get(path.name, "result")) for name, path in places]
 
 
 def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str]]:
@@ -297,10 +288,10 @@ def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str
     places = locate(results)
     files = {name: kind.read(path, f"{name}/{path.name}") for name, (path, kind) in places.items()}
     commands = {
-        name: f"{kind.writer} of thrusters" if getattr(files[name], "of_thrusters", False) else kind.writer
+        name: kind.writer + " of thrusters" * getattr(files[name], "of_thrusters", False)
         for name, (_, kind) in places.items()
     }
-    units = {name: str(getattr(file, "force_unit", None) or "") for name, file in files.items()}
+    units = {name: getattr(file, "force_unit", None) or "" for name, file in files.items()}
     motions = {name: file.dof.name for name, file in files.items()}
     force = next(iter(files.values())).dof.words.force
     for what, values, only in (
@@ -308,43 +299,36 @@ def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str
         ("results in", motions, "results of one motion"),
         (f"{force}s in", units, "results in one unit: there is no factor between the two"),
     ):
-        different = dict.fromkeys(values.values())
-        if len(different) > 1:
+        if len(different := dict.fromkeys(values.values())) > 1:
             listing = "; ".join(f"{name}: {value}" for name, value in values.items())
             raise SettingError(f"{what} {' and '.join(different)} cannot be compared ({listing}); compare {only}")
-    models = shared_models(list(files.values()))
-    sides = []
+    models, sides = shared_models(files.values()), []
     for name, (path, kind) in places.items():
         try:
-            parameters, facts = COMPARED[kind](files[name], models)
+            sides.append(Side(name, *contents(COMPARED[kind](files[name], models)), files[name].runs.used))
         except ModelError as problem:
             raise ModelError(f"{name}/{path.name}: {problem}") from None
-        sides.append(Side(name, parameters, facts, files[name].runs.used))
-    notes = [*_contrasts(sides), *_shared_logs(sides, {name: path for name, (path, _) in places.items()})]
-    return next(iter(commands.values())), tuple(sides), notes
+    folders = {name: path.parent for name, (path, _) in places.items()}
+    return next(iter(commands.values())), tuple(sides), list(_notes(sides, folders))
 
 
-def _contrasts(sides: Sequence[Side]) -> list[str]:
-    notes = []
+def _notes(sides: Sequence[Side], folders: Mapping[str, Path]) -> Iterator[str]:
+    """Yield what must be known of the sides: facts that differ, and logs in common, by their content."""
     for fact in ("preferred model", "form", "verdict"):
         values = {side.name: side.facts[fact] for side in sides if fact in side.facts}
         if len(set(values.values())) > 1:
-            notes.append(f"Not the same {fact}: {'; '.join(f'{name}: {value}' for name, value in values.items())}.")
-    return notes
-
-
-def _shared_logs(sides: Sequence[Side], places: Mapping[str, Path]) -> list[str]:
-    """Logs that two results were both made from, told by their content; of what is compared run by run how many."""
+            yield f"Not the same {fact}: {'; '.join(f'{name}: {value}' for name, value in values.items())}."
     if any(isinstance(parameter, OverRuns) for parameter in sides[0].parameters.values()):
-        return ["Means over runs; differences are run by run, over the runs that both have."]
+        yield "Means over runs; differences are run by run, over the runs that both have."
+        return
     logs = {
-        name: {entry.sha256 for entry in read_manifest(manifest).inputs if entry.role == "log" and entry.sha256}
-        for name, path in places.items()
-        if is_manifest(manifest := path.with_name(MANIFEST))
+        name: {entry.sha256 for entry in manifest.inputs if entry.role == "log" and entry.sha256}
+        for name, folder in folders.items()
+        if (manifest := manifest_of(folder))
     }
-    return [
-        f"{a} and {b} share {count} log{'s' * (count != 1)}: the intervals of their differences, which assume "
-        "independent results, tend to be too wide."
-        for a, b in combinations(logs, 2)
-        if (count := len(logs[a] & logs[b]))
-    ]
+    for a, b in combinations(logs, 2):
+        if count := len(logs[a] & logs[b]):
+            yield (
+                f"{a} and {b} share {count} log{'s' * (count != 1)}: the intervals of their differences, which assume "
+                "independent results, tend to be too wide."
+            )

@@ -10,7 +10,7 @@ each change of command by itself. A ramp is one change. States of the water go o
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,13 +23,10 @@ from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity, velocity_noise
-from automarine_cli.runs.noise import position_noise, slope
-from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import segments
+from automarine_cli.runs.half_turn import segments
+from automarine_cli.runs.run import Run, position_noise, slope, summed
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
-
-Item = TypeVar("Item")
 
 SETTLED = 0.01  # of the unit that people see: halving the step must not move a position further than this
 MOST_HALVINGS = 4
@@ -39,16 +36,12 @@ GROUP_SAMPLES = 500_000  # padded samples simulated together: a few hundred mega
 
 
 def needed_signals(model: YawModel) -> tuple[str, ...]:
-    """Columns of `Run.extras` that the model's effects read, in the order of its terms."""
+    """Name the columns of `Run.extras` that the model's effects read, in the order of its terms."""
     return tuple(dict.fromkeys(name for term in model.terms for name in effects.get(term.name).needs))
 
 
-def has_sensor(model: YawModel) -> bool:
-    return any(effects.get(term.name).place is effects.Place.SENSOR for term in model.terms)
-
-
 def step_of(model: YawModel, runs: Sequence[Run]) -> float:
-    """Step [s] to begin with: fit for the drag under the largest command."""
+    """Choose the step [s] to begin with: fit for the drag under the largest command."""
     step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
     return step if np.isfinite(step) else UNSTEADY  # drag that never balances it
 
@@ -75,33 +68,25 @@ def roll(
     if step is not None:
         return once(step)
     step = step_of(model, runs)
-    best = once(step)
+    path = once(step)
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     most = max(MOST_STEPS, 4 * max(len(run) for run in runs))
     for _ in range(MOST_HALVINGS):
-        step /= 2
+        step, coarser = step / 2, path
         if longest / step > most:
             break
-        finer = once(step)
-        both = np.isfinite(finer.position) & np.isfinite(best.position)
-        moved = np.abs(np.where(both, finer.position, 0.0) - np.where(both, best.position, 0.0)).max()
-        same_fate = bool(np.all(np.isfinite(finer.position) == np.isfinite(best.position)))
-        best = finer
-        if same_fate and model.dof.shown(moved) <= SETTLED:
+        path = once(step)
+        fate, before = np.isfinite(path.position), np.isfinite(coarser.position)
+        moved = np.abs(path.position[fate & before] - coarser.position[fate & before]).max(initial=0.0)
+        if np.array_equal(fate, before) and model.dof.shown(moved) <= SETTLED:
             break
-    return best
+    return path
 
 
-def groups(items: Sequence[Item], sizes: Sequence[int]) -> Iterator[slice]:
-    """Slices of consecutive items whose padded size stays within reach of the memory."""
-    begin, longest = 0, 0
-    for i, size in enumerate(sizes):
-        longest = max(longest, size)
-        if i > begin and longest * (i + 1 - begin) > GROUP_SAMPLES:
-            yield slice(begin, i)
-            begin, longest = i, size
-    if items:
-        yield slice(begin, len(items))
+def groups(runs: Sequence[Run]) -> list[slice]:
+    """Cut into slices of consecutive runs whose padded size stays within reach of the memory."""
+    size = max(1, GROUP_SAMPLES // max(map(len, runs), default=1))
+    return [slice(i, i + size) for i in range(0, len(runs), size)]
 
 
 WINDOW = 1.0  # s over which a start is fitted
@@ -127,7 +112,7 @@ class State:
 
 
 def rest_state(run: Run) -> State | None:
-    """Position of the rest with which the run begins, rate 0; None where it does not begin at rest.
+    """Find the position of the rest with which the run begins, rate 0; None where it does not begin at rest.
 
     Rest is no command over two samples or more, without a slope in the position beyond its noise.
     """
@@ -135,10 +120,11 @@ def rest_state(run: Run) -> State | None:
     count = stop - first
     if moment != 0 or count < 2:
         return None
-    time, position = run.time[:stop], run.position[:stop]
-    rate, error = slope(time, position)
+    position = run.position[:stop]
+    rate, error = slope(run.time[:stop], position)
     doubt = SURE * error * position_noise(run.time, run.position)
-    pace = _pace(run)
+    later = np.interp(run.time + 1.0, run.time, run.position)
+    pace = float(np.percentile(np.abs(later - run.position), 90))  # how far it gets in a second where it moves fast
     if abs(rate) > doubt + SLOW * pace or (count < ENOUGH_REST and doubt > 0.25 * pace):
         return None
     words = run.dof.words
@@ -147,30 +133,25 @@ def rest_state(run: Run) -> State | None:
 
 
 def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> list[State]:
-    """The start of each run under `model`.
+    """Find the start of each run under `model`.
 
     A run that does not begin at rest starts with the position and rate from which the model follows the first
     second (at least 5 samples) of the measured position best, by least squares.
     """
-    states = [rest_state(run) for run in runs]
-    moving = [i for i, state in enumerate(states) if state is None]
-    for i, state in zip(moving, _fitted(model, [runs[i] for i in moving], switch_offset) if moving else []):
-        states[i] = state
-    found = [state for state in states if state is not None]
-    if not has_sensor(model):
-        return found
-    still = [i for i in range(len(runs)) if i not in moving]
-    for i, state in zip(still, aligned(model, [runs[i] for i in still], [found[i] for i in still])):
-        found[i] = state
-    return found
+    rests = [rest_state(run) for run in runs]
+    still = [run for run, rest in zip(runs, rests) if rest is not None]
+    at_rest = iter(aligned(model, still, [rest for rest in rests if rest is not None]))
+    moving = iter(_fitted(model, [run for run, rest in zip(runs, rests) if rest is None], switch_offset))
+    return [next(moving if rest is None else at_rest) for rest in rests]
 
 
 def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> list[State]:
-    """True states at which the model's sensor shows the positions and rates of `states` at the first sample."""
-    if not runs or not has_sensor(model):
+    """Return true states at which the model's sensor shows the positions and rates of `states` at the first sample."""
+    sensors = [term for term in model.terms if effects.get(term.name).place is effects.Place.SENSOR]
+    if not runs or not sensors:
         return list(states)
     shown = np.array([state.position for state in states])
-    position, gain = shown.copy(), np.ones(len(runs))
+    position, gain = shown, np.ones(len(runs))
     begin = [run.cut(0, 2) for run in runs]
     for _ in range(2 * ROUNDS):
         tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
@@ -182,29 +163,34 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
 
 
 def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[State]:
-    """Gauss-Newton on start position and rate, all runs at once, from a line through the same samples."""
-    begins = [run.cut(0, _window(run)) for run in runs]
+    """Fit start position and rate by Gauss-Newton, all runs at once, from a line through the same samples. What a
+    velocity sensor reads there counts with the ratio of the position's noise to its own."""
+    if not runs:
+        return []
+    ends = [int(np.searchsorted(run.time, run.time[0] + WINDOW * (1 + 1e-9), side="right")) for run in runs]
+    begins = [run.cut(0, max(end, FEWEST_AT_START)) for run, end in zip(runs, ends)]
     step = step_of(model, runs) / 2
     rates = np.array([slope(run.time, run.position)[0] for run in begins])
     lead = np.array([run.time.mean() - run.time[0] for run in begins])
-    guess = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
+    found = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
     width = max(len(run) for run in begins)
-    measured, seen = np.zeros((len(runs), width)), np.zeros((len(runs), width))
-    for row, mask, run in zip(measured, seen, begins):
-        row[: len(run)], mask[: len(run)] = run.position, 1.0
-    found, rated = guess, _velocities_at_start(begins, runs, width)
+    position, rate = np.full((2, len(runs), width), np.nan)
+    weight = np.zeros((len(runs), 1))
+    for i, (run, begin) in enumerate(zip(runs, begins)):
+        position[i, : len(begin)] = begin.position
+        if (read := unbiased_velocity(run)) is not None:
+            rate[i, : len(begin)] = read[: len(begin)]
+            ratio = max(position_noise(run.time, run.position), 1e-9) / max(velocity_noise(run), 1e-9)
+            weight[i] = min(ratio, MOST_WEIGHT)
+    read = np.concatenate([position, weight * rate], axis=1)
+    nudges = NUDGE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[..., None]
     for _ in range(ROUNDS):
-        position = found[0] + NUDGE * np.array([[0.0], [1.0], [-1.0], [0.0], [0.0]])
-        rate = found[1] + NUDGE * np.array([[0.0], [0.0], [0.0], [1.0], [-1.0]])
-        states = roll(model, begins, position, rate, switch_offset, step)
-        shown, read, there = states.position, measured, seen
-        if rated is not None:
-            shown = np.concatenate([shown, rated[1] * states.velocity], axis=2)
-            read = np.concatenate([measured, rated[1] * rated[0]], axis=1)
-            there = np.concatenate([seen, (rated[1] > 0).astype(float)], axis=1)
-        with np.errstate(invalid="ignore"):  # a model that runs away within a second keeps the line
-            left = np.where(there > 0, read - shown[0], 0.0)
-            slopes = np.where(there > 0, (shown[1::2] - shown[2::2]) / (2 * NUDGE), 0.0)
+        tried = found + nudges
+        states = roll(model, begins, tried[:, 0], tried[:, 1], switch_offset, step)
+        with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away within a second keeps the line
+            shown = np.concatenate([states.position, weight * states.velocity], axis=2)
+            left = np.where(np.isnan(read), 0.0, read - shown[0])
+            slopes = np.where(np.isnan(read), 0.0, (shown[1::2] - shown[2::2]) / (2 * NUDGE))
         good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(left) < RUNAWAY, axis=1)
         slopes, left = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], left, 0.0)
         square = np.einsum("irn,jrn->rij", slopes, slopes) + 1e-12 * np.eye(2)
@@ -217,43 +203,13 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     ]
 
 
-def _velocities_at_start(begins: Sequence[Run], runs: Sequence[Run], width: int) -> tuple[Floats, Floats] | None:
-    """What velocity sensors read at the starts, less their bias, and the weight of each reading, both (R, width): how
-    many times the position's noise is the sensor's; None where no run has one."""
-    if all(run.dof.velocity not in run.extras for run in begins):
-        return None
-    values, weights = np.zeros((2, len(begins), width))
-    for value, weight, begin, run in zip(values, weights, begins, runs):
-        read = unbiased_velocity(run)
-        if read is None:
-            continue
-        read = read[: len(begin)]
-        good = np.isfinite(read)
-        value[: len(begin)] = np.where(good, read, 0.0)
-        ratio = max(position_noise(run.time, run.position), 1e-9) / max(velocity_noise(run), 1e-9)
-        weight[: len(begin)] = np.where(good, min(ratio, MOST_WEIGHT), 0.0)
-    return values, weights
-
-
-def _window(run: Run) -> int:
-    count = int(np.searchsorted(run.time, run.time[0] + WINDOW * (1 + 1e-9), side="right"))
-    return min(max(count, FEWEST_AT_START), len(run))
-
-
-def _pace(run: Run) -> float:
-    """How fast the run moves where it moves fast [rad/s or m/s]: 90th percentile of the way of one second."""
-    later = np.interp(run.time + 1.0, run.time, run.position)
-    return float(np.percentile(np.abs(later - run.position), 90))
-
-
 FAR = 1e6  # m, or rad: a simulation that gets there diverges
 
 
 @dataclass(frozen=True)
 class FreeRun:
     """One run simulated from its start to its end: `simulated` (N,) by quantity, positions as the sensors show them and
-    true velocities [base units], not finite from where the model diverges; `water` (N, W) its states.
-    """
+    true velocities [base units], not finite from where the model diverges; `water` (N, W) its states."""
 
     run: Run
     simulated: Mapping[str, Floats]
@@ -275,8 +231,7 @@ class FreeRun:
     def error_of(self, channel: str) -> Floats | None:
         """Measured less simulated, (N,), NaN where nothing was read; None where the log has no such channel."""
         read = self.run.channel(channel)
-        unread = read is None or (channel == self.run.dof.position and self.run.summed_up)
-        if unread or read is None or not np.isfinite(read).any():
+        if read is None or (channel == self.run.dof.position and self.run.summed_up) or not np.isfinite(read).any():
             return None
         return np.asarray(read - self.simulated[channel])
 
@@ -296,14 +251,21 @@ def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) 
     `switch_offset` is the share of a sample interval by which commands act later than mid-interval. Raises
     RunError as `make_batch`.
     """
-    for group in groups(runs, [len(run) for run in runs]):
-        some = runs[group]
-        states = start_states(model, some, switch_offset)
-        positions, rates = (np.array([getattr(s, name) for s in states]) for name in ("position", "rate"))
-        path = roll(model, some, positions, rates, switch_offset)
-        for i, (run, state) in enumerate(zip(some, states)):
-            position, rate, water = (x[0, i, : len(run)] for x in (path.position, path.velocity, path.water))
-            yield FreeRun(run, {model.dof.position: position, model.dof.velocity: rate}, state, water)
+    states = start_states(model, runs, switch_offset)
+    for run, state, (position, rate, water) in zip(runs, states, _paths(model, runs, states, switch_offset)):
+        yield FreeRun(run, {model.dof.position: position, model.dof.velocity: rate}, state, water)
+
+
+def _paths(
+    model: YawModel, runs: Sequence[Run], states: Sequence[State], switch_offset: float, water: Sequence[Floats] = ()
+) -> Iterator[tuple[Floats, ...]]:
+    """Simulate each run from its state and that of the `water` (W,): position and rate (N,) and water (N, W)."""
+    for group in groups(runs):
+        position, rate = (np.array([getattr(state, name) for state in states[group]]) for name in ("position", "rate"))
+        stirred = np.array(water[group]).T[:, None] if water else 0.0
+        path = roll(model, runs[group], position, rate, switch_offset, water=stirred)
+        for i, run in enumerate(runs[group]):
+            yield tuple(x[0, i, : len(run)] for x in (path.position, path.velocity, path.water))
 
 
 FEWEST_SMOOTHED = 4  # samples to either side over which a state is smoothed
@@ -319,38 +281,32 @@ NEVER = "never: the {force} does not change after the start"
 @dataclass(frozen=True)
 class Restarts:
     """Where a run is restarted: samples `at`, from 0 (the run's own start) to its last; `rule` says why there,
-    `horizon` is the median time from one to the next [s], `states` are those in between.
-    """
+    `horizon` is the median time from one to the next [s], `states` are those in between."""
 
     at: tuple[int, ...]
     rule: str
     horizon: float
     states: tuple[State, ...]
 
-    @property
-    def pieces(self) -> list[tuple[int, int]]:
-        """(first, last) sample of each piece; the last of one is the first of the next."""
-        return list(pairwise(self.at))
-
 
 def find_restarts(run: Run) -> Restarts:
     """Restart at the last sample before each change or ramp of the command, or every 15 s where it always changes."""
-    changes = [first for first, _, _ in segments(run.command)[1:]]
-    waits = np.diff(run.time[changes])
+    time = run.time
+    changes = np.array([first for first, _, _ in segments(run.command)[1:]], dtype=int)
+    waits = np.diff(time[changes], prepend=-np.inf)
     ramping = waits < SHORTEST * (1 - 1e-9)
-    begins = [first for first, late in zip(changes, [False, *ramping.tolist()]) if not late]
-    time_on_ramps = float(waits[ramping].sum())
-    driven = len(changes) > ALL_THE_TIME * len(run) or time_on_ramps > RAMPING * (run.time[-1] - run.time[0])
-    if driven:
-        clock = np.arange(run.time[0] + EVERY, run.time[-1], EVERY)
-        wanted = [int(np.searchsorted(run.time, t)) for t in clock]
-    else:
-        wanted = [first - 1 for first in begins]
+    begins = changes[~ramping].tolist()
+    on_ramps = float(waits[ramping].sum())
+    driven = len(changes) > ALL_THE_TIME * len(run) or on_ramps > RAMPING * (time[-1] - time[0])
+    clock = np.searchsorted(time, np.arange(time[0] + EVERY, time[-1], EVERY)).tolist()
     at = [0]
-    for i in wanted:
-        if run.time[i] - run.time[at[-1]] >= SHORTEST and i < len(run) - 1:
+    for i in clock if driven else (first - 1 for first in begins):
+        if time[i] - time[at[-1]] >= SHORTEST and i < len(run) - 1:
             at.append(i)
-    reach = _reach(run)
+    # The variance of a slope falls with the cube of the reach, the square of the parabola's bias grows with its fourth
+    # power: the best reach goes with the noise to the power 2/7; about a second for a degree, or a centimetre, at 10 Hz
+    noise = run.dof.shown(position_noise(time, run.position)) * np.sqrt(run.sample_period / 0.1)
+    reach = float(np.clip(noise ** (2 / 7), FEWEST_SMOOTHED * run.sample_period, LONGEST)) * (1 + 1e-9)
     rest = rest_state(run)
     states = tuple(
         State(rest.position, 0.0, "the rest with which the run begins")
@@ -359,38 +315,33 @@ def find_restarts(run: Run) -> Restarts:
         for i in at[1:]
     )
     at.append(len(run) - 1)
-    horizon = float(np.median(np.diff(run.time[at])))
     rule = run.dof.fill(AT_TIMES if driven else AT_CHANGES if states else NEVER)
-    return Restarts(tuple(at), rule, horizon, states)
+    return Restarts(tuple(at), rule, float(np.median(np.diff(time[at]))), states)
 
 
 def restarted_errors(
     model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts], switch_offset: float = 0.0
-) -> Iterator[Floats]:
-    """Measured less restarted position [rad or m], (N,), run by run; 0 at the first sample of all.
+) -> list[Floats]:
+    """Return measured less restarted position [rad or m], (N,), of each run; 0 at the first sample of all.
 
     The first piece of each run is that of the free run; all others are simulated many at a time.
     """
-    pieces = [(i, *piece) for i, one in enumerate(restarts) for piece in one.pieces[1:]]
-    states = [state for one in restarts for state in one.states]
+    pieces = [(i, *piece) for i, of_run in enumerate(restarts) for piece in list(pairwise(of_run.at))[1:]]
     runs = [free[i].run.cut(first, last + 1) for i, first, last in pieces]
-    errors = [one.error.copy() for one in free]
-    for group in groups(pieces, [len(run) for run in runs]):
-        some = runs[group]
-        begin = aligned(model, some, states[group])
-        positions, rates = (np.array([getattr(s, name) for s in begin]) for name in ("position", "rate"))
-        water = np.array([free[i].water[first] for i, first, _ in pieces[group]]).T[:, None]
-        shown = roll(model, some, positions, rates, switch_offset, water=water).position[0]
-        for (i, first, last), run, position in zip(pieces[group], some, shown):
-            errors[i][first + 1 : last + 1] = (run.position - position[: len(run)])[1:]
-    yield from errors
+    states = aligned(model, runs, [state for of_run in restarts for state in of_run.states])
+    water = [free[i].water[first] for i, first, _ in pieces]
+    errors = [of_run.error.copy() for of_run in free]
+    for (i, first, last), run, (shown, *_) in zip(pieces, runs, _paths(model, runs, states, switch_offset, water)):
+        errors[i][first + 1 : last + 1] = (run.position - shown)[1:]
+    return errors
 
 
 def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
-    """Position and rate at sample `i` from a parabola over `reach` [s] to either side, fewer samples: a line.
+    """Smooth position and rate at sample `i` by a parabola over `reach` [s] to either side, fewer samples: a line.
 
     Where a change or ramp `begins` right after `i`, the parabola bends differently before and after the middle of that
-    interval; it does not reach across where another begins unless too few samples are left.
+    interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor:
+    the mean of the positions carried to `i` by the velocities, and a line through these that may bend.
     """
     bend = i + 1 in begins
     first, stop = (int(k) for k in np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach]))
@@ -399,46 +350,23 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     if high - low < FEWEST_SMOOTHED:  # a command that was held for a sample or two leaves no rate
         low, high, bend = first, stop, False
     middle = 0.5 * (run.time[i] + run.time[i + 1]) if bend else run.time[i]
-    t, at = run.time[low:high] - middle, run.time[i] - middle
-    after = [np.minimum(t, 0.0) ** 2, np.maximum(t, 0.0) ** 2] if bend else [t**2]
-    rated = _smoothed_by_velocity(run, i, low, high, t, at, bend)
-    if rated is not None:
-        return rated
-    powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, len(t) - 1)]
+    t, at, count = run.time[low:high] - middle, run.time[i] - middle, high - low
+    sides = [np.minimum(t, 0.0), np.maximum(t, 0.0)]
+    read = unbiased_velocity(run)
+    if read is not None and count >= FEWEST_SMOOTHED and np.isfinite(read[low:high]).all():
+        velocity = read[low:high]
+        way = summed(run.time[low:high], velocity)
+        position = float(np.mean(run.position[low:high] - way + way[i - low]))
+        lines = sides if bend and high > i + 2 and i > low else [t]
+        start, by_time, *_ = np.linalg.lstsq(np.stack([np.ones_like(t), *lines], axis=1), velocity, rcond=None)[0]
+        how = f"{run.dof.position} carried by the {run.dof.words.rate}"
+        return State(position, float(start + by_time * at), f"smoothed: {how} over {count} samples")
+    after = [side**2 for side in sides] if bend else [t**2]
+    powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, count - 1)]
     found = np.zeros(4)
     found[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
     position, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
-    return State(float(position), float(rate), f"smoothed: parabola over {high - low} samples")
-
-
-def _smoothed_by_velocity(run: Run, i: int, low: int, high: int, t: Floats, at: float, bend: bool) -> State | None:
-    """The same with a velocity sensor, `t` times of the samples low:high and `at` that of `i`: the mean of the
-    positions carried to `i` by the velocities, and a line through these that may bend; None where readings are
-    missing."""
-    read = unbiased_velocity(run)
-    if read is None or high - low < FEWEST_SMOOTHED or not np.isfinite(read[low:high]).all():
-        return None
-    velocity, time = read[low:high], run.time[low:high]
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
-    position = float(np.mean(run.position[low:high] - way + way[i - low]))
-    lines = [np.minimum(t, 0.0), np.maximum(t, 0.0)] if bend and high > i + 2 and i > low else [t]
-    powers = np.stack([np.ones_like(t), *lines], axis=1)
-    start, *slopes = np.linalg.lstsq(powers, velocity, rcond=None)[0]
-    return State(
-        position, float(start + slopes[0] * at),
-        f"smoothed: {run.dof.position} carried by the {run.dof.words.rate} over {high - low} samples",
-    )  # fmt: skip
-
-
-def _reach(run: Run) -> float:
-    """Seconds to either side over which the position is smoothed: where its noise and the parabola's bias balance.
-
-    The variance of a slope falls with the cube of the reach, the square of the bias grows with its fourth power,
-    so that the best reach goes with the noise to the power 2/7, and is about a second for a degree, or a centimetre,
-    at 10 Hz.
-    """
-    noise = run.dof.shown(position_noise(run.time, run.position)) * np.sqrt(run.sample_period / 0.1)
-    return float(np.clip(noise ** (2 / 7), FEWEST_SMOOTHED * run.sample_period, LONGEST)) * (1 + 1e-9)
+    return State(float(position), float(rate), f"smoothed: parabola over {count} samples")
 
 
 PLANAR_STEP = 0.05  # longest step of the simulation [s]
@@ -450,7 +378,7 @@ LOOSE = 3.0  # m, rad, m/s, rad/s by which a start may differ from the first rea
 
 
 def planar_free_runs(model: PlanarModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
-    """Every run simulated by its commands from the state with which its log begins."""
+    """Simulate every run by its commands from the state with which its log begins."""
     for run in runs:
         start = planar_start(run, model)
         batch = make_batch([run], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
@@ -464,7 +392,7 @@ def _start(state: Floats) -> Start:
 
 
 def planar_start(run: Run, model: PlanarModel) -> Floats:
-    """North, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
+    """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
 
     At rest the means of the readings before the first command; under way the state that follows the first `BEGINNING`
     best under the model.
@@ -475,21 +403,14 @@ def planar_start(run: Run, model: PlanarModel) -> Floats:
     until = run.time <= run.time[0] + BEGINNING
     if still:
         until &= np.arange(len(run)) < quiet
-    place = [
-        0.0 if run.summed_up and name == run.dof.position else _mean(run.channel(name), until)
-        for name in PLANAR.positions
-    ]
+    read = {name: run.channel(name) for name in PLANAR.positions if name != run.dof.position or not run.summed_up}
+    rough = {} if still else rough_velocities(run)
+    places, velocities = [read.get(name) for name in PLANAR.positions], [rough.get(dof.velocity) for dof in PLANAR.dofs]
+    near = np.array([_mean(values, until) for values in (*places, *velocities)])
     if still:
-        return np.array([*place, 0.0, 0.0, 0.0])
-    rough = rough_velocities(run)
-    velocity = [_mean(rough.get(dof.velocity), until) for dof in PLANAR.dofs]
+        return near
     first = run.cut(0, max(int(np.count_nonzero(until)), FEWEST_IN_THE_PLANE))
-    return _followed(model, first, np.array([*place, *velocity]))
-
-
-def _followed(model: PlanarModel, run: Run, near: Floats) -> Floats:
-    """The start (6,) that follows a run best; what is not read stays `near`."""
-    batch = make_batch([run], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
+    batch = make_batch([first], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
     def residuals(state: Floats) -> Floats:
@@ -501,8 +422,8 @@ def _followed(model: PlanarModel, run: Run, near: Floats) -> Floats:
 
 
 def _mean(values: Floats | None, until: NDArray[np.bool_]) -> float:
-    """Mean of the readings at the beginning, or the first reading; zero where there is none."""
-    if values is None or not np.isfinite(values).any():
+    """Average the readings at the beginning, or take the first one; zero where there is none."""
+    good = np.zeros_like(until) if values is None else np.isfinite(values)
+    if values is None or not good.any():
         return 0.0
-    here = values[until & np.isfinite(values)]
-    return float(np.mean(here)) if len(here) else float(values[np.isfinite(values)][0])
+    return float(np.mean(values[until & good])) if (until & good).any() else float(values[good][0])

@@ -18,27 +18,25 @@ from automarine_cli.comparison.scores import (
     SCORES,
     Overall,
     RunScore,
+    Score,
     lead,
     noise_floor,
     overall,
     planar_score,
-    pooled_floor,
     rate_source,
     resamples,
     score,
-    score_key,
 )
 from automarine_cli.comparison.simulated_runs import (
     FreeRun,
     Restarts,
-    State,
     find_restarts,
     free_runs,
     needed_signals,
     planar_free_runs,
     restarted_errors,
 )
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError
@@ -48,9 +46,7 @@ from automarine_cli.fits.driven import STEPS, ForecastScore, base_starts, distur
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
-from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.planar_store import StoredPlanar
-from automarine_cli.models.store import StoredModels
+from automarine_cli.models.store import StoredModels, StoredPlanar
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.pipeline.records import Shown
@@ -73,89 +69,12 @@ class Scored:
 
     @property
     def diverged(self) -> tuple[str, ...]:
-        return tuple(one.run.name for one in self.free if one.diverged)
+        return tuple(free.run.name for free in self.free if free.diverged)
 
-    @property
+    @cached_property
     def values(self) -> list[dict[str, float | None]]:
         """The scores of each run by name."""
         return [{name: score.value(name) for name in self.overall} for score in self.scores]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What was measured against what each model says, R runs; `floors` are their noise, `floor` that of all, in the
-    unit that people see.
-
-    `best` is the number of the model with the smallest free-run error of position over all runs, None where every
-    model diverged; `because` is the sentence that says so. `carried` are the effects with a state of their own,
-    which a restart takes from the free run.
-    """
-
-    runs: tuple[Run, ...]
-    restarts: tuple[Restarts, ...]
-    models: Mapping[str, Scored]
-    floors: tuple[float, ...]
-    floor: float
-    best: str | None
-    because: str
-    carried: tuple[str, ...]
-
-
-def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Comparison:
-    """Simulate and score `runs` under every model. Raises RunError as `make_batch`."""
-    restarts = [find_restarts(run) for run in runs]
-    drawn = resamples(len(runs), seed)
-    models: dict[str, Scored] = {}
-    for number, model in stored.models.items():
-        simulated = free_runs(model, runs, stored.switch_offset)
-        free = list(counted(progress, f"simulating model {number}", simulated, len(runs)))
-        again = restarted_errors(model, free, restarts, stored.switch_offset)
-        scores = tuple(score(one, errors) for one, errors in zip(free, again))
-        models[number] = Scored(tuple(free), scores, overall(scores, drawn))
-    ranked = sorted(
-        (value, len(stored.models[number].theta), number)
-        for number, scored in models.items()
-        if (value := scored.overall["rmse"].value) is not None
-    )
-    best = ranked[0][2] if ranked else None
-    leads = {
-        number: lead(models[best].scores, models[number].scores, drawn)
-        for _, _, number in ranked[1:]
-        if best is not None
-    }
-    floors = tuple(noise_floor(run) for run in runs)
-    because = _because(best, leads, models, runs[0].dof)
-    carried = tuple(name for name in stored.effects if effects.get(name).states)
-    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, carried)
-
-
-def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
-    """One sentence: which model follows the runs best, and whether its lead could be chance."""
-    if best is None:
-        return "No model follows these runs: every simulation diverges."
-    parts = []
-    for number, gap in leads.items():
-        part = f"{_digits(gap.value)} {dof.units.shown} below model {number}"
-        if gap.ci95 is not None:
-            sure = "" if gap.ci95[0] > 0 else ", which may be chance"
-            part += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
-        parts.append(part)
-    told = ["; ".join(parts)] if parts else []
-    told += [
-        f"model {number} diverges in {len(m.diverged)} of {len(m.free)} runs"
-        for number, m in models.items()
-        if m.diverged
-    ]
-    tail = f": {'; '.join(told)}" if told else ""
-    if len(models) == 1:
-        return f"Model {best} is the only one{tail}."
-    return f"Model {best} has the smallest free-run {dof.position} error over all runs{tail}."
-
-
-def _digits(gap: float | None) -> str:
-    """A number in a sentence: two digits, all before the point where there are more."""
-    value = 0.0 if gap is None else gap
-    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
 
 
 @dataclass(frozen=True)
@@ -193,22 +112,172 @@ class Ahead:
 
     def to_json(self) -> dict[str, list[dict[str, object]]]:
         """By model and horizon, in the unit in which people see positions."""
+        by_model: dict[str, list[dict[str, object]]] = {number: [] for number in self.worth}
+        for number, scores in self.worth.items():
+            for worth, ahead in zip(scores, self.predicted[number]):
+                sizes = self.dof.shown(np.sqrt(ahead.by_run(ahead.error, len(self.runs))))
+                runs = {run: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
+                by_model[number].append(worth.to_json(self.dof) | {"runs": runs})
+        return by_model
 
-        def by_run(ahead: Predicted) -> dict[str, float]:
-            sizes = self.dof.shown(np.sqrt(ahead.by_run(ahead.error, len(self.runs))))
-            return {run: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
 
+@dataclass(frozen=True, repr=False)
+class Validation(Shown):
+    """What was measured against what each of the `stored` models says; in the plane there is one, and no restarts.
+
+    `best` is the number of the model with the smallest free-run error of position over all runs, None where every
+    model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
+    that people see, `channels` the sensors that count. Where the runs are driven there are predictions `ahead` from
+    filtered states.
+    """
+
+    stored: StoredModels | StoredPlanar
+    models: Mapping[str, Scored]
+    best: str | None
+    because: str = ""
+    restarts: tuple[Restarts, ...] = ()
+    floors: tuple[float, ...] = ()
+    set_aside: tuple[SetAside, ...] = ()
+    channels: ChannelChoice = NOTHING_TO_CHOOSE
+    ahead: Ahead | None = None
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        return tuple(free.run for free in next(iter(self.models.values())).free)
+
+    @property
+    def dof(self) -> Dof:
+        """The motion, of which the words are; yaw in the plane."""
+        return YAW if isinstance(self.stored, StoredPlanar) else self.stored.dof
+
+    @property
+    def scores(self) -> Mapping[str, Score]:
+        return PLANAR_SCORES if isinstance(self.stored, StoredPlanar) else SCORES
+
+    @property
+    def floor(self) -> float:
+        """The noise of all runs together, pooled as an rmse is."""
+        return float(np.sqrt(np.average(np.square(self.floors), weights=[len(run) for run in self.runs])))
+
+    @property
+    def carried(self) -> tuple[str, ...]:
+        """The effects with a state of their own, which a restart takes from the free run."""
+        names = () if isinstance(self.stored, StoredPlanar) else self.stored.effects
+        return tuple(name for name in names if effects.get(name).states)
+
+    def key(self, name: str) -> str:
+        """What a score is called in files."""
+        return self.dof.fill(self.scores[name].key)
+
+    def to_json(self) -> dict[str, object]:
+        stored, dof, runs, unit = self.stored, self.dof, self.runs, self.dof.units.key
+        logs: dict[str, dict[str, object]] = {
+            run.name: {"file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0])}
+            for run in runs
+        }
+        planar = isinstance(stored, StoredPlanar)
+        data: dict[str, object] = {
+            "schema": VALIDATION.schema,
+            **({"motion": PLANAR.name if planar else dof.name} if planar or not dof.wraps else {}),
+            "models": {number: self._model_json(scored) for number, scored in self.models.items()},
+            "best": self.best,
+            "scores": {self.key(name): dof.fill(score.meaning) for name, score in self.scores.items()},
+            "logs": logs,
+            "runs": runs_json(len(runs), self.set_aside, runs),
+        }
+        if isinstance(stored, StoredPlanar):
+            return data
+        for run, floor, restarts in zip(runs, self.floors, self.restarts):
+            logs[run.name] |= {
+                f"noise_floor_{unit}": floor, "restarts": len(restarts.states), "restarted_at": restarts.rule,
+                "restarted_horizon_s": restarts.horizon, "rate_from": rate_source(run),
+            }  # fmt: skip
+        if (ahead := self.ahead) is not None:
+            data |= {"prediction": ahead.to_json(), "use": {"of_use": ahead.of_use, "says": ahead.sentence}}
+        return data | {
+            f"noise_floor_{unit}": self.floor, "best_because": self.because, "preferred_by_fit": stored.preferred,
+            "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,
+            "switch_offset": stored.switch_offset, **channels_json(self.channels, measured_noises(runs, dof)),
+        }  # fmt: skip
+
+    def _model_json(self, scored: Scored) -> dict[str, object]:
+        overall = {self.key(name): score for name, score in scored.overall.items()}
         return {
-            number: [
-                score.to_json(self.dof) | {"runs": by_run(ahead)}
-                for score, ahead in zip(self.worth[number], (ahead for ahead in predicted if len(ahead.error)))
-            ]
-            for number, predicted in self.predicted.items()
+            **{key: score.value for key, score in overall.items()},
+            **{f"{key}_ci95": list(score.ci95) for key, score in overall.items() if score.ci95 is not None},
+            "diverged": list(scored.diverged),
+            "runs": {
+                free.run.name: {self.key(name): value for name, value in values.items()}
+                | {"diverged": free.diverged, "start": self._start_json(free)}
+                for free, values in zip(scored.free, scored.values)
+            },
+        }
+
+    def _start_json(self, free: FreeRun) -> dict[str, object]:
+        dof, position, rate = self.dof, free.start.position, free.start.rate
+        if isinstance(self.stored, StoredPlanar):
+            return dict(zip(START, [*position.tolist(), *rate.tolist()]))
+        return {
+            f"{dof.words.position}_{dof.units.key}": float(dof.shown(position)),
+            f"{dof.words.speed}_{dof.units.rate_key}": float(dof.shown(rate)),
+            "how": free.start.how,
         }
 
 
+def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Validation:
+    """Simulate and score `runs` under every model. Raises RunError as `make_batch`."""
+    restarts = tuple(map(find_restarts, runs))
+    drawn = resamples(len(runs), seed)
+    models: dict[str, Scored] = {}
+    for number, model in stored.models.items():
+        simulated = free_runs(model, runs, stored.switch_offset)
+        free = tuple(counted(progress, f"simulating model {number}", simulated, len(runs)))
+        scores = tuple(map(score, free, restarted_errors(model, free, restarts, stored.switch_offset)))
+        models[number] = Scored(free, scores, overall(scores, drawn))
+    values = {number: scored.overall["rmse"].value for number, scored in models.items()}
+    ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)
+    best = ranked[0][2] if ranked else None
+    leads = {n: lead(models[ranked[0][2]].scores, models[n].scores, drawn) for _, _, n in ranked[1:]}
+    because = _because(best, leads, models, stored.dof)
+    return Validation(stored, models, best, because, restarts, tuple(map(noise_floor, runs)))
+
+
+def compare_planar(stored: StoredPlanar, runs: Sequence[Run], seed: int = 0) -> Validation:
+    """Simulate and score `runs` under a model of the plane."""
+    free = tuple(planar_free_runs(stored.model, runs))
+    scores = tuple(map(planar_score, free))
+    scored = Scored(free, scores, overall(scores, resamples(len(runs), seed), PLANAR_SCORES))
+    return Validation(stored, {PLANAR.name: scored}, PLANAR.name)
+
+
+def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
+    """Say which model follows the runs best, and whether its lead could be chance."""
+    if best is None:
+        return "No model follows these runs: every simulation diverges."
+    parts = []
+    for number, gap in leads.items():
+        part = f"{_digits(gap.value)} {dof.units.shown} below model {number}"
+        if gap.ci95 is not None:
+            sure = "" if gap.ci95[0] > 0 else ", which may be chance"
+            part += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
+        parts.append(part)
+    for number, scored in models.items():
+        if scored.diverged:
+            parts.append(f"model {number} diverges in {len(scored.diverged)} of {len(scored.free)} runs")
+    tail = f": {'; '.join(parts)}" if parts else ""
+    if len(models) == 1:
+        return f"Model {best} is the only one{tail}."
+    return f"Model {best} has the smallest free-run {dof.position} error over all runs{tail}."
+
+
+def _digits(gap: float | None) -> str:
+    """Write a number for a sentence: two digits, all before the point where there are more."""
+    value = gap or 0.0
+    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
+
+
 def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None) -> Ahead | None:
-    """Predictions of every model of a file from the filtered states of `runs`; None where the runs are not driven, or
+    """Predict with every model of a file from the filtered states of `runs`; None where the runs are not driven, or
     no filter follows them. `channels` names the quantities that count, None for positions."""
     at_rest = np.array([starts_at_rest(run) for run in runs])
     try:
@@ -227,85 +296,14 @@ def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...
 def _predicted(
     model: YawModel, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
 ) -> tuple[Predicted, ...]:
-    """Of one model, by the sizes that the runs themselves give to what is random."""
+    """Predict with one model, by the sizes that the runs themselves give to what is random."""
     course = make_course(runs, at_rest, needed_signals(model), channels=channels)
     problem, own = driven_problem(model, course), len(model.theta)
     held = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[own:]])
     problem = replace(problem, bounds=held)
     found = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
-    return predict(model, course, model.theta, problem.noises(found.theta[None]))
-
-
-@dataclass(frozen=True, repr=False)
-class Validation(Shown):
-    """The models of a file, how they compare on runs, the runs left out, the sensors that count; predictions `ahead`
-    from filtered states where the runs are driven."""
-
-    stored: StoredModels
-    comparison: Comparison
-    set_aside: tuple[SetAside, ...]
-    channels: ChannelChoice = NOTHING_TO_CHOOSE
-    ahead: Ahead | None = None
-
-    def to_json(self) -> dict[str, object]:
-        compared, dof, ahead = self.comparison, self.stored.dof, self.ahead
-        use = {} if ahead is None else {"of_use": ahead.of_use, "says": ahead.sentence}
-
-        def start(state: State) -> dict[str, object]:
-            position, rate = f"{dof.words.position}_{dof.units.key}", f"{dof.words.speed}_{dof.units.rate_key}"
-            return {position: float(dof.shown(state.position)), rate: float(dof.shown(state.rate)), "how": state.how}
-
-        return {
-            "schema": VALIDATION.schema,
-            **({} if dof.wraps else {"motion": dof.name}),
-            "models": {
-                number: scored_json(scored, lambda name: score_key(name, dof), start)
-                for number, scored in compared.models.items()
-            },
-            f"noise_floor_{dof.units.key}": compared.floor,
-            "best": compared.best,
-            "best_because": compared.because,
-            "preferred_by_fit": self.stored.preferred,
-            "effects": list(self.stored.effects),
-            f"{dof.words.force}_unit": self.stored.moment_unit,
-            "switch_offset": self.stored.switch_offset,
-            **channels_json(self.channels, measured_noises(compared.runs, dof)),
-            **({} if ahead is None else {"prediction": ahead.to_json(), "use": use}),
-            "scores": {score_key(name, dof): dof.fill(score.meaning) for name, score in SCORES.items()},
-            "logs": {
-                run.name: {
-                    **log_json(run),
-                    f"noise_floor_{dof.units.key}": floor,
-                    "restarts": len(restarts.states),
-                    "restarted_at": restarts.rule,
-                    "restarted_horizon_s": restarts.horizon,
-                    "rate_from": rate_source(run),
-                }
-                for run, floor, restarts in zip(compared.runs, compared.floors, compared.restarts)
-            },
-            "runs": runs_json(len(compared.runs), self.set_aside, compared.runs),
-        }
-
-
-def scored_json(
-    scored: Scored, key: Callable[[str], str], start: Callable[[State], Mapping[str, object]]
-) -> dict[str, object]:
-    """What a file says of one model, by the keys of the scores."""
-    data = dict[str, object]()
-    for name, whole in scored.overall.items():
-        data[key(name)] = whole.value
-        if whole.ci95 is not None:
-            data[f"{key(name)}_ci95"] = list(whole.ci95)
-    runs = {
-        free.run.name: {key(name): value for name, value in values.items()}
-        | {"diverged": free.diverged, "start": start(free.start)}
-        for free, values in zip(scored.free, scored.values)
-    }
-    return {**data, "diverged": list(scored.diverged), "runs": runs}
-
-
-def log_json(run: Run) -> dict[str, object]:
-    return {"file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0])}
+    predicted = predict(model, course, model.theta, problem.noises(found.theta[None]))
+    return tuple(ahead for ahead in predicted if len(ahead.error))
 
 
 def usable_runs(
@@ -314,12 +312,10 @@ def usable_runs(
     """Select the runs that every model can be driven by and that their commands may have moved, commanded by `drive`;
     return the others with their reasons. Raises ModelError for commands in another unit than the models'."""
     signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
-    commanded: list[Run] = []
-    aside: list[SetAside] = []
+    commanded, aside = list[Run](), list[SetAside]()
     for run in runs:
         try:
             driven = run if drive is None else drive(run)
-            _ = driven.command  # refused where there is none
             _refuse_incomplete(driven, tuple(signals))
             commanded.append(driven)
         except AutomarineError as error:
@@ -337,44 +333,12 @@ def usable_runs(
 
 
 def _refuse_incomplete(run: Run, signals: Sequence[str]) -> None:
+    _ = run.command  # refused where there is none
     for name in signals:
-        signal = run.signal(name)
-        if signal is None:
+        if (signal := run.signal(name)) is None:
             raise RunError(f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}")
-        missing = int(np.count_nonzero(~np.isfinite(signal)))
-        if missing:
+        if missing := int(np.count_nonzero(~np.isfinite(signal))):
             raise RunError(
                 f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "
                 "validate a model without that effect"
             )
-
-
-def planar_scored(model: PlanarModel, runs: Sequence[Run], seed: int = 0) -> Scored:
-    free = tuple(planar_free_runs(model, runs))
-    scores = tuple(map(planar_score, free))
-    return Scored(free, scores, overall(scores, resamples(len(runs), seed), PLANAR_SCORES))
-
-
-@dataclass(frozen=True, repr=False)
-class PlanarValidation(Shown):
-    """A planar model, every run simulated by it, and the runs left out."""
-
-    stored: StoredPlanar
-    scored: Scored
-    set_aside: tuple[SetAside, ...]
-
-    def to_json(self) -> dict[str, object]:
-        runs, name = [free.run for free in self.scored.free], PLANAR.name
-
-        def start(state: State) -> dict[str, object]:
-            return dict(zip(START, [*state.position.tolist(), *state.rate.tolist()]))
-
-        return {
-            "schema": VALIDATION.schema,
-            "motion": name,
-            "models": {name: scored_json(self.scored, str, start)},
-            "best": name,
-            "scores": {name: score.meaning for name, score in PLANAR_SCORES.items()},
-            "logs": {run.name: log_json(run) for run in runs},
-            "runs": runs_json(len(runs), self.set_aside, runs),
-        }

@@ -29,10 +29,8 @@ from automarine_cli.planning.campaign import Plan, make_plan
 from automarine_cli.planning.candidates import Goal, Limits, Moments
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.noise import position_noise
-from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.propulsion import map_and_arm
+from automarine_cli.runs.run import Run, position_noise
+from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 
 BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field's two degrees of heading, and 5 cm
 STEP_DEG, STEP_M = 90.0, 1.0

@@ -34,8 +34,8 @@ from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import LEAST_STEP
 from automarine_cli.filters.kalman import Predicted
-from automarine_cli.fits.cautions import covariance_json, valid_range
 from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
+from automarine_cli.fits.identify import covariance_json, valid_range
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival

@@ -47,7 +47,7 @@ from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, PLACES, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, discover
 from automarine_cli.models.planar import Tied, derivative, parameters_of
-from automarine_cli.models.planar_store import StoredPlanar, planar_json
+from automarine_cli.models.store import StoredPlanar, planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.pipeline.result_files import DIAGNOSIS

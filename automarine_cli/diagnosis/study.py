@@ -26,8 +26,7 @@ from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, derivativ
 from automarine_cli.fits.whole_runs import run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.noise import position_noise
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 

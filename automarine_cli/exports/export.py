@@ -15,8 +15,7 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
 from automarine_cli.exports.base import DRAG, LeftOut, MapSubject, Origin, Settings, Target, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
-from automarine_cli.models.planar_store import planar_from_json
-from automarine_cli.models.store import file_and_models, motion_of
+from automarine_cli.models.store import file_and_models, motion_of, planar_from_json
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.manifest import manifest_of, sha256
 from automarine_cli.pipeline.records import Source, read_plain

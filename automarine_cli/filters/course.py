@@ -12,8 +12,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.noise import fresh_readings, position_noise
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.run import Run, fresh_readings, position_noise
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
 STEP, LEAST_STEP = 0.25, 0.1

@@ -32,8 +32,8 @@ from automarine_cli.fits.whole_runs import (
 from automarine_cli.models.yaw_model import YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.half_turn import segments
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import segments
 from automarine_cli.simulation.batch import make_batch
 
 INERTIAS, DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)  # shares of rough values from which fits of a base model start

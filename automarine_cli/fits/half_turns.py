@@ -13,8 +13,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.fits.mixed_model import SWITCH, Problem, slots_of
-from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import base_roles, main_drag
+from automarine_cli.models.yaw_model import base_roles, main_drag, response
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 from automarine_cli.simulation.batch import Channel

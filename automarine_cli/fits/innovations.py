@@ -30,8 +30,7 @@ from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.pipeline.result_files import Sensor
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import ChannelChoice, ChannelVerdict
-from automarine_cli.runs.noise import position_noise
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.run import Run, position_noise
 
 DIFFERENCE = 1e-5  # share of a parameter by which it is moved for its derivative
 LEAST_SIZE = 1e-4  # smallest disturbance, as a share of the acceleration that the largest command gives

@@ -23,8 +23,14 @@ from automarine_cli.errors import FitError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.linear_mixed import solve_scaled
-from automarine_cli.models.closed_form import inertia_from_velocity_error, response, velocity_error
-from automarine_cli.models.yaw_model import base_roles, main_drag, steady_rate
+from automarine_cli.models.yaw_model import (
+    base_roles,
+    inertia_from_velocity_error,
+    main_drag,
+    response,
+    steady_rate,
+    velocity_error,
+)
 from automarine_cli.quantities import Floats
 
 MODELS: tuple[str, ...] = ("1", "2", "3")

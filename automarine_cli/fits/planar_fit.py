@@ -39,7 +39,7 @@ from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.whole_runs import OutputErrorFit, prefer, rough_model, run_covariance, run_dof
 from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
-from automarine_cli.models.planar_store import planar_json, units
+from automarine_cli.models.store import planar_json, units
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, runs_json
@@ -227,19 +227,21 @@ class Choice:
 def search(runs: Sequence[Run], seen: Observed, estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
     """Structures that were tried, the best one first, then in the order of their criterion.
 
-    From the simplest one on, those neighbours are fitted that promise most by the slope and curvature of the
-    likelihood, and the best of them is taken as long as it is better.
+    From the simplest one on, those neighbours are fitted briefly that promise most by the slope and curvature of the
+    likelihood; the best of them is fitted to the end and taken as long as it is better.
     """
     simplest, rough = Structure.simplest(seen), rough_sizes(runs)
     best = Tried(simplest, estimator.estimate(simplest.model(rough)))
     tried = {str(simplest): best}
     while True:
         new = [one for one in best.structure.neighbours() if str(one) not in tried]
-        chosen = [
-            Tried(one, estimator.estimate(model, best.found)) for one, model in _promising(best, new, rough, estimator)
-        ]
+        promising = _promising(best, new, rough, estimator)
+        chosen = [Tried(one, estimator.estimate(model, best.found, brief=True)) for one, model in promising]
         tried |= {str(one.structure): one for one in chosen}
         better = min(chosen, key=lambda one: one.found.criterion, default=best)
+        if better is not best:
+            better = replace(better, found=estimator.estimate(better.found.model, better.found))
+            tried[str(better.structure)] = better
         if better.found.criterion >= best.found.criterion:
             return tuple(sorted(tried.values(), key=lambda one: one.found.criterion))
         best = better

@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import LABELS
-from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.columns import LABELS, ColumnMap
 from automarine_cli.logs.formats import Format, RawLog, refuse_empty, skipped
 from automarine_cli.logs.streams import Recording, Stream, named, needed, on_one_clock, unsound_is_refused
 from automarine_cli.pipeline.words import listed, printable

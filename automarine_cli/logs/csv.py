@@ -17,10 +17,9 @@ import pyarrow.csv as arrow_csv
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import RUN
-from automarine_cli.logs.cells import MISSING, is_number, numbers, text_of
-from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import MOST_COLUMNS, Format, RawLog, most_unpacked, too_many_columns, too_well_packed
+from automarine_cli.logs import formats
+from automarine_cli.logs.columns import RUN, ColumnMap
+from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.pipeline.words import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
@@ -59,8 +58,10 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     keys, run = [str(i) for i in range(len(names))], columns.source_of(RUN)
     words = {key for key, column in zip(keys, names) if column == run}  # the run 01 is not 1
     for line in first[1:]:
-        cells = (cell.strip() for cell in _cells(text_of(line), delimiter))
-        words |= {key for key, cell in zip(keys, cells) if not (is_number(cell, decimal) or cell in MISSING)}
+        cells = (cell.strip() for cell in _cells(formats.text_of(line), delimiter))
+        words |= {
+            key for key, cell in zip(keys, cells) if not (formats.is_number(cell, decimal) or cell in formats.MISSING)
+        }
     for text in (words, {*keys}):  # a number may turn into words later
         try:
             table = arrow_csv.read_csv(
@@ -69,7 +70,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
                 parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
                 convert_options=arrow_csv.ConvertOptions(
                     column_types={key: pa.binary() if key in text else pa.float64() for key in keys},
-                    decimal_point=decimal, null_values=list(MISSING), strings_can_be_null=True, check_utf8=False,
+                    decimal_point=decimal, null_values=[*formats.MISSING], strings_can_be_null=True, check_utf8=False,
                 ),
             )  # fmt: skip
             break
@@ -79,7 +80,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     if table.num_rows != len(rows) - 1:
         raise _no_table(data, rows, name, len(names), delimiter, None)
     read_as = (
-        numbers(column, decimal) if key in text and column_name != run else None
+        formats.numbers(column, decimal) if key in text and column_name != run else None
         for key, column_name, column in zip(keys, names, table.columns)
     )
     arrays = tuple(column if number is None else number for column, number in zip(table.columns, read_as))
@@ -97,7 +98,7 @@ def _content(path: Path, name: str) -> bytes:
         raise LogError(
             f"{name}: found no gzip data, expected some from its extension; drop .gz from the name if it is plain text"
         )
-    limit = most_unpacked(path)
+    limit = formats.most_unpacked(path)
     try:
         with gzip.open(path) as file:
             data = file.read(limit + 1)
@@ -106,7 +107,7 @@ def _content(path: Path, name: str) -> bytes:
     except (gzip.BadGzipFile, zlib.error):
         raise LogError(f"{name}: the gzip data is damaged inside; copy the file again") from None
     if len(data) > limit:
-        raise too_well_packed(name)
+        raise formats.too_well_packed(name)
     return data
 
 
@@ -146,7 +147,7 @@ def _header(lines: Sequence[bytes], where: str) -> tuple[tuple[str, ...], str]:
         raise LogError(
             f"{where}: found {len(lines[0])} bytes in one line, expected a line of column names. Check the line ends"
         )
-    header, *rows = (text_of(line).strip(" ") for line in lines)
+    header, *rows = (formats.text_of(line).strip(" ") for line in lines)
     delimiter, best = ",", (0.0, 0)
     for mark in DELIMITERS:  # that gives the header and most rows the same number of cells, more than one
         count = len(_cells(header, mark))
@@ -154,9 +155,9 @@ def _header(lines: Sequence[bytes], where: str) -> tuple[tuple[str, ...], str]:
         if count > 1 and (share, count) > best:
             delimiter, best = mark, (share, count)
     names = tuple(cell.strip() for cell in _cells(header, delimiter))
-    if len(names) > MOST_COLUMNS:
-        raise too_many_columns(where, len(names))
-    if any(names) and all(is_number(cell) or not cell for cell in names):
+    if len(names) > formats.MOST_COLUMNS:
+        raise formats.too_many_columns(where, len(names))
+    if any(names) and all(formats.is_number(cell) or not cell for cell in names):
         raise LogError(
             f"{where}: found numbers ({quoted(header)}), expected column names; "
             "write a header such as time_s,heading_deg,tau above the rows"

@@ -1,4 +1,5 @@
-"""What log files are, and what a format makes of one: a `RawLog`.
+"""What log files are, and what a format makes of one: a `RawLog`. Its cells of text: which are missing, which are
+numbers, and which are times (ISO 8601, dates such as 03.05.2024, bare clock times become seconds).
 
 To add a format, write one file here with a function `read(path, name, columns) -> RawLog` and
 `FORMAT = Format("what people call it", (".suffix",), read)`, and name it in `FORMATS` of `find.py`. A file of several
@@ -6,17 +7,23 @@ streams, each on its own clock, becomes one table by `streams.on_one_clock`; a l
 imported within `read`, by `streams.needed`. `tests/helpers/reader_contract.py` picks the format up.
 """
 
+import contextlib
+import re
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.pipeline.records import Document, Source
+from automarine_cli.quantities import Floats
 
 MOST_COLUMNS = 30_000
 MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
@@ -118,3 +125,175 @@ def refuse_empty(content: object, source: str, what: str) -> None:
 def skipped(count: int, thing: str, why: str) -> tuple[str, ...]:
     """Return the note on what of a file was not read, none for nothing."""
     return (f"{count} {thing}{'s' * (count != 1)} skipped: {why}",) if count else ()
+
+
+MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
+
+
+def is_number(cell: str, decimal: str = ".") -> bool:
+    """Whether a cell, blanks stripped, is a number with this decimal character."""
+    return NUMBER.fullmatch(cell.replace(decimal, ".") if decimal == "," else cell) is not None
+
+
+def text_of(content: bytes) -> str:
+    """Bytes as text; those that are not UTF-8 are read as Latin-1."""
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def decoded(cell: bytes | str | None) -> str:
+    """A cell as text without blanks around it."""
+    return (text_of(cell) if isinstance(cell, bytes) else cell or "").strip()
+
+
+def plain(array: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Text cells without blanks around them, missing ones null. Raises pyarrow.ArrowInvalid if not UTF-8."""
+    trimmed = pc.utf8_trim_whitespace(pc.cast(array, pa.string()))
+    return pc.if_else(pc.is_in(trimmed, value_set=pa.array(MISSING)), pa.scalar(None, pa.string()), trimmed)
+
+
+def numbers(array: pa.ChunkedArray, decimal: str = ".") -> pa.ChunkedArray | None:
+    """Text cells as float64, or None where at least one is not a number."""
+    try:
+        cells = plain(array)
+        if decimal == ",":
+            if pc.any(pc.match_substring(cells, ".")).as_py():
+                return None
+            cells = pc.replace_substring(cells, ",", ".", max_replacements=1)
+        return pc.cast(pc.replace_substring_regex(cells, r"^\+", ""), pa.float64())
+    except pa.ArrowInvalid:
+        return None
+
+
+def first_not_a_number(array: pa.ChunkedArray, decimal: str = ".") -> tuple[int, str]:
+    """Return index and text of the first cell that keeps a text column from being numbers."""
+    texts = [decoded(cell) for cell in array.to_pylist()]
+    i = next((i for i, text in enumerate(texts) if text not in MISSING and not is_number(text, decimal)), 0)
+    return i, texts[i]
+
+
+DAY, HOUR = 86400.0, 3600.0
+_SHAPE = (
+    r"^(?:(?P<date>\d{1,4}[./-]\d{1,2}[./-]\d{1,4})(?:[T,]? +|T))?"
+    r"(?P<clock>\d{1,2}:\d{2}(?::\d{2})?(?:[.,]\d+)?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?$"
+)
+KINDS = {
+    "iso": "timestamps",
+    "year first": "dates, year first",
+    "day first": "dates, day first",
+    "month first": "dates, month first",
+    "clock": "clock times",
+}
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Times of a column [s], shape (N,), a missing one NaN: since 1970 (UTC; without a zone taken as UTC), of bare
+    clock times since midnight. `kind` is one of `KINDS`; `open` says that day and month may as well be exchanged."""
+
+    seconds: Floats
+    kind: str
+    open: bool = False
+
+
+def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps | None:
+    """Return the times of a column, typed or text; None where a cell is none.
+
+    Day or month first: as `day_first` says, else as the dates show (a number above 12, a clock that rises, a night
+    passed without a gap); dots are day first where nothing speaks against it. A clock goes on past midnight.
+    A float64 holds a present-day stamp to a quarter of a microsecond.
+    """
+    typed = array if pa.types.is_timestamp(array.type) else _parsed(array)
+    if typed is not None:
+        return Stamps(_seconds(typed), "iso")
+    try:
+        cells = plain(array)
+    except pa.ArrowInvalid:
+        return None
+    found = pc.extract_regex(cells, _SHAPE)
+    if pc.any(pc.and_(pc.is_valid(cells), pc.is_null(found))).as_py():
+        return None
+    date, clock, half = (pc.struct_field(found, name) for name in ("date", "clock", "half"))
+    seconds, again = _clock(clock, half)
+    dated = pc.not_equal(date, "")
+    if not pc.any(dated).as_py():
+        return Stamps(_past_midnight(seconds, again), "clock")
+    if not pc.all(dated).as_py():
+        return None
+    import pandas as pd  # here, as clocks in seconds need none of it
+
+    days = pc.replace_substring_regex(date, "[.-]", "/")
+    year = "%y" if pc.all(pc.match_substring_regex(days, r"/\d\d$")).as_py() else "%Y"
+    good: dict[bool | None, Stamps] = {}
+    for first, form in ((None, "%Y/%m/%d"), (True, f"%d/%m/{year}"), (False, f"%m/%d/{year}")):
+        kind = {None: "year first", True: "day first", False: "month first"}[first]
+        if first is None or day_first in (None, first):
+            with contextlib.suppress(ValueError):
+                since = pd.to_datetime(days.to_pandas(), format=form) - pd.Timestamp(0)
+                good[first] = Stamps(since.dt.total_seconds().to_numpy() + seconds, kind)
+    if len(good) < 2:
+        return next(iter(good.values()), None)
+    chosen = _rising(good) or (good[True] if pc.any(pc.match_substring(date, ".")).as_py() else None)
+    return replace(good[True], open=True) if chosen is None else chosen
+
+
+def first_not_a_stamp(array: pa.ChunkedArray, day_first: bool | None) -> tuple[int, str]:
+    """Return index and text of the first cell that keeps a column from being times, or from being like those before."""
+    i = bisect_left(range(len(array)), True, key=lambda last: read_stamps(array.slice(0, last + 1), day_first) is None)
+    return i, decoded(array[i].as_py())
+
+
+def _rising(ways: dict[bool | None, Stamps]) -> Stamps | None:
+    """The only reading whose clock rises, or the only one that passes midnight without a gap; None where both do."""
+    steps = {first: np.diff(stamps.seconds[np.isfinite(stamps.seconds)]) for first, stamps in ways.items()}
+    for good in (lambda step: (step >= 0).all(), lambda step: step.max(initial=0.0) < HOUR):
+        fits = [first for first, step in steps.items() if good(step)]
+        if len(fits) == 1:
+            return ways[fits[0]]
+    return None
+
+
+def _clock(clock: Any, half: Any) -> tuple[Floats, float]:
+    """Seconds since midnight of every cell, and after how many they begin again; 20:15.4 is minutes and seconds."""
+    import pandas as pd
+
+    text = pc.replace_substring(clock, ",", ".")
+    short = pc.equal(pc.count_substring(text, ":"), 1)
+    hourly = bool(pc.all(short).as_py() and pc.any(pc.match_substring_regex(text, r"\.0*[1-9]")).as_py())
+    filled = pc.binary_join_element_wise("0:" if hourly else "", text, "" if hourly else ":00", "")
+    cells = pc.if_else(short, filled, text).to_pandas()
+    seconds = pd.to_timedelta(cells, errors="coerce").dt.total_seconds().to_numpy()
+    halves = pc.utf8_lower(half).to_numpy()
+    seconds = np.where(np.isin(halves, ["a", "p"]), seconds % (DAY / 2) + DAY / 2 * (halves == "p"), seconds)
+    return seconds, HOUR if hourly else DAY
+
+
+def _past_midnight(clock: Floats, again: float) -> Floats:
+    known = np.isfinite(clock)
+    seconds = clock.copy()
+    seconds[known] += again * np.cumsum(np.diff(clock[known], prepend=clock[known][:1]) < -again / 2)
+    return seconds
+
+
+def _seconds(array: pa.ChunkedArray) -> Floats:
+    exact = pc.cast(array, pa.timestamp("ns", getattr(array.type, "tz", None)), safe=False)
+    stamps: Any = pc.cast(exact, pa.int64())
+    whole = pc.fill_null(stamps, 0).to_numpy().astype(np.int64)
+    seconds = (whole // 10**9).astype(np.float64) + (whole % 10**9) / 1e9
+    seconds[np.asarray(pc.is_null(stamps))] = np.nan
+    return seconds
+
+
+def _parsed(array: pa.ChunkedArray) -> pa.ChunkedArray | None:
+    """ISO 8601 text as timestamps; a decimal comma will do, as Python's logging writes it."""
+    for comma in (False, True):
+        for kind in (pa.timestamp("ns"), pa.timestamp("ns", tz="UTC")):
+            try:
+                cells = plain(array)
+                return pc.cast(pc.replace_substring(cells, ",", ".") if comma else cells, kind)
+            except pa.ArrowInvalid:
+                continue
+    return None

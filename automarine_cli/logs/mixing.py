@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
-from automarine_cli.logs.canonical import CANONICAL, COMMANDS, NORMALISED, names_of
-from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.columns import CANONICAL, COMMANDS, NORMALISED, ColumnMap, names_of
 from automarine_cli.logs.formats import LOGGED, Origin
 from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.pipeline.words import listed

@@ -19,27 +19,32 @@ import pyarrow as pa
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import (
+from automarine_cli.logs.columns import (
     BY,
     CANONICAL,
     COMMANDS,
     LABELS,
     NORMALISED,
+    OLDEST,
     ROTATIONS,
     RUN,
     TIMESTAMP,
     UNITS,
     VELOCITIES,
+    ColumnMap,
+    ColumnRule,
+    ColumnsOf,
+    Join,
     called,
+    column_rules,
     likely_column,
+    matches,
     motion_of,
     names_of,
     unit_in,
 )
-from automarine_cli.logs.cells import KINDS, read_stamps
-from automarine_cli.logs.columns import OLDEST, ColumnMap, ColumnRule, ColumnsOf, Join, column_rules, matches
 from automarine_cli.logs.find import stem_of, whole_logs
-from automarine_cli.logs.formats import LogFile, RawLog
+from automarine_cli.logs.formats import KINDS, LogFile, RawLog, read_stamps
 from automarine_cli.logs.mixing import WISHES
 from automarine_cli.logs.table import few_words, means_thruster_test, splitting, whole_log
 from automarine_cli.pipeline.parallel import ordered_map

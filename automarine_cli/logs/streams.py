@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, VELOCITIES, motion_of, names_of
-from automarine_cli.logs.cells import decoded
-from automarine_cli.logs.columns import ColumnMap, Join
-from automarine_cli.logs.formats import LOGGED, Origin, RawLog
+from automarine_cli.logs.columns import CANONICAL, VELOCITIES, ColumnMap, Join, motion_of, names_of
+from automarine_cli.logs.formats import LOGGED, Origin, RawLog, decoded
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.quantities import Floats
 

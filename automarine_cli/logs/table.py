@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import (
+from automarine_cli.logs import formats
+from automarine_cli.logs.columns import (
     ARMED,
     BY,
     CANONICAL,
@@ -25,6 +26,8 @@ from automarine_cli.logs.canonical import (
     RUN,
     TIMESTAMP,
     Canonical,
+    ColumnMap,
+    ColumnRule,
     called,
     driven,
     foreign,
@@ -35,8 +38,6 @@ from automarine_cli.logs.canonical import (
     names_of,
     unit_in,
 )
-from automarine_cli.logs.cells import decoded, first_not_a_number, first_not_a_stamp, read_stamps
-from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import ENDINGS, format_of
 from automarine_cli.logs.formats import LOGGED, Format, LogFile, Origin, RawLog
 from automarine_cli.logs.parquet import read_table
@@ -281,7 +282,7 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
     elif raw.is_numeric(use.index):
         values, factor = array.to_numpy(), use.canonical.factor(unit)
     else:
-        row, text = (0, "a time") if stamped else first_not_a_number(array, raw.decimal)
+        row, text = (0, "a time") if stamped else formats.first_not_a_number(array, raw.decimal)
         raise _refusal(raw, use, source, row, quoted(text), f"a number. {OR_EMPTY}")
     if (infinite := np.isinf(values)).any():
         row = int(np.argmax(infinite))
@@ -316,13 +317,13 @@ def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
             f"{source}, column {column}: found numbers, expected timestamps such as 2024-05-01T12:00:00.5; say their "
             f'unit with time_s = "{column}" (or time_ms, time_us) {GIVE_IT}'
         )
-    stamps = read_stamps(array, use.rule.day_first)
+    stamps = formats.read_stamps(array, use.rule.day_first)
     if stamps is None:
-        row, text = first_not_a_stamp(array, use.rule.day_first)
+        row, text = formats.first_not_a_stamp(array, use.rule.day_first)
         stamp = "a timestamp such as 2024-05-01T12:00:00.5, all with a time zone or all without. Correct the cell"
         raise _refusal(raw, use, source, row, quoted(text), stamp)
     if stamps.open:
-        text = quoted(decoded(array[0].as_py()))
+        text = quoted(formats.decoded(array[0].as_py()))
         raise LogError(
             f"{source}, column {column}: found {text}, in which the day or the month may come first; say which with "
             f'time = {{ from = "{column}", day_first = true }} (or false) {GIVE_IT}'
@@ -442,7 +443,7 @@ def _labels(array: pa.ChunkedArray) -> Labels:
 def _word(value: object) -> str | None:
     if isinstance(value, float):
         return None if value != value else str(int(value)) if value.is_integer() else str(value)
-    return printable(decoded(value) if isinstance(value, bytes) else str(value))
+    return printable(formats.decoded(value) if isinstance(value, bytes) else str(value))
 
 
 def require(table: LogTable, quantities: Sequence[str]) -> None:

@@ -33,8 +33,7 @@ from automarine_cli.planning.vehicle import Drive, consumption, drive_of
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import SCHEMA
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
-from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.propulsion import map_and_arm
+from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 
 FAR = 1.5  # a run turns far if it turns by more than this times what steps may; coasting after a step stays below it
 ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again

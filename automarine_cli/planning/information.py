@@ -31,9 +31,8 @@ from automarine_cli.fits.innovations import DrivenProblem
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
-from automarine_cli.models.closed_form import response
 from automarine_cli.models.store import StoredModels, file_and_models
-from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel, response
 from automarine_cli.pipeline.records import Source, read_plain, told
 from automarine_cli.pipeline.result_files import DIAGNOSIS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.words import printable

@@ -15,9 +15,9 @@ from scipy import optimize
 
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule
-from automarine_cli.logs.canonical import CANONICAL
+from automarine_cli.logs.columns import CANONICAL
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
-from automarine_cli.runs.command_range import FAR_BEYOND
+from automarine_cli.runs.run import FAR_BEYOND
 from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 

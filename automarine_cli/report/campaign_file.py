@@ -12,21 +12,21 @@ from textwrap import wrap
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
-from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
+from automarine_cli.logs.columns import BY, CANONICAL, RUN, names_of
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, in_words, to_mapping, toml_line
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, number
-from automarine_cli.runs.look import Placed, Survey
+from automarine_cli.runs.look import Placed, RunKind, Survey
 from automarine_cli.runs.run import runs_json
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
 COMMENTS = 44  # column at which comments stand, where the line is shorter
 WIDEST = 120  # of a line with its comment, where the line is long
-MOST_TOLD = 20  # logs without a place that are listed
+MOST_LISTED = 20  # logs without a place that are listed
 SAY = {
     "thrusters": "bollard tests",
     "steps": "one constant {force} each",
@@ -104,13 +104,13 @@ def open_questions(data: object) -> list[str]:
 @sections.register
 def _(result: NewCampaign) -> Sections:
     look, count = result.survey, len(result.questions)
-    kinds = [(kind, str(len(files))) for kind, files in look.placed.items()]
+    kinds = {kind: len(files) for kind, files in look.placed.items()}
     for motion, placed in look.forces.items():
-        kinds += [(f"{motion}: {kind}", str(len(files))) for kind, files in placed.items() if files]
+        kinds |= {f"{motion}: {kind}": len(files) for kind, files in placed.items() if files}
     columns = [(column.source, _taken(column), column.seen, column.open or "sure") for column in look.columns]
     questions = f"{count} question{'s' * (count != 1)} to answer: {', '.join(result.questions)}."
     return Sections([
-        Table("Logs", ("kind", "logs"), tuple(kinds)),
+        Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
         Table("Columns", ("column", "taken for", "values", "sure or asked"), tuple(columns)),
         questions if count else "No open questions; check the file before running it.",
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
@@ -120,9 +120,8 @@ def _(result: NewCampaign) -> Sections:
 def _taken(column: Recognised) -> str:
     less, way = column.more.get("subtract"), column.more.get("sign_from")
     subtracted = f" less {less:g}" if isinstance(less, int | float) else ""
-    if isinstance(way, Mapping):
-        way = way["from"]
-    return column.key + subtracted + (f", signed by {way}" if way is not None else "")
+    signed = way["from"] if isinstance(way, Mapping) else way
+    return column.key + subtracted + (f", signed by {signed}" if signed else "")
 
 
 Entries = Iterator[tuple[str, str, tuple[LogFile, ...]]]
@@ -142,7 +141,7 @@ def new_campaign(look: Survey, files: Sequence[LogFile], place: Path) -> NewCamp
 
     forces = (_force(look, motion, entries(placed)) for motion, placed in look.forces.items())
     logs, columns = _logs(look, entries(look.placed)), _columns(look)
-    lines = chain(_head(look), _vehicle(look), logs, columns, _settings(look), *forces, _tune(look))
+    lines = chain(_vehicle(look), logs, columns, _settings(look), *forces, _tune(look))
     return NewCampaign(look, "\n".join(lines) + "\n", place)
 
 
@@ -159,30 +158,25 @@ def _open(key: str, comment: str) -> str:
     return _beside(toml_line(key, OPEN), f"? {comment}")
 
 
-def _head(look: Survey) -> Iterator[str]:
-    count = look.count
+def _vehicle(look: Survey) -> Iterator[str]:
+    count, arm = look.count, look.maps.given.defaults.get("arm_m")
     yield f"# A campaign of {count} log{'s' * (count != 1)}, written by `automarine init` for `automarine run`."
     yield f'# Check this file. A value "{OPEN}" is a question; `run` refuses the file until it is answered.'
     yield ""
     yield toml_line("schema", SCHEMA)
     yield _beside(toml_line("title", printable(look.folder.resolve().name)), "heading of the report")
     yield ""
-
-
-def _vehicle(look: Survey) -> Iterator[str]:
     yield "[vehicle]"
     yield _beside('# name = ""', "as the report calls it")
     meaning = "metres from the centre line to each thruster"
-    arm = look.maps.given.defaults.get("arm_m")
     if arm is not None:
         yield _beside(toml_line("arm_m", arm), f"{meaning}, as --columns says")
     elif look.thrusters_drive:
         yield _open("arm_m", f"{meaning}: the logs hold thruster commands, no moment")
-    elif look.commands:
-        both = f"the logs hold a moment, and the commands {listed(look.commands)} beside it"
-        yield _beside("# arm_m = 0.15", f"{meaning}; {both}: see [yaw] moment")
     else:
-        yield _beside("# arm_m = 0.15", f"{meaning}; not needed, the logs hold no commands to make moments of")
+        both = f"the logs hold a moment, and the commands {listed(look.commands)} beside it: see [yaw] moment"
+        none = "not needed, the logs hold no commands to make moments of"
+        yield _beside("# arm_m = 0.15", f"{meaning}; {both if look.commands else none}")
     volts = next((column for column in look.columns if column.key == "voltage_V"), None)
     voltage = f"the logs hold {volts.source}, {volts.seen}" if volts else "the logs hold no voltage"
     yield _beside("# supply_V = 14.8", f"supply of the vehicle in volts; {voltage}")
@@ -192,7 +186,7 @@ def _vehicle(look: Survey) -> Iterator[str]:
 def _logs(look: Survey, entries: Entries) -> Iterator[str]:
     yield _beside("[logs]", "files, folders and globs, relative to this file")
     for kind, line, files in entries:
-        seen = _counted(look, files)
+        seen = _counted(look.runs, files)
         if look.unread and kind == "steps":
             seen += f"; {len(look.unread)} of them show what they are once the questions are answered"
         if not files and kind == "validation":
@@ -206,19 +200,16 @@ def _logs(look: Survey, entries: Entries) -> Iterator[str]:
     unused = [f"{file.name}: no {motions[file].words.force} acts in it" for file in idle]
     unused += [f"{run.file}, run {run.run}: {run.why}" for run in look.set_aside]
     unused += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
-    if unused:
-        yield f"# Not used: {len(unused)}"
-    for line in unused[:MOST_TOLD]:
-        yield f"#   {printable(line)[:200]}"
-    if len(unused) > MOST_TOLD:
-        yield f"#   and {len(unused) - MOST_TOLD} more"
+    yield from [f"# Not used: {len(unused)}"] * bool(unused)
+    yield from (f"#   {printable(line)[:200]}" for line in unused[:MOST_LISTED])
+    yield from [f"#   and {len(unused) - MOST_LISTED} more"] * (len(unused) > MOST_LISTED)
     yield ""
 
 
-def _counted(look: Survey, files: Sequence[LogFile]) -> str:
+def _counted(looked_at: Mapping[LogFile, Sequence[RunKind]], files: Sequence[LogFile]) -> str:
     """`2 logs, 18 runs, -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
     count = f"{len(files)} log{'s' * (len(files) != 1)}"
-    runs = [run for file in files for run in look.runs.get(file, ())]
+    runs = [run for file in files for run in looked_at.get(file, ())]
     if not runs:
         return count
     low, high = min(run.low for run in runs), max(run.high for run in runs)
@@ -227,14 +218,12 @@ def _counted(look: Survey, files: Sequence[LogFile]) -> str:
 
 def _force(look: Survey, motion: str, entries: Entries) -> Iterator[str]:
     yield ""
-    planar = motion == PLANAR.name
-    dof = YAW if planar else DOFS[motion]
+    planar, dof = motion == PLANAR.name, DOFS.get(motion, YAW)
     about = f"{dof.position} against {dof.words.force}; everything else as in yaw"
     yield _beside(f"[{motion}]", "surge, sway and yaw together: `fit-planar` and its diagnosis" if planar else about)
     for kind, line, files in entries:
-        seen = f"{len(files)} log{'s' * (len(files) != 1)}" if planar else _counted(look, files)
-        yield _beside(line, f"{dof.fill(SAY[kind])}: {seen}")
-    if not planar and dof.windowed:
+        yield _beside(line, f"{dof.fill(SAY[kind])}: {_counted({} if planar else look.runs, files)}")
+    if dof.windowed:
         yield _beside("# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom")
     elif not planar:
         yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
@@ -267,11 +256,8 @@ def _columns(look: Survey) -> Iterator[str]:
         yield _beside("[[columns_of]]", f"the same for {kind} of other columns, by their names")
         yield _list("logs", logs)
         yield from _map(layouts, look)
-    can = look.maps.given.dbc
-    if can:
-        yield ""
-        yield "[can]"
-        yield toml_line("dbc", can)
+    if look.maps.given.dbc:
+        yield from ("", "[can]", toml_line("dbc", look.maps.given.dbc))
     yield ""
 
 
@@ -335,18 +321,19 @@ def _column(column: Recognised, look: Survey) -> str:
 
 def _settings(look: Survey) -> Iterator[str]:
     tested, pulling = look.placed["thrusters"], look.maps.given.defaults.get("thrusters_per_test")
-    if tested or look.thrusters_drive:
-        yield "[thrusters]"
-    if tested and pulling is not None:
-        yield _beside(toml_line("per_test", int(pulling)), "equal thrusters that pulled together, as --columns says")
-    elif tested:
-        yield _open("per_test", "how many equal thrusters pulled together? The logs cannot show it")
     if tested:
+        yield "[thrusters]"
+        if pulling is None:
+            yield _open("per_test", "how many equal thrusters pulled together? The logs cannot show it")
+        else:
+            yield _beside(
+                toml_line("per_test", int(pulling)), "equal thrusters that pulled together, as --columns says"
+            )
         yield _beside(toml_line("form", "auto"), "thrust curve: auto chooses by cross-validation")
-    elif look.thrusters_drive:
-        yield _open("map", "a thrusters.json of this vehicle: there are no bollard tests to make one of")
-    if tested or look.thrusters_drive:
         yield ""
+    elif look.thrusters_drive:
+        why = "a thrusters.json of this vehicle: there are no bollard tests to make one of"
+        yield from ("[thrusters]", _open("map", why), "")
     yield "[yaw]"
     moment = "thrusters" if look.thrusters_drive else "logged"
     if look.misfit:

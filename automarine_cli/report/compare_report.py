@@ -8,7 +8,7 @@ from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, S
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.sections import Content, Sections, document, numbers, sections
-from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.report.tables import Table, number
 
 NOTE = (
     "Each result less the first. “differs”: significant after Holm's correction for the number of comparisons; "
@@ -62,14 +62,15 @@ def _(result: ResultComparison) -> Sections:
 
 def parameter_table(sides: Sequence[Side]) -> Table:
     """Lay out parameters down, results across; then what else the results say of themselves."""
-    rows = list[dict[str, object]]()
+    units = {name: estimate.unit for side in reversed(sides) for name, estimate in side.parameters.items()}
     names = dict.fromkeys(name for side in sides for name in side.parameters)
-    for name in names:
-        unit = next(side.parameters[name].unit for side in sides if name in side.parameters)
-        label = f"{name} [{unit}]" if unit not in ("", "1") else name
-        rows.append({"parameter": label} | {side.name: side.parameters.get(name) for side in sides})
-    for name in dict.fromkeys(name for side in sides for name in side.facts):
-        rows.append({"parameter": name} | {side.name: side.facts.get(name) for side in sides})
+    facts = dict.fromkeys(name for side in sides for name in side.facts)
+    rows: list[dict[str, object]] = [
+        {"parameter": f"{name} [{units[name]}]" if units[name] not in ("", "1") else name}
+        | {side.name: side.parameters.get(name) for side in sides}
+        for name in names
+    ]
+    rows += [{"parameter": name} | {side.name: side.facts.get(name) for side in sides} for name in facts]
     rows.append({"parameter": "runs"} | {side.name: side.runs for side in sides})
     return Table.of("Side by side", rows, ["Brackets are 95 % intervals."], (len(names),))
 
@@ -79,35 +80,33 @@ def difference_table(found: Sequence[Difference]) -> Table:
         {
             "parameter": apart.parameter, "result": apart.of, "difference": apart.difference,
             "unit": apart.difference.unit,
-            "%": MISSING if apart.relative is None else "{:+.1f} [{:+.1f}, {:+.1f}]".format(*apart.relative),
+            "%": apart.relative and "{:+.1f} [{:+.1f}, {:+.1f}]".format(*apart.relative),
             "p": number(apart.p_value, 2), "verdict": apart.verdict,
         }
         for apart in found
     ]  # fmt: skip
-    header = ("parameter", "result", "difference", "unit", "%", "p", "verdict")
-    return Table.of(f"Against {found[0].base}" if found else "Differences", rows, [NOTE], header=header)
+    return Table.of(f"Against {found[0].base}", rows, [NOTE])
 
 
-def sentence(difference: Difference) -> str:
+def sentence(apart: Difference) -> str:
     """Say one difference in words."""
-    size, (low, high), name = abs(difference.difference.value), difference.difference.ci95, difference.parameter
-    if difference.relative is not None:
-        percent, low, high = difference.relative
-        size_text, ends = f"{abs(percent):.1f} %", f"{low:+.1f} to {high:+.1f} %"
+    if apart.relative is not None:
+        percent, low, high = apart.relative
+        size, ends = f"{abs(percent):.1f} %", f"{low:+.1f} to {high:+.1f} %"
     else:
-        unit = "" if difference.difference.unit in ("", "1") else f" {difference.difference.unit}"
-        size_text, ends = f"{number(size, 3)}{unit}", f"{number(low, 3)} to {number(high, 3)}{unit}"
-    sides = f"{difference.of} and {difference.base}"
-    if difference.verdict == ALIKE:
-        return f"{name}: no difference shown between {sides} (95 % interval {ends})."
-    way = "larger" if difference.difference.value > 0 else "smaller"
-    sure = "is" if difference.verdict == DIFFERS else "may be"
-    return f"{name} {sure} {size_text} {way} in {difference.of} than in {difference.base} (95 % interval {ends})."
+        unit = "" if apart.difference.unit in ("", "1") else f" {apart.difference.unit}"
+        size = number(abs(apart.difference.value), 3) + unit
+        ends = " to ".join(number(end, 3) for end in apart.difference.ci95) + unit
+    if apart.verdict == ALIKE:
+        return f"{apart.parameter}: {ALIKE} between {apart.of} and {apart.base} (95 % interval {ends})."
+    way = "larger" if apart.difference.value > 0 else "smaller"
+    sure = "is" if apart.verdict == DIFFERS else "may be"
+    return f"{apart.parameter} {sure} {size} {way} in {apart.of} than in {apart.base} (95 % interval {ends})."
 
 
 def summary(differences: Sequence[Difference]) -> str:
     """Say how many of the parameters differ."""
-    verdicts = [difference.verdict for difference in differences]
+    verdicts = [apart.verdict for apart in differences]
     count, doubtful = verdicts.count(DIFFERS), sum(verdict not in (DIFFERS, ALIKE) for verdict in verdicts)
     compared = f"{len(verdicts)} parameter{'s' * (len(verdicts) != 1)} compared"
     if not count and not doubtful:

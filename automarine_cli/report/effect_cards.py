@@ -49,10 +49,9 @@ class EffectCards:
 def _(result: EffectCards) -> Sections:
     if result.whole:
         return Sections(_card(result.cards[0], result.dof, result.every))
-    dof = result.dof
     rows = [
-        {"name": effect.name, "place": dof.fill(ACTS_ON[effect.place.value]).partition(":")[0],
-         "equation": effect.card(dof).equation, "parameters": ", ".join(effect.names_in(dof))}
+        {"name": effect.name, "place": result.dof.fill(ACTS_ON[effect.place.value]).partition(":")[0],
+         "equation": effect.card(result.dof).equation, "parameters": ", ".join(effect.names_in(result.dof))}
         for effect in result.cards
     ]  # fmt: skip
     return Sections([Table.of("Library of effects", rows, ["automarine effects NAME prints the whole card of one."])])
@@ -73,8 +72,7 @@ def _card(effect: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
         "parity": MIRRORED[effect.parity],
         "source": effect.source,
     }
-    width = max(map(len, lines))
-    texts = [f"{label.ljust(width)}  {text}" for label, text in lines.items() if text or label != "only in"]
+    texts = [f"{label:<14}  {text}" for label, text in lines.items() if text or label != "only in"]
     sentences = "\n".join((effect.name, "", *texts))
     choices = next((p.choices for p in effect.parameters if p.choices), ())
     for word, law, equation in zip(choices[1:], effect.laws, card.laws):

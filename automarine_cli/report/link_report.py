@@ -19,11 +19,8 @@ def _(rehearsal: Rehearsal) -> Sections:
     campaign, battery = rehearsal.campaign, rehearsal.campaign.battery
     minutes = (campaign.begins(len(rows)) - campaign.runs[-1].wait_s) / 60.0
     left = 100.0 * rehearsal.runs[-1].left_Ah / battery.charge_Ah
-    return Sections([
-        Table.of("Runs", rows),
-        f"{len(rows)} runs in {minutes:.1f} min; {left:.0f} % of the battery is left, {battery.reserve_percent:g} % "
-        "must be.",
-    ])  # fmt: skip
+    text = f"{len(rows)} runs in {minutes:.1f} min; {left:.0f} % of the battery is left, "
+    return Sections([Table.of("Runs", rows), f"{text}{battery.reserve_percent:g} % must be."])
 
 
 @sections.register
@@ -41,5 +38,5 @@ def _(collected: Collected) -> Sections:
         "here.",
         *(f"On the vehicle {printable(trouble)}." for trouble in collected.state.troubles),
         *(() if collected.analysis is None else sections(collected.analysis).printed),
-        *([collected.no_analysis] if collected.no_analysis else []),
+        *filter(None, [collected.no_analysis]),
     ])  # fmt: skip

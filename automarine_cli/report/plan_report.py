@@ -1,6 +1,7 @@
 """What `plan` shows and writes: the run sheet, intervals before and after, explanations to separate, and plan.md, the
 campaign for the people who will run it."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,22 +12,12 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
 from automarine_cli.pipeline.result_files import PLAN
 from automarine_cli.planning.campaign import Campaign, Plan, command_path, specification
-from automarine_cli.planning.rivals import Split
 from automarine_cli.planning.vehicle import command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
-PRECISION = "Value, predicted 95 % interval, and half its width in percent."
 CERTAIN = 1000.0
-EARLIER = (
-    "The earlier runs count by the intervals in the model's file, which holds no correlations but that of inertia and "
-    "quadratic drag."
-)
-HOLDS_OUT = (
-    "`automarine diagnose` holds a quarter of the runs out to judge by, and that is counted; with other logs for "
-    "`--hold-out` all runs are fitted, and the intervals come out a seventh narrower."
-)
 FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
 
 
@@ -37,9 +28,9 @@ def _(plan: Plan) -> Sections:
     specified, rehearsal = specification(campaign, plan.seed)
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
-    files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
     split = [_split_table(campaign)] if campaign.splits else []
     tables = [_sheet_table(campaign), _interval_table(campaign), *split, _compared_table(campaign)]
+    files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
     files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(campaign).to_csv()}
     files[PLAN.file] = plan.to_json()
     for slot in campaign.slots:
@@ -50,12 +41,11 @@ def _(plan: Plan) -> Sections:
 
 def _totals(campaign: Campaign) -> str:
     last, limits = campaign.slots[-1], campaign.limits
-    kinds = [run.kind for run in campaign.candidates]
-    counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
-    counted = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for kind, count in counts.items())
+    kinds = Counter(run.kind for run in campaign.candidates)
+    counted = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for kind, count in kinds.items())
     return (
-        f"{len(kinds)} runs ({counted}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of {limits.pool.minutes:g} "
-        f"minutes in the pool, {campaign.motion:.0f} s of motion, "
+        f"{kinds.total()} runs ({counted}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of "
+        f"{limits.pool.minutes:g} minutes in the pool, {campaign.motion:.0f} s of motion, "
         f"{100.0 * last.left / limits.battery.charge_Ah:.0f} % of the battery left."
     )
 
@@ -81,7 +71,7 @@ def _sheet_rows(campaign: Campaign) -> Table:
 def _sheet_table(campaign: Campaign) -> Table:
     rows = [
         {
-            "run": slot.number, "begin at min:s": _clock(slot.begins),
+            "run": slot.number, "begin at min:s": "{}:{:02d}".format(*divmod(round(slot.begins), 60)),
             "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{slot.turn_there:+.0f}",
             "after the rest": in_words(slot.candidate, campaign.fitting.model.moment_unit),
             "then wait s": f"{slot.wait:g}",
@@ -94,21 +84,16 @@ def _sheet_table(campaign: Campaign) -> Table:
     return Table.of("Run sheet", rows, [f"Every log begins with {rest} at rest, thrusters idle."])
 
 
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes}:{rest:02d}"
-
-
 def _interval_table(campaign: Campaign) -> Table:
     columns = {"now": campaign.now, "new runs alone": campaign.alone}
-    if campaign.together:
-        columns["with the earlier runs"] = campaign.together
+    columns |= {"with the earlier runs": campaign.together} if campaign.together else {}
     rows = [
         {"parameter": _symbol(name, campaign) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else "")}
         | {column: _precision(estimates.get(name)) for column, estimates in columns.items()}
         for name, alone in campaign.alone.items()
     ]
-    return Table.of("Intervals before and after", rows, [PRECISION])
+    note = "Value, predicted 95 % interval, and half its width in percent."
+    return Table.of("Intervals before and after", rows, [note])
 
 
 def _symbol(name: str, campaign: Campaign) -> str:
@@ -120,25 +105,22 @@ def _symbol(name: str, campaign: Campaign) -> str:
 def _precision(estimate: Estimate | None) -> str:
     if estimate is None:
         return MISSING
-    low, high = estimate.ci95
-    half = 50.0 * (high - low) / abs(estimate.value) if estimate.value else float("nan")
+    half = 50.0 * float(np.ptp(estimate.ci95)) / abs(estimate.value) if estimate.value else None
     return f"{interval(estimate)} ({number(half, 2)} %)"
 
 
 def _split_table(campaign: Campaign) -> Table:
     rows = [
-        {"if it is": split.true, "and not": split.other, "this plan": _evidence(split),
-         "the paper's grid": _evidence(grid)}
+        {"if it is": split.true, "and not": split.other} | {
+            plan: f"over {CERTAIN:.0f}" if of.evidence > CERTAIN else f"{of.evidence:.1f}"
+            for plan, of in (("this plan", split), ("the paper's grid", grid))
+        }
         for split, grid in zip(campaign.splits, campaign.grid_splits)
     ]  # fmt: skip
     return Table.of("Explanations to separate", rows, [
         "Expected difference in evidence (deviance, penalties included) where the first is true; from "
         f"{campaign.limits.goal.evidence:g} on the two count as separated, below 10 as tied.",
     ])  # fmt: skip
-
-
-def _evidence(split: Split) -> str:
-    return f"over {CERTAIN:.0f}" if split.evidence > CERTAIN else f"{split.evidence:.1f}"
 
 
 def _compared_table(campaign: Campaign) -> Table:
@@ -182,19 +164,25 @@ def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
 
 def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
     campaign, fitting = plan.campaign, plan.campaign.fitting
-    effects = [term.name for term in fitting.model.terms[len(fitting.base.terms) :]]
-    added = f" with {', '.join(effects)}" if effects else ""
-    rate = fitting.rate_noise
-    gyro = "" if rate is None else f"and yaw rate noise {np.rad2deg(rate):.3g} degrees/s "
-    return [
-        f"The model{added} is taken to be right: runs are chosen for what it says, and a campaign of few kinds shows "
-        "little of what it lacks. After a surprise, run `automarine diagnose` and plan again with `--diagnosis`.",
+    effects = ", ".join(term.name for term in fitting.model.terms[len(fitting.base.terms) :])
+    gyro = "" if fitting.rate_noise is None else f"and yaw rate noise {np.rad2deg(fitting.rate_noise):.3g} degrees/s "
+    lines = [
+        f"The model{f' with {effects}' if effects else ''} is taken to be right: runs are chosen for what it says, and "
+        "a campaign of few kinds shows little of what it lacks. After a surprise, run `automarine diagnose` and plan "
+        "again with `--diagnosis`.",
         f"Heading noise {np.rad2deg(fitting.noise):.3g} degrees {gyro}at {fitting.rate:g} Hz, thrust scatter "
         f"{100 * fitting.scatter:.3g} % from run to run; start heading, gain of the run and the instant of every "
         "change are fitted for each run.",
         plan.source,
-        *([EARLIER] if campaign.together else []),
-        *([HOLDS_OUT] if fitting.fit == "diagnosis" else []),
-        *([rehearsal] if rehearsal else []),
-        *campaign.notes,
     ]
+    if campaign.together:
+        lines.append(
+            "The earlier runs count by the intervals in the model's file, which holds no correlations but that of "
+            "inertia and quadratic drag."
+        )
+    if fitting.fit == "diagnosis":
+        lines.append(
+            "`automarine diagnose` holds a quarter of the runs out to judge by, and that is counted; with other logs "
+            "for `--hold-out` all runs are fitted, and the intervals come out a seventh narrower."
+        )
+    return [*lines, *filter(None, [rehearsal]), *campaign.notes]

@@ -5,7 +5,7 @@ from functools import partial
 
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_fit import HEADING, UNITS, PlanarFit, PlanarUse, shown
-from automarine_cli.models.planar_store import units
+from automarine_cli.models.store import units
 from automarine_cli.report.figures.runs import driven_runs_figure
 from automarine_cli.report.sections import Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, number

@@ -37,9 +37,7 @@ class Simulation(Shown):
             "vehicle": to_mapping(spec.vehicle),
             "effects": [{"name": effect.name, **effect.values} for effect in spec.effects],
             "thrusters": thrusters,
-            "logger": to_mapping(spec.logger),
-            "scatter": to_mapping(spec.scatter),
-            "campaign": to_mapping(spec.campaign),
+            **{key: to_mapping(getattr(spec, key)) for key in ("logger", "scatter", "campaign")},
             "made": [_truth_of(run, number, spec) for number, run in enumerate(self.runs, 1)],
         }
 
@@ -50,14 +48,14 @@ def _without(record: Record, *keys: str) -> dict[str, object]:
 
 @sections.register
 def _(result: Simulation) -> Sections:
-    spec, comment = result.specification, label(result.specification, result.seed)
+    spec, comment, truth = result.specification, label(result.specification, result.seed), result.to_json()
     files: dict[str, Content] = {
         file: partial(log_of, runs, spec, result.seed) for file, runs in runs_by_file(result.runs).items()
     }
-    header = ("folder", "kind", "runs", "files", "samples", "faulty on purpose")
     groups: dict[tuple[str, str], list[SimulatedRun]] = {}
     for run in result.runs:
         groups.setdefault((run.plan.group.folder, run.plan.group.kind), []).append(run)
+    header = ("folder", "kind", "runs", "files", "samples", "faulty on purpose")
     rows = [
         (folder, kind, len(runs), len({run.plan.file for run in runs}), sum(len(run.columns["time_s"]) for run in runs),
          sum(run.plan.group.fault is not None for run in runs))
@@ -67,25 +65,25 @@ def _(result: Simulation) -> Sections:
         files[bollard.file] = lambda: log_bytes(bollard_columns(bollard, result.seed), bollard.format, comment)
         readings = len(levels_of(bollard.levels)) * bollard.repeats
         rows.append((bollard.folder, "bollard test", 1, 1, readings, 0))
-    notes, cells = (comment, f"The truth is in {TRUTH}."), [dict(zip(header, row)) for row in rows]
-    folders, truth = sorted({f"{folder}/" for folder, *_ in rows if folder}), result.to_json()
+    cells, notes = [dict(zip(header, row)) for row in rows], [comment, f"The truth is in {TRUTH}."]
+    folders = sorted({f"{folder}/" for folder, *_ in rows if folder})
     table = Table.of("Simulated campaign", cells, notes, header=header)
     return Sections([table], files | {TRUTH: truth}, listed=(*folders, TRUTH), rows=truth["made"])  # type: ignore[arg-type]
 
 
 def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> dict[str, object]:
     """What was drawn for one run, the bias of its rates if they have one; instants on the campaign's clock."""
-    plan, drawn = run.plan, run.drawn
-    words, base = specification.vehicle.dof.words, specification.vehicle.dof.units.base
-    commands = [
-        {words.force: moment, "from_s": _rounded(plan.start + instant)}
-        for moment, instant in zip(plan.moments, drawn.switches.tolist())
-    ]
+    plan, drawn, dof = run.plan, run.drawn, specification.vehicle.dof
+    words, base = dof.words, dof.units.base
     truth: dict[str, object] = {
         "file": plan.file, "run": plan.name, "kind": plan.group.kind, "number_in_campaign": number,
         "start_s": _rounded(plan.start), f"start_{words.position}_{base}": _rounded(drawn.start),
         f"{words.position}_zero_{base}": _rounded(drawn.zero), "gain": _rounded(drawn.gain),
-        f"added_{words.force}": _rounded(drawn.added_moment), "commands": commands,
+        f"added_{words.force}": _rounded(drawn.added_moment),
+        "commands": [
+            {words.force: moment, "from_s": _rounded(plan.start + instant)}
+            for moment, instant in zip(plan.moments, drawn.switches.tolist())
+        ],
         "samples": len(run.columns["time_s"]), "lost_samples": run.lost, "glitches": run.glitches,
     }  # fmt: skip
     if specification.logger.rate_bias is not None:

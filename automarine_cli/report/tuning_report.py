@@ -7,14 +7,13 @@ import numpy as np
 
 from automarine_cli.control.design import Designed
 from automarine_cli.control.tuning import LIMITS, SETTLES, Tuning, TuningCheck, in_print, margins_of, promises
-from automarine_cli.estimate import Estimate
 from automarine_cli.pipeline.records import toml_text
 from automarine_cli.pipeline.result_files import TUNING
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
-from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.report.tables import Table, number
 
 VERDICTS = {
     "gains": "New gains.", "leave": "Leave the gains as they are.", "cannot-promise": "No promise can be made.",
@@ -43,80 +42,79 @@ def _(tuning: Tuning) -> Sections:
         planned, limits = sections(planned_runs), planned_runs.campaign.limits
         moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
         goal = {"half_width_percent": limits.goal.half_width_percent}
-        below = dict(planned.files) | {LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}
+        below = {**planned.files, LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}
         files |= {f"{SETTLES}/{name}": content for name, content in below.items()}
         figures |= {f"{SETTLES}/{name}": draw for name, draw in planned.figures.items()}
     if designed.new is not None:
         listed.insert(0, designed.target.file)
         files[designed.target.file] = tuning.target_text()
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
-    warnings = [failure] if failure else []
-    return Sections((verdict, *more, *designed.notes, *tables), files, figures, listed, rows, warnings)
+    return Sections(
+        (verdict, *more, *designed.notes, *tables), files, figures, listed, rows, [*filter(None, [failure])]
+    )
 
 
 def _sentences(designed: Designed) -> list[str]:
     sentences = [f"{VERDICTS[designed.verdict]} {designed.why}"]
     if designed.run:
         sentences.append(f"What would settle it: {designed.run}.")
-    if designed.new is not None and not designed.target.beyond:
-        new = designed.new.gains
-        at_end = [
-            gain.name for gain in designed.target.parameters
-            if gain.searched and math.isfinite(gain.high) and "MAX" not in gain.name and new[gain.name] >= gain.high
-        ]  # fmt: skip
-        if at_end:
-            stiffer = "with --beyond-range stiffer gains may be found"
-            sentences.append(f"At the end of the documented range: {', '.join(at_end)}; {stiffer}.")
+    new = {} if designed.new is None or designed.target.beyond else designed.new.gains
+    at_end = [
+        gain.name for gain in designed.target.parameters
+        if new and gain.searched and math.isfinite(gain.high) and "MAX" not in gain.name and new[gain.name] >= gain.high
+    ]  # fmt: skip
+    if at_end:
+        stiffer = "with --beyond-range stiffer gains may be found"
+        sentences.append(f"At the end of the documented range: {', '.join(at_end)}; {stiffer}.")
     return sentences
 
 
 def _gains_table(designed: Designed) -> Table:
-    rows = []
-    after = {} if designed.new is None else designed.new.gains
-    before = {} if designed.old is None else designed.old.gains
-    for gain in designed.target.parameters:
-        new, old = after.get(gain.name), before.get(gain.name)
-        if not gain.searched and (new is None or new == old):
-            continue
-        unit = gain.unit.replace("{x}", designed.nominal.dof.units.base)
-        limits = f"{gain.low:g} to {gain.high:g}" if math.isfinite(gain.high) else MISSING
-        rows.append((gain.name, number(old), number(new), unit, limits, gain.meaning))
-    return Table("Gains", ("parameter", "present", "new", "unit", "documented", "what it is"), tuple(rows))
+    after, before = ({} if of is None else of.gains for of in (designed.new, designed.old))
+    rows = [
+        {
+            "parameter": gain.name, "present": number(before.get(gain.name)), "new": number(after.get(gain.name)),
+            "unit": gain.unit.replace("{x}", designed.nominal.dof.units.base),
+            "documented": f"{gain.low:g} to {gain.high:g}" if math.isfinite(gain.high) else None,
+            "what it is": gain.meaning,
+        }
+        for gain in designed.target.parameters
+        if gain.searched or after.get(gain.name) not in (None, before.get(gain.name))
+    ]  # fmt: skip
+    return Table.of("Gains", rows)
 
 
 def _promised_table(tuning: Tuning) -> Table:
     designed = tuning.designed
     dof, task = designed.nominal.dof, designed.task
-    names, cells = [], dict[str, list[str]]()
-    for name, outcome in tuning.outcomes():
-        names.append(name)
-        for key, value in {**margins_of(outcome), **promises(outcome, designed)}.items():
-            cells.setdefault(key, []).append(_band(value))
-        cells.setdefault("settles", []).append(f"{np.mean(outcome.scores.settles):.0%}")
-        cells.setdefault("keeps", []).append(f"{outcome.share_with(task.margin):.0%}")
     words = {
-        "overshoot_percent": "overshoot [%]", "settling_s": "settles after [s]", "disk_margin": "disk margin",
-        "gain_margin_dB": "gain margin [dB]", "phase_margin_deg": "phase margin [deg]",
-        "delay_margin_s": "delay margin [s]",
+        "disk_margin": "disk margin", "gain_margin_dB": "gain margin [dB]", "phase_margin_deg": "phase margin [deg]",
+        "delay_margin_s": "delay margin [s]", "overshoot_percent": "overshoot [%]", "settling_s": "settles after [s]",
         f"rms_after_{dof.units.key}": f"error from then on, rms [{dof.units.shown}]",
         f"load_error_{dof.units.key}": f"largest error under {100 * task.load:g} % load [{dof.units.shown}]",
         "settles": "share that settles", "keeps": f"share with a disk margin of {task.margin:g}",
     }  # fmt: skip
+    columns = dict[str, dict[str, str]]()
+    for name, outcome in tuning.outcomes():
+        bands = margins_of(outcome) | promises(outcome, designed)
+        columns[name] = {key: "never" if of is None else _band(of.value, *of.ci95) for key, of in bands.items()}
+        columns[name]["settles"] = f"{np.mean(outcome.scores.settles):.0%}"
+        columns[name]["keeps"] = f"{outcome.share_with(task.margin):.0%}"
+    rows = [{"": label} | {name: cells[key] for name, cells in columns.items()} for key, label in words.items()]
     count = sum(len(crowd.vehicles) for crowd in designed.crowds)
-    note = (
+    return Table.of("What to expect", rows, [
         f"Median and the band of 95 % of {count} vehicles that the model allows; a step of {dof.logged(task.step):g} "
-        f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, flights of {task.seconds:.0f} s."
-    )
-    return Table("What to expect", ("", *names), tuple((words[key], *row) for key, row in cells.items()), notes=(note,))
+        f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, flights of {task.seconds:.0f} s.",
+    ])  # fmt: skip
 
 
-def _band(value: Estimate | None) -> str:
-    """`12 [11, 14]`, with "never" for what never happens."""
-    return "never" if value is None else "{} [{}, {}]".format(*_never(value.value, *value.ci95))
+def _band(*values: float) -> str:
+    """Write `12 [11, 14]`, with "never" for what never happens."""
+    return "{} [{}, {}]".format(*map(_or_never, values))
 
 
-def _never(*values: float) -> list[str]:
-    return [number(value, 3) if math.isfinite(value) else "never" for value in values]
+def _or_never(value: float) -> str:
+    return number(value, 3) if math.isfinite(value) else "never"
 
 
 def _page(tuning: Tuning, tables: list[Table]) -> str:
@@ -128,7 +126,7 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     if tuning.plan is not None and tuning.plan[0] is not None:
         page = f"{SETTLES}/plan.md"
         parts.append(f"Runs that settle it, with their command files: [{page}]({page}).")
-    picture = ["![Step, load and margins of present and new gains](tuning.png)"] * bool(tables)
+    picture = "![Step, load and margins of present and new gains](tuning.png)" if tables else ""
     rests_on = [
         *designed.notes,
         f"Explanations flown: {', '.join(crowd.name for crowd in designed.crowds)}.",
@@ -139,33 +137,32 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     ]
     if designed.target.firmware:
         rests_on.append(f"Names, units and ranges are those of {designed.target.firmware}.")
-    return document(*parts, *tables, *picture, "## What it rests on", bullets(rests_on))
+    return document(*parts, *tables, picture, "## What it rests on", bullets(rests_on))
 
 
 @sections.register
 def _(check: TuningCheck) -> Sections:
-    dof, steps = check.dof, check.steps
+    dof, steps, rows, shown = check.dof, check.steps, list[dict[str, object]](), check.dof.units.shown
     words = {
-        "overshoot": "overshoot [%]", "settling": "settles after [s]",
-        "rms": f"error from then on, rms [{dof.units.shown}]",
-        "distance": f"distance from the reference, rms [{dof.units.shown}]",
-        "largest": f"the same at most [{dof.units.shown}]",
+        "overshoot": "overshoot [%]", "settling": "settles after [s]", "rms": f"error from then on, rms [{shown}]",
+        "distance": f"distance from the reference, rms [{shown}]", "largest": f"the same at most [{shown}]",
     }  # fmt: skip
-    rows = []
     for step in steps:
         size = "no step" if step.size is None else f"{dof.logged(step.size):+.3g} {dof.units.log}"
         for name, figure in step.figures.items():
-            flown, low, high = _never(*(in_print(name, x, dof) for x in (figure.value, *figure.band)))
-            where = f"{step.run}, {step.begins:.1f} s, {size}"
-            rows.append((where, words[name], flown, f"{low} to {high}", "yes" if figure.held else "no"))
-    table = Table("Flown and promised", ("step", "", "flown", "promised", "held"), tuple(rows))
+            flown, low, high = (_or_never(in_print(name, x, dof)) for x in (figure.value, *figure.band))
+            rows.append({
+                "step": f"{step.run}, {step.begins:.1f} s, {size}", "": words[name], "flown": flown,
+                "promised": f"{low} to {high}", "held": "yes" if figure.held else "no",
+            })  # fmt: skip
+    table = Table.of("Flown and promised", rows)
     failed = sum(not step.held for step in steps)
     verdict = f"Not as promised: {failed} of {len(steps)} steps leave the bands of 95 %."
     if not failed:
         verdict = f"As promised: all {f'{len(steps)} steps are' if len(steps) > 1 else 'is'} within the bands."
-    sentences = [verdict, *([check.changed] if check.changed else [])]
+    sentences = [verdict, *filter(None, [check.changed])]
     picture = "![Steps as flown, and the bands that were promised](tuning_check.png)"
     page = document("# A log beside what was promised", *sentences, table, picture)
     files: dict[str, Content] = {"tuning_check.json": check.to_json(), "tuning_check.md": page}
     figures = {"tuning_check": partial(flown_figure, steps, dof)}
-    return Sections((*sentences, table), files, figures, (*files, "tuning_check.png"), check.to_json()["steps"])
+    return Sections((*sentences, table), files, figures, rows=check.to_json()["steps"])

@@ -1,9 +1,8 @@
 """What the fit of one motion shows and writes: tables, sentences, one row a run, figures."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,10 +10,9 @@ import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.cautions import DRAG, INERTIA
 from automarine_cli.fits.driven import Use
 from automarine_cli.fits.half_turns import instant
-from automarine_cli.fits.identify import YawFit, effect_estimates
+from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
 from automarine_cli.fits.innovations import InnovationsFit, channel_noises, fit_sentences
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit
@@ -24,68 +22,66 @@ from automarine_cli.report.figures import runs
 from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Content, Sections, forms_of, numbers, sections
-from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
+from automarine_cli.report.tables import Cell, Math, Table, interval, number
 from automarine_cli.runs.run import shared_readings
 
 MODELS = ("1", "2", "3")
-HEADER: tuple[Cell, ...] = ("Model", *MODELS)
 LIKELIEST = ", maximum likelihood"
 
 
 def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
-    dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
-    fits: Mapping[str, DragFit] = {} if fit.seed_method is None else fit.seed_method.drag
-    quadratic, linear = Math(symbols.quadratic_print, symbols.quadratic_math), Math(symbols.linear, symbols.linear)
-    of = {quadratic: symbols.quadratic, linear: symbols.linear}
+    dof, own, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
+    drag = {} if fit.seed_method is None else {m: of for m, of in fit.seed_method.drag.items() if m in MODELS}
+    quadratic, linear = Math(own.quadratic_print, own.quadratic_math), Math(own.linear, own.linear)
+    letters = {own.quadratic: quadratic, own.linear: linear}
+    tests = {m: nested_test(of, drag["2"])["p_value"] for m, of in drag.items() if m != "2" and "2" in drag}
+    density = {m: number(float(of.mixed.predictive.sum()), 6) for m, of in ml.items()}
     rows = [
-        *(_row(symbol, fits, partial(_value, key)) for symbol, key in of.items()),
-        _row("SSE", fits, lambda drag: number(drag.sse)),
-        *(_row(_with(symbol, ", 95 %"), fits, partial(_between, key)) for symbol, key in of.items()),
-        _row("AICc", fits, lambda drag: number(drag.aicc)),
-        _row("F test against 2, p", {m: drag for m, drag in fits.items() if m != "2" and "2" in fits},
-             lambda drag: number(nested_test(drag, fits["2"])["p_value"], 2)),
-        *(_row(_with(symbol, LIKELIEST), ml, partial(_between, key)) for symbol, key in of.items()),
-        _row("log density of left-out runs", ml, lambda fit: number(float(fit.mixed.predictive.sum()), 6)),
-    ]  # fmt: skip
+        *(_row(symbol, {m: e.value for m, e in _named(key, drag).items()}) for key, symbol in letters.items()),
+        _row("SSE", {m: of.sse for m, of in drag.items()}),
+        *(_row(_with(symbol, ", 95 %"), _named(key, drag)) for key, symbol in letters.items()),
+        _row("AICc", {m: of.aicc for m, of in drag.items()}),
+        _row("F test against 2, p", {m: number(p, 2) for m, p in tests.items()}),
+        *(_row(_with(symbol, LIKELIEST), _named(key, ml)) for key, symbol in letters.items()),
+        _row("log density of left-out runs", density),
+    ]
     if dof.directional:
-        ways = {m: model.ways for m, model in ml.items() if model.ways}
-        for way in dof.words.ways:
-            rows.append(_row(f"drag {way}{LIKELIEST}", {m: of.drag[way] for m, of in ways.items()}, interval))
-        rows.append(_row("one drag both ways, p", ways, lambda ways: number(ways.p_value, 2)))
+        ways = {m: of.ways for m, of in ml.items() if of.ways}
+        rows += [_row(f"drag {way}{LIKELIEST}", {m: of.drag[way] for m, of in ways.items()}) for way in dof.words.ways]
+        rows.append(_row("one drag both ways, p", {m: number(of.p_value, 2) for m, of in ways.items()}))
     if dof.has_constant:
-        rows.append(_row("constant force, 95 %", fits, partial(_between, symbols.constant)))
-        rows.append(_row(f"constant force{LIKELIEST}", ml, partial(_between, symbols.constant)))
-    each = {model: effect_estimates(likeliest) for model, likeliest in ml.items()}
-    names = {(effect, name): one.unit for groups in each.values() for effect, group in groups.items()
-             for name, one in group.items() if one.stderr > 0}  # fmt: skip
-    for (effect, name), shown in names.items():
-        of_effect = {m: groups[effect][name] for m, groups in each.items() if effect in groups}
-        rows.append(_row(f"{effect} {name} [{shown}]{LIKELIEST}", of_effect, interval))
+        rows.append(_row("constant force, 95 %", _named(own.constant, drag)))
+        rows.append(_row(f"constant force{LIKELIEST}", _named(own.constant, ml)))
+    added = {m: _added(of) for m, of in ml.items()}
+    units = {name: e.unit for of_model in added.values() for name, e in of_model.items() if e.stderr > 0}
+    for name, shown in units.items():
+        rows.append(_row(f"{name} [{shown}]{LIKELIEST}", {m: of[name] for m, of in added.items() if name in of}))
     squared = f"({unit})²" if " " in unit else f"{unit}²"
-    units = (
+    of_units = (
         f"{dof.words.force.capitalize()} [{unit}], {quadratic} [{dof.unit_of('quadratic', unit)}], "
         f"{linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain least squares; brackets are 95 % "
         "intervals."
     )
     title = f"Table 1. Identified {dof.name} models: drag"
-    return Table(title, HEADER, tuple(rows), (3, 7), (units, *_signs(dof), *notes)).without_empty_rows()
+    return Table.of(title, rows, (of_units, *_signs(dof), *notes), (3, 7)).without_empty_rows()
 
 
-def _row(label: Cell, of_model: Mapping[str, Any], cell: Callable[[Any], str]) -> tuple[Cell, ...]:
-    return (label, *(cell(of_model[model]) if model in of_model else MISSING for model in MODELS))
+def _row(label: Cell, of_model: Mapping[str, object]) -> dict[str, object]:
+    return {"Model": label} | {model: of_model.get(model) for model in MODELS}
 
 
 def _with(symbol: Math, after: str) -> Math:
     return replace(symbol, after=symbol.after + after)
 
 
-def _value(name: str, fit: DragFit) -> str:
-    return number(fit.estimates[name].value) if name in fit.estimates else MISSING
+def _named(name: str, fits: Mapping[str, DragFit | OutputErrorFit]) -> dict[str, Estimate]:
+    return {model: fit.estimates[name] for model, fit in fits.items() if name in fit.estimates}
 
 
-def _between(name: str, fit: DragFit | OutputErrorFit) -> str:
-    return interval(fit.estimates.get(name))
+def _added(fit: OutputErrorFit) -> dict[str, Estimate]:
+    """Estimates of the effects beside drag, by both names."""
+    return {f"{effect} {name}": e for effect, group in effect_estimates(fit).items() for name, e in group.items()}
 
 
 def _signs(dof: Dof) -> tuple[str, ...]:
@@ -113,66 +109,72 @@ def _signs(dof: Dof) -> tuple[str, ...]:
 
 def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and mean at each moment below."""
-    dof, symbols, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
-    tables = {} if fit.seed_method is None else fit.seed_method.inertia
-    heavy = symbols.inertia
-    inertia = Math(heavy, heavy)
-    ratio = Math(f"{heavy}/{symbols.quadratic_print}", f"{heavy}/{symbols.quadratic_math}", f" [{dof.units.base}]")
+    dof, own, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
+    of_model = {} if fit.seed_method is None else fit.seed_method.inertia
+    inertia = Math(own.inertia, own.inertia)
+    letters = f"{own.inertia}/{own.quadratic_print}", f"{own.inertia}/{own.quadratic_math}"
+    ratio = Math(*letters, f" [{dof.units.base}]")
     rows = [
-        _row(inertia, tables, lambda table: number(table.overall.value)),
-        _row(_with(inertia, ", 95 %"), tables, lambda table: interval(table.overall)),
-        _row(_with(inertia, LIKELIEST), ml, partial(_between, symbols.inertia)),
-        _row(_with(ratio, LIKELIEST), ml, lambda fit: interval(fit.inertial_turn_angle)),
+        _row(inertia, {m: table.overall.value for m, table in of_model.items()}),
+        _row(_with(inertia, ", 95 %"), {m: table.overall for m, table in of_model.items()}),
+        _row(_with(inertia, LIKELIEST), _named(own.inertia, ml)),
+        _row(_with(ratio, LIKELIEST), {m: of.inertial_turn_angle for m, of in ml.items()}),
     ]
     for way in dof.words.ways if dof.directional else ():
-        far = {m: model.ways.distance.get(way) for m, model in ml.items() if model.ways}
-        rows.append(_row(_with(ratio, f" {way}{LIKELIEST}"), far, interval))
-    levels = sorted({level for table in tables.values() for level in table.per_moment}) if means else []
+        far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
+        rows.append(_row(_with(ratio, f" {way}{LIKELIEST}"), far))
+    levels = sorted({level for table in of_model.values() for level in table.per_moment}) if means else []
     rules = (1, len(rows)) if levels else (1,)
     for level in levels:
-        rows.append(
-            _row(f"mean at {level:+.4g} {unit}", {m: table.per_moment[level] for m, table in tables.items()}, number)
-        )
+        mean = {m: table.per_moment[level] for m, table in of_model.items()}
+        rows.append(_row(f"mean at {level:+.4g} {unit}", mean))
     each = f"; means over the runs at each {dof.words.force} are by the velocity error" * bool(levels)
-    unit_note = f"{symbols.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals{each}."
+    of_units = f"{own.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals{each}."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
-    return Table(title, HEADER, tuple(rows), rules, (unit_note, *notes)).without_empty_rows()
+    return Table.of(title, rows, (of_units, *notes), rules).without_empty_rows()
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     """Make tables 1 and 2 with what must be known of their parameters below; `short`, for the terminal, leaves that to
     the warnings, and leaves out the means at each moment."""
-    notes = (fit.seed_method.tail_because(fit.dof),) if fit.seed_method is not None else (f"{fit.why_no_seed_method}.",)
+    why = f"{fit.why_no_seed_method}." if fit.seed_method is None else fit.seed_method.tail_because(fit.dof)
     cautions = () if short else fit.cautions
     drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))
     inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
-    return drag_table(fit, (*notes, *drag)), inertia_table(fit, (*notes, *inertia), not short)
+    return drag_table(fit, (why, *drag)), inertia_table(fit, (why, *inertia), not short)
 
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """Say what a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
-    preferred, turn = fit.preferred, fit.preferred.inertial_turn_angle
+    preferred, mixed, turn, lasting = fit.preferred, fit.preferred.mixed, fit.inertial_turn_angle, fit.time_constant
     dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
     lines = [*([] if fit.use is None else [fit.use.sentence(dof)]), fit.preference.because, *fit.told_of_known]
     if turn is not None:
-        low, high = turn.ci95
         lines.append(
             f"{words.inertial_length.capitalize()} {own.inertia}/{own.quadratic_print}: {turn.value:.4g} "
-            f"{dof.units.base} [{low:.4g}, {high:.4g}], whatever the {words.force}'s unit."
+            f"{dof.units.base} {_ends(turn, '.4g')}, whatever the {words.force}'s unit."
         )
-    elif (lasting := fit.time_constant) is not None:
-        low, high = lasting.ci95
-        lines.append(f"Time constant {own.inertia}/{own.linear}: {lasting.value:.3g} s [{low:.3g}, {high:.3g}].")
+    elif lasting is not None:
+        lines.append(f"Time constant {own.inertia}/{own.linear}: {lasting.value:.3g} s {_ends(lasting, '.3g')}.")
     scatter, late = preferred.gain_scatter, preferred.offset
     more = (
         f"{words.force.capitalize()}s switch {late.value:+.2f} sample intervals {_ends(late, '+.2f')} from the middle "
         "between the first sample that shows them and the one before."
     )
-    if isinstance(preferred.mixed, InnovationsFit):
-        more = _disturbance(preferred, preferred.mixed)
-    scattered = f"Thrust scatters from run to run by {100 * scatter.value:.1f} % {_ends(scatter, '.1f', 100.0)}"
-    lines.append(f"{scattered}; {_noise(fit)}. {more}")
-    lines += fit_sentences(fit.channels, preferred.mixed, dof)
+    if isinstance(mixed, InnovationsFit):
+        names = ("disturbance", "disturbance-time", "thrust-noise")
+        size, time, thrust = (mixed.value(f"{dof.name}.{name}") for name in names)
+        more = (
+            f"The runs are disturbed by a {words.force} of {preferred.model.inertia * size:.3g} {fit.moment_unit} that "
+            f"lasts {time:.2g} s, and the thrust is unsteady by {100 * thrust:.0f} % over a second."
+        )
+    noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
+    if preferred.noise is not None:
+        bound = " (at its bound)" * channel_noises(mixed, dof)[dof.position].at_bound
+        noise = f"{words.position} noise {dof.shown(preferred.noise):.2f}{dof.units.mark}{bound}"
+    share = f"{100 * scatter.value:.1f} % {_ends(scatter, '.1f', 100.0)}"
+    lines.append(f"Thrust scatters from run to run by {share}; {noise}. {more}")
+    lines += fit_sentences(fit.channels, mixed, dof)
     if preferred.ways is not None:
         lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
@@ -182,37 +184,19 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
 
 
-def _ends(one: Estimate, form: str, times: float = 1.0) -> str:
-    low, high = one.ci95
-    return "(at its bound)" if one.at_bound else f"[{times * low:{form}}, {times * high:{form}}]"
-
-
-def _disturbance(fit: OutputErrorFit, innovations: InnovationsFit) -> str:
-    model, dof, names = fit.model, fit.model.dof, ("disturbance", "disturbance-time", "thrust-noise")
-    size, time, thrust = (innovations.value(f"{dof.name}.{name}") for name in names)
-    return (
-        f"The runs are disturbed by a {dof.words.force} of {model.inertia * size:.3g} {model.moment_unit} that lasts "
-        f"{time:.2g} s, and the thrust is unsteady by {100 * thrust:.0f} % over a second."
-    )
-
-
-def _noise(fit: YawFit) -> str:
-    words, units, noise = fit.dof.words, fit.dof.units, fit.preferred.noise
-    if noise is not None:
-        bound = " (at its bound)" * channel_noises(fit.preferred.mixed, fit.dof)[fit.dof.position].at_bound
-        return f"{words.position} noise {fit.dof.shown(noise):.2f}{units.mark}{bound}"
-    return f"{words.rate} noise {fit.dof.shown(fit.preferred.mixed.noise):.3g}{units.mark}/s"
+def _ends(estimate: Estimate, form: str, times: float = 1.0) -> str:
+    low, high = estimate.ci95
+    return "(at its bound)" if estimate.at_bound else f"[{times * low:{form}}, {times * high:{form}}]"
 
 
 def _by_way(ways: Ways, dof: Dof) -> str:
-    symbol = dof.symbols.quadratic_print if ways.role == "quadratic" else dof.symbols.linear
-    told = " and ".join(f"{interval(one)} {way}" for way, one in ways.drag.items())
-    unit = next(iter(ways.drag.values())).unit
-    if ways.differ:
-        far = " and ".join(f"{interval(one)} {one.unit} {way}" for way, one in ways.distance.items())
-        said = f"Drag differs between the ways (p = {ways.p_value:.2g}): {symbol} is {told} {unit}"
-        return f"{said}, the {dof.words.inertial_length} {far}." if far else f"{said}."
-    return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {told} {unit}."
+    symbol, sides = dof.symbols.quadratic_print if ways.role == "quadratic" else dof.symbols.linear, ways.drag.items()
+    values = " and ".join(f"{interval(drag)} {way}" for way, drag in sides) + f" {next(iter(ways.drag.values())).unit}"
+    if not ways.differ:
+        return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {values}."
+    far = " and ".join(f"{interval(length)} {length.unit} {way}" for way, length in ways.distance.items())
+    length = f", the {dof.words.inertial_length} {far}" if far else ""
+    return f"Drag differs between the ways (p = {ways.p_value:.2g}): {symbol} is {values}{length}."
 
 
 @sections.register
@@ -243,41 +227,35 @@ def _drawings(fit: YawFit) -> dict[str, Draw]:
 
 
 def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
-    rows = list[tuple[str, str, Mapping[str, Estimate]]]()
-    for model, likeliest in fit.output_error.items():
-        effects = effect_estimates(likeliest).items()
-        added = {f"{effect} {name}": estimate for effect, group in effects for name, estimate in group.items()}
-        rows.append((model, "maximum likelihood", {**likeliest.estimates, **added}))
-    seed = fit.seed_method
-    for model, drag in () if seed is None else seed.drag.items():
+    found = {(m, "maximum likelihood"): {**of.estimates, **_added(of)} for m, of in fit.output_error.items()}
+    for model, drag in () if (seed := fit.seed_method) is None else seed.drag.items():
         if seed and model in fit.output_error:  # with a constant moment: a test of symmetry, no model of its own
-            table = seed.inertia.get(model)
-            heavy = {} if table is None else {fit.dof.symbols.inertia: table.overall}
-            rows.append((model, "velocity error", {**drag.estimates, **heavy}))
-    for model, method, estimates in rows:
+            heavy = {fit.dof.symbols.inertia: seed.inertia[model].overall} if model in seed.inertia else {}
+            found[model, "velocity error"] = {**drag.estimates, **heavy}
+    for (model, method), estimates in found.items():
         for name, estimate in estimates.items():
             yield {"model": model, "method": method, "parameter": name} | numbers(estimate)
 
 
 def run_rows(fit: YawFit) -> list[dict[str, object]]:
     """List what was kept of each run, why, and what both methods give of it."""
-    dof, words, data, seed = fit.dof, fit.dof.words, fit.data, fit.seed_method
+    dof, words, data, seed, use = fit.dof, fit.dof.words, fit.data, fit.seed_method, fit.use
     key, rate_key, mixed, rows = dof.units.key, dof.units.rate_key, fit.preferred.mixed, list[dict[str, object]]()
-    gains = np.exp(mixed.own(GAIN)[:, 0])
-    if seed is None or data is None or isinstance(fit.use, Use):
+    gains = np.exp(mixed.own(GAIN)[:, 0]).tolist()
+    if seed is None or data is None or isinstance(use, Use):
         for i, run in enumerate(fit.runs):
-            row: dict[str, object] = {"run": run.name, "file": run.source, "samples": len(run)}
-            row["duration_s"] = float(run.time[-1] - run.time[0])
-            if isinstance(fit.use, Use):  # what was predicted of it when it was left out of the fit
-                row["gain"] = float(gains[i])
-                for ahead in fit.use.predictions:
-                    square = ahead.by_run(ahead.error, len(fit.runs))[i]
-                    row[f"rmse_{ahead.horizon:g}_s_ahead_{key}"] = float(dof.shown(np.sqrt(square)))
+            row = {"run": run.name, "file": run.source, "samples": len(run), "duration_s": run.time[-1] - run.time[0]}
+            if isinstance(use, Use):  # what was predicted of it when it was left out of the fit
+                squares = {ahead.horizon: ahead.by_run(ahead.error, len(fit.runs))[i] for ahead in use.predictions}
+                row |= {"gain": gains[i]} | {
+                    f"rmse_{horizon:g}_s_ahead_{key}": float(dof.shown(np.sqrt(square)))
+                    for horizon, square in squares.items()
+                }
             else:
                 assert isinstance(mixed, MixedFit)
                 off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
                 row[f"start_{words.speed}_{rate_key}"] = float(dof.shown(mixed.own(START_VELOCITY)[i, 0]))
-                row |= {"gain": float(gains[i]), f"rmse_{key}": float(np.sqrt(np.mean(off**2)))}
+                row |= {"gain": gains[i], f"rmse_{key}": float(np.sqrt(np.mean(off**2)))}
             rows.append(row)
         return rows
     assert isinstance(mixed, MixedFit)
@@ -295,7 +273,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
             f"steady_{words.speed}_stderr_{rate_key}": float(dof.shown(np.sqrt(seed.variance[i]))),
             f"velocity_error_{key}": float(dof.shown(seed.tails.error[i])),
             **{f"{dof.symbols.inertia}_model_{n}": float(table.per_run[i]) for n, table in seed.inertia.items()},
-            "gain": float(gains[i]),
+            "gain": gains[i],
             "switch_shift_s": float(data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])),
             f"rmse_{key}": float(np.sqrt(np.mean(off**2))),
         })  # fmt: skip

@@ -1,4 +1,5 @@
-"""`load_runs`: all logs of a campaign become runs; what is unusable is set aside with its reason.
+"""`load_runs`: all logs of a campaign become runs (the clock rises, the position is unwrapped, everything dropped is
+counted); what is unusable is set aside with its reason.
 
 Runs of motion in the plane (`read_planar`) hold heading and moment as in yaw, and as `extras`, where logged, `north`
 and `east` [m], `surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X` and `force_Y` [N]; NaN where a sensor has no
@@ -7,24 +8,397 @@ reading of its own.
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
-from automarine_cli.logs.canonical import driven, names_of
+from automarine_cli.logs.columns import driven, names_of
+from automarine_cli.logs.table import is_velocity_only
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
-from automarine_cli.runs.checks import IN_OTHER_UNITS, RADIANS_AS_DEGREES, clock_trouble
-from automarine_cli.runs.clean import Indices, Mask, NotUsable, clean, too_short
-from automarine_cli.runs.run import Run, SetAside, named_apart, own_name
+from automarine_cli.runs.checks import (
+    IN_OTHER_UNITS,
+    RADIANS_AS_DEGREES,
+    AllocationLimit,
+    beyond,
+    clock_trouble,
+    position_trouble,
+    stuck,
+    within_limits,
+)
+from automarine_cli.runs.run import NORMAL, Run, SetAside, fresh_readings, median, named_apart, own_name, slope, summed
+
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
+LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
+COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
+COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps", "jumps")
+SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting a start of its own
+
+
+class NotUsable(RunError):
+    """An unusable run: the reason, with a hint."""
+
+
+def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
+    """Clean the rows `chosen` of one run (indices into the table, shape (N,)); a wide gap may split it into several.
+
+    Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
+    Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
+    """
+    columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
+    dof, summed = table.dof, is_velocity_only(table)
+    commands = (dof.command,) if dof.command in table.columns else dof.thrusters
+    measured = dof.velocity if summed else dof.position
+    rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
+    counts["rows"] = len(rows)
+    missing = np.any([np.isnan(columns[key]) for key in ("time", measured, *commands)], axis=0)
+    counts["missing"] = int(np.count_nonzero(missing))
+    columns, rows = _only(columns, ~missing), rows[~missing]
+    if counts["missing"] and not len(rows):
+        what = measured.replace("_", " ")
+        raise NotUsable(f"no row has time, {what} and command ({counts['missing']} rows lack one); check the columns")
+    fresh = _rising(columns["time"], rows, table, name)
+    if len(rows) > 1 and not fresh[1:].any():
+        _refuse(clock_trouble(columns["time"]))
+    counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
+    columns = _only(columns, fresh)
+    _refuse(clock_trouble(columns["time"]))
+    if not summed:
+        _refuse(position_trouble(columns["time"], columns[dof.position], dof))
+    for key in commands:
+        if (largest := float(np.abs(columns[key]).max(initial=0.0))) > LARGEST_COMMAND:
+            what = dof.words.force if key == dof.command else "thruster command"
+            raise NotUsable(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
+    if summed:
+        return _bridged(_summed_up(_run(table, columns, name, counts)))
+    glitch = find_glitches(columns["time"], columns[dof.position], dof) | beyond(columns[dof.position], dof)
+    counts["glitches"] = int(np.count_nonzero(glitch))
+    columns = _only(columns, ~glitch)
+    _refuse(clock_trouble(columns["time"]))
+    run = _run(table, columns, name, counts)
+    _refuse(stuck(run.position, _any_command(run), dof))
+    return _bridged(run)
+
+
+def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
+    dof = table.dof
+    extras = {key: values for key, values in columns.items() if key not in ("time", dof.position, dof.command)}
+    notes, repeated = table.notes, counts["duplicates"]
+    if repeated > COARSE * counts["rows"]:
+        notes += (f"{repeated} of {counts['rows']} stamps repeat the one before: the clock is coarser than the log",)
+    return Run(
+        name=name,
+        source=table.source,
+        time=columns["time"],
+        position=columns.get(dof.position, np.zeros(len(columns["time"]))),
+        moment=columns.get(dof.command),
+        moment_unit=table.moment_unit or "",
+        extras=extras,
+        counts=counts,
+        notes=notes,
+        reading=table.notes,
+        dof=dof,
+    )
+
+
+def _summed_up(run: Run) -> Run:
+    dof = run.dof
+    velocity = run.extras[dof.velocity]
+    fresh = fresh_readings(velocity)  # a held reading is as old as it is long held
+    instant = np.interp(run.time, run.time[fresh], velocity[fresh])
+    position = summed_position(run.time, instant, _any_command(run), dof)
+    note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
+    return replace(run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note))
+
+
+def _only(columns: Mapping[str, Floats], kept: Mask) -> dict[str, Floats]:
+    return {key: values[kept] for key, values in columns.items()}
+
+
+def _refuse(why: str | None) -> None:
+    if why is not None:
+        raise NotUsable(why)
+
+
+def _rising(time: Floats, rows: Indices, table: LogTable, name: str) -> Mask:
+    """Which samples have a new stamp. Raises RunError where the clock steps back."""
+    steps = np.diff(time)
+    back = np.flatnonzero(steps < 0)
+    if back.size:
+        i = int(back[0])
+        raise RunError(
+            f"{table.source}, row {rows[i + 1]}, run {name!r}: the clock steps back from {time[i]:.10g} s to "
+            f"{time[i + 1]:.10g} s; expected a rising clock. {_other_run(table, rows[i], rows[i + 1])}; else sort or "
+            "correct the rows"
+        )
+    return np.concatenate([[True], steps > 0]) if len(time) else np.zeros(0, dtype=bool)
+
+
+def _other_run(table: LogTable, before: int, after: int) -> str:
+    """What to do where another run may begin: by the column of words that changes between the two rows, if one does."""
+    here, there = np.searchsorted(table.rows, [before, after])
+    for name, labels in table.words.items():
+        if labels.code[here] != labels.code[there]:
+            return (
+                f"The column {name} names something else from there on ({listed(labels.names)}): if these are runs, "
+                f'write run = "{name}" under [columns] in a file and give it with --columns FILE.toml'
+            )
+    return "If two runs share the file, tell them apart by a column run"
+
+
+def _any_command(run: Run) -> Floats:
+    """Something that is not zero while any thruster works, shape (N,)."""
+    if run.moment is not None:
+        return run.moment
+    return np.asarray(sum(np.abs(run.extras[name]) for name in run.dof.thrusters))
+
+
+def _bridged(run: Run) -> tuple[Run, ...]:
+    """Unwrap the position; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
+    steps = np.diff(run.time)
+    gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
+    dof, words = run.dof, run.dof.words
+    jumps = find_jumps(run.time, run.position, dof)
+    result = unwrap(run.time, run.position, gaps, dof)
+    widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
+    notes = run.notes
+    if (jumps := np.setdiff1d(jumps, gaps)).size:
+        sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
+        notes += (
+            f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
+            f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
+        )
+    if result.broken_after:
+        notes += (
+            f"split at {_counted(len(result.broken_after), 'gap')} of up to {widest}, "
+            f"across which the {words.position} cannot be followed",
+        )
+    elif gaps.size:
+        bridged = f", bridged by the {words.speed}s beside them" if dof.wraps else ""
+        notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
+    edges = [0, *(int(i) + 1 for i in sorted({*result.broken_after, *jumps})), len(run)]
+    run, parts = replace(run, position=result.position, notes=notes), []
+    if len(edges) == 2:
+        return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}),)
+    for number, (start, stop) in enumerate(pairwise(edges), 1):
+        part = run.cut(start, stop)
+        inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
+        counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner}
+        counts["jumps"] = int((start - 1 in jumps) + (stop - 1 in jumps))
+        parts.append(replace(part, name=f"{run.name}.{number}", counts=counts))
+    return tuple(parts)
+
+
+def too_short(part: Run) -> str | None:
+    """Why a part of a run that was split at a jump is unusable, or None."""
+    length = float(part.time[-1] - part.time[0])
+    if not part.counts["jumps"] or length >= SHORTEST_PART:
+        return None
+    name = part.dof.position
+    return f"only {length:.2g} s are left beside a jump of the {name}; at least {SHORTEST_PART:g} s are needed"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}{'s' * (number != 1)}"
+
+
+MIN_STANDSTILL = 5  # Samples of a standstill
+SURE = 4.0  # Standard errors within which the readings of a standstill show no trend
+
+
+def summed_position(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> Floats:
+    """Positions (N,) from zero on, by the trapezium over the samples; all arguments (N,)."""
+    return summed(time, velocity - standstill(time, velocity, command, dof))
+
+
+def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> float:
+    """What the sensor reads before the first command, if the vehicle stands still there (no trend, and no more than a
+    bias may be); else zero."""
+    acting = command != (command[0] if dof.has_constant else 0.0)
+    first = int(np.argmax(acting)) if acting.any() else 0
+    if first < MIN_STANDSTILL:
+        return 0.0
+    read = velocity[:first]
+    trend, doubt = slope(time[:first], read)
+    steps = np.diff(read)
+    noise = NORMAL * median(np.abs(steps - np.median(steps))) / np.sqrt(2.0)
+    level = float(np.median(read))
+    return level if abs(trend) <= SURE * doubt * noise + 1e-12 and abs(level) <= 3.0 * dof.limits.bias_sd else 0.0
+
+
+TURN = 2 * np.pi
+SPIKE_IN_SIGMA = 8.0
+LONGEST_SPIKE = 2  # samples
+LOCAL = 9  # samples; of fewer nothing can be told
+LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
+FASTER = 1.5  # than nearly all of the run: nothing turns so across a gap
+
+
+def wrapped(angle: Floats, turn: float = TURN) -> Floats:
+    """The same angle within half a `turn` to either side; as it is if the position never comes back to itself (`turn`
+    is infinite)."""
+    return angle - turn * np.ceil(angle / turn - 0.5) if turn < np.inf else angle
+
+
+def _scatter(steps: Floats) -> float:
+    """Robust standard deviation of steps (N - 1,), by their second differences: those of white noise are root three
+    times as wide; 0 for fewer than two steps."""
+    return NORMAL * median(np.abs(np.diff(steps))) / np.sqrt(3.0) if len(steps) > 1 else 0.0
+
+
+def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
+    """Find spikes of one or two samples in a position (N,) [rad or m]: far off both neighbours, which agree.
+
+    A spike stands out against the local rate by eight robust standard deviations and the motion's least spike, and by
+    half as much again as the vehicle moves from sample to sample around it; the samples on either side of it
+    continue each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp
+    reversal.
+    """
+    bad = np.zeros(len(time), dtype=bool)
+    if len(time) < LOCAL:
+        return bad
+    steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
+    threshold = max(dof.limits.spike, SPIKE_IN_SIGMA * _scatter(steps))
+    for width in range(1, LONGEST_SPIKE + 1):
+        before = np.arange(len(time) - 1 - width)
+        after = before + width + 1
+        rate = _median_beside(steps / spans, before, after)
+        off = [np.abs(_off(time, position, rate, before, before + k, dof)) for k in range(1, width + 2)]
+        size, across = np.max(off[:-1], axis=0), off[-1]
+        spike = (size > threshold) & (across < threshold) & (size > 3 * across)
+        spike &= size > 1.5 * _median_beside(np.abs(steps), before, after)
+        spike &= ~np.any([bad[before + k] for k in range(width + 2)], axis=0)
+        for k in range(1, width + 1):
+            bad[before[spike] + k] = True
+    return bad | _end_spikes(time, position, max(threshold, dof.limits.end_spike), dof)
+
+
+def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
+    """The median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,), as far
+    as the first and last step."""
+    places = np.array([before - 3, before - 2, before - 1, after, after + 1, after + 2])
+    values = np.sort(steps[np.clip(places, 0, len(steps) - 1)], axis=0)
+    return np.asarray((values[2] + values[3]) / 2)
+
+
+def _off(time: Floats, position: Floats, rate: Floats, start: Indices, stop: Indices, dof: Dof) -> Floats:
+    return wrapped(position[stop] - position[start] - rate * (time[stop] - time[start]), dof.turn)
+
+
+def _end_spikes(time: Floats, position: Floats, threshold: float, dof: Dof) -> Mask:
+    """Spikes at the very first and last samples: far off what the next samples, which agree, lead to."""
+    bad = np.zeros(len(time), dtype=bool)
+    for order in (np.arange(len(time)), np.arange(len(time))[::-1]):
+        for width in range(1, LONGEST_SPIKE + 1):
+            inner = order[width : width + 6]
+            steps = wrapped(np.diff(position[inner]), dof.turn)
+            rate = np.array(np.median(steps / np.diff(time[inner])))
+            jump = abs(float(wrapped(position[inner[0]] - position[order[width - 1]], dof.turn)))
+            agree = np.abs(_off(time, position, rate, inner[:-1], inner[1:], dof)) < threshold / 4
+            far = np.abs(_off(time, position, rate, np.repeat(inner[0], width), order[:width], dof)) > threshold
+            # a vehicle at rest that starts to turn is far off as well, but it begins with a small step
+            if agree.all() and far.all() and jump > max(threshold, 2 * float(np.median(np.abs(steps)))):
+                bad[order[:width]] = True
+                break
+    return bad
+
+
+AROUND = 6  # Steps on either side with which a jump is compared
+TIMES_FASTER = 3.0  # How much faster than any of them it is
+JUMP_IN_SIGMA = 5.0  # Of steps that are noise
+
+
+def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
+    """Find the samples, of a position (N,) [rad or m] without spikes, after which a jump follows that stays.
+
+    A jump is a step beyond noise that is several times faster than every step beside it, on both sides, and that a
+    vehicle would need more than the motion's largest acceleration to begin and to end within its span (two parabolas:
+    four times the step by the square of the span). A sensor that had stopped catches up over the span since its last
+    change. What comes back is no jump, nor is a move, whose rate has to grow and to fall.
+    """
+    most = dof.limits.acceleration
+    steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
+    sizes, moved = np.abs(steps), np.flatnonzero(steps)
+    speeds, least = sizes / spans, max(dof.limits.jump, JUMP_IN_SIGMA * _scatter(steps))
+    jumps = []
+    for i in np.flatnonzero((sizes > least) & (4.0 * sizes > most * spans**2)).tolist():
+        before_it = moved[moved < i]
+        last = int(before_it[-1]) + 1 if len(before_it) else 0
+        span = time[i + 1] - time[last]
+        before, after = speeds[max(last - AROUND, 0) : last], speeds[i + 1 : i + 1 + AROUND]
+        if min(len(before), len(after)) < AROUND // 2:
+            continue
+        fastest = max(before.max(), after.max())
+        if sizes[i] > TIMES_FASTER * fastest * span and 4.0 * sizes[i] > most * span**2:
+            jumps.append(i)
+    return np.array(jumps, dtype=int)
+
+
+@dataclass(frozen=True)
+class Unwrapped:
+    """Position of shape (N,) [rad or m], and after which samples the turn count is unknown (a gap too wide to
+    bridge).
+    """
+
+    position: Floats
+    broken_after: tuple[int, ...]
+
+
+def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped:
+    """Unwrap a heading; `gaps` are the samples after which the log has a hole. What never wraps is whole as it is.
+
+    Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
+    turned; if they leave it open by more than a quarter of a turn, and the vehicle was seen fast enough to turn as far
+    in that time, the run breaks there. A log that counts turns itself (more than a turn wide, without jumps) is taken
+    as it is.
+    """
+    turn, raw = dof.turn, np.diff(position)
+    inside = np.ones(len(raw), dtype=bool)
+    inside[gaps] = False
+    if not dof.wraps or (np.ptp(position) > 1.01 * turn and np.all(np.abs(raw[inside]) < turn / 2)):
+        return Unwrapped(position, ())
+    steps = wrapped(raw, turn)
+    fastest = np.inf
+    if gaps.size and inside.any():
+        fastest = FASTER * float(np.percentile(np.abs(steps[inside]) / np.diff(time)[inside], 99))
+    broken = []
+    for gap in gaps:
+        span = time[gap + 1] - time[gap]
+        before, after = _side_rate(time, steps, gap - 1, -1, gaps), _side_rate(time, steps, gap + 1, 1, gaps)
+        predicted = span * (before[0] + after[0]) / 2
+        doubt = span * min(fastest, abs(after[0] - before[0]) / 2 + before[1] + after[1])
+        if doubt > turn / 4 or span > LONGEST_BRIDGE:
+            broken.append(int(gap))
+        steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted), turn)
+    turns = np.cumsum(np.round((steps - raw) / turn))
+    return Unwrapped(np.concatenate([position[:1], position[1:] + turn * turns]), tuple(broken))
+
+
+def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices) -> tuple[float, float]:
+    """Yaw rate [rad/s] and its doubt just beside a gap, from up to eight steps on one side of it."""
+    within = np.arange(start, start + 8 * way, way)
+    inside = (within >= 0) & (within < len(steps)) & ~np.isin(within, gaps)
+    chosen = within[np.logical_and.accumulate(inside)]
+    if len(chosen) < 2:
+        return 0.0, np.inf
+    spans = time[chosen + 1] - time[chosen]
+    rate = float(steps[chosen].sum() / spans.sum())
+    scatter = float(np.std(steps[chosen] - rate * spans))
+    return rate, 2 * scatter / float(spans.sum())
+
 
 OfOneLog = tuple[list[Run], list[SetAside]]
 ANGLE_SLACK = 1.001
@@ -290,9 +664,9 @@ def _with_fresh_readings(run: Run) -> Run:
     return run
 
 
-FEWEST = 8  # Changes of a value that tell anything of its sensor
+MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
 FINE = 5.0  # A median step of so many of the smallest steps or more: two readings in a row are then hardly ever equal
-COARSE = 2.0  # The same below which a value that stands may as well be one that creeps
+COARSE_CHANGES = 2.0  # The same below which a value that stands may as well be one that creeps
 FEW = 0.1  # Share of repeats below which they are chance, and cost nothing
 BESIDE = 0.1
 """Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
@@ -309,10 +683,10 @@ def repeats(*columns: Floats) -> Mask:
     found = np.zeros(values.shape[1], dtype=bool)
     steps = np.abs(np.diff(values[:, seen], axis=1))
     changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
-    if np.count_nonzero(changed) < FEWEST or changed.mean() > 1 - FEW:
+    if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - FEW:
         return found
     coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
-    often = coarseness >= COARSE and bool(np.median(spans) >= 2 and np.mean(spans == 1) <= BESIDE)
+    often = coarseness >= COARSE_CHANGES and bool(np.median(spans) >= 2 and np.mean(spans == 1) <= BESIDE)
     if coarseness < FINE and not often:
         return found
     found[seen] = np.concatenate([[True], ~changed])

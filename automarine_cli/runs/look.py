@@ -14,18 +14,14 @@ from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
-from automarine_cli.logs.canonical import driven, names_of
+from automarine_cli.logs.columns import driven, names_of
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of, quantities_of
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
-from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, laws_of, limit_of
-from automarine_cli.runs.clean import Indices
-from automarine_cli.runs.command_range import CommandRange, misfit_of, undirected
-from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, why_none
-from automarine_cli.runs.load import read_runs, rows_of_runs, runs_of_table, unreadable
-from automarine_cli.runs.noise import position_noise
-from automarine_cli.runs.run import Run, SetAside
-from automarine_cli.runs.steps import find_steps, segments
+from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
+from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, find_steps, segments, why_none
+from automarine_cli.runs.load import Indices, read_runs, rows_of_runs, runs_of_table, unreadable
+from automarine_cli.runs.run import CommandRange, Run, SetAside, misfit_of, position_noise, undirected
 
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
 

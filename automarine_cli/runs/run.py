@@ -1,21 +1,199 @@
-"""`Run`: one log of one test, cleaned and frozen; and what becomes of an unusable run."""
+"""`Run`: one log of one test, cleaned and frozen; its noise, and whether its commands fit the map that makes moments
+of them. What becomes of an unusable run."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
-from automarine_cli.logs.canonical import names_of
+from automarine_cli.logs.columns import names_of
 from automarine_cli.logs.find import stem_of
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.pipeline.result_files import LogReading, RunsUsed, SetAside
 from automarine_cli.quantities import CLOCK, SINCE, Floats
-from automarine_cli.runs.command_range import CommandRange, warnings_of
-from automarine_cli.runs.noise import median, position_noise
+
+NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
+SAME = 1e-9  # rad or m; positions closer than this are one
+HELD = 0.2  # Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings
+FLAT = 3.0
+"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
+
+
+def position_noise(time: Floats, position: Floats) -> float:
+    """Estimate the standard deviation [rad or m] of the white noise on a position of shape (N,); 0 if N < 7.
+
+    Each sample is compared with the cubic through two neighbours on either side at their true times, which
+    removes any smooth motion and any clock jitter; the median makes glitches harmless. A quantised position that
+    often repeats itself has at least its quantum / sqrt(12).
+    """
+    if len(time) < 7:
+        return 0.0
+    last = len(time) - 2
+    off = [time[2 + k : last + k] - time[2:last] for k in (-2, -1, 1, 2)]  # from the sample to its four neighbours
+    residual, square = position[2:last].copy(), np.ones(len(time) - 4)
+    for k, at in zip((-2, -1, 1, 2), off):  # Lagrange's weights
+        weight = np.prod([other / (other - at) for other in off if other is not at], axis=0)
+        residual -= weight * position[2 + k : last + k]
+        square += weight**2
+    sigma = NORMAL * median(np.abs(residual) / np.sqrt(square))
+    moved = np.abs(np.diff(position))
+    still = moved < SAME
+    if np.count_nonzero(still) >= len(still) / 3 and not still.all():
+        sigma = max(sigma, float(moved[~still].min()) / np.sqrt(12))
+    return sigma
+
+
+def median(values: Floats) -> float:
+    return float(np.median(values))
+
+
+def slope(time: Floats, position: Floats) -> tuple[float, float]:
+    """Least-squares slope [rad/s or m/s] and its standard error for a noise of 1 rad or m a sample; (0, inf) for one
+    sample.
+    """
+    centred = time - time.mean()
+    square = float(centred @ centred)
+    return (float(centred @ (position - position.mean())) / square, square**-0.5) if square else (0.0, math.inf)
+
+
+def summed(time: Floats, velocity: Floats) -> Floats:
+    """Positions (N,) from zero on, by the trapezium over the samples."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
+
+
+def fresh_readings(read: Floats) -> NDArray[np.bool_]:
+    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
+
+    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
+    """
+    found = np.isfinite(read)
+    at = np.flatnonzero(found)
+    if len(at) < 3:
+        return found
+    moved = np.abs(np.diff(read[at]))
+    same = moved < 1e-9
+    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
+        return found
+    found[at[1:][same]] = False
+    return found
+
+
+BEYOND, FAR_BEYOND = 1.05, 3.0
+"""Times the range of the map from which a thrust is extrapolated, and from which the commands are not of this map."""
+INSIDE, FAR_INSIDE, HALF = 0.1, 0.02, 0.5
+"""The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
+SHARES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}
+"""What commands are whose largest value comes near one of these."""
+LITTLE = 0.1  # Share of the largest force below which a force says no direction
+PULSES = (800.0, 1500.0, 2200.0)  # us: shortest, neutral, longest
+
+
+@dataclass(frozen=True)
+class CommandRange:
+    """Thruster commands of one run or several: lowest, highest and usual value, and the range and unit of the map's."""
+
+    low: float
+    high: float
+    usual: float
+    names: tuple[str, ...]
+    of_map: tuple[float, float]
+    unit: str
+
+    @classmethod
+    def of(
+        cls, commands: Sequence[Floats], names: Sequence[str], of_map: tuple[float, float], unit: str
+    ) -> "CommandRange":
+        """The range of commands (N,) of several thrusters."""
+        every = np.concatenate(commands)
+        low, high = float(np.min(every)), float(np.max(every))
+        return cls(low, high, float(np.median(every)), tuple(names), of_map, unit)
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Why commands do not fit a map, and what would mend it; `impossible` where they cannot be of this map at all."""
+
+    sentence: str
+    impossible: bool
+
+
+def misfit_of(ranges: Iterable[CommandRange]) -> Misfit | None:
+    """What is wrong with the commands of a campaign, by the ranges of its runs; None where they fit."""
+    every = list(ranges)
+    if not every:
+        return None
+    low, high = min(one.low for one in every), max(one.high for one in every)
+    (least, largest), unit, names = every[0].of_map, every[0].unit, every[0].names
+    size, most = max(abs(low), abs(high)), max(abs(least), abs(largest))
+    if size == 0 or most == 0:
+        return None
+    ratio, usual = size / most, float(np.median([one.usual for one in every]))
+    said = (
+        f"the thruster commands {' and '.join(names)} go from {low:.4g} to {high:.4g}, those of the thruster map from "
+        f"{least:.4g} to {largest:.4g}{f' {unit}' if unit else ''}: "
+    )
+    share = next((word for whole, word in SHARES.items() if 0.2 * whole < size <= 1.01 * whole), "")
+    scale = f"{most if size <= 1.01 else most / 100:.4g}" if size <= 101 else "FACTOR"
+
+    def misfit(why: str, key: str, value: str, impossible: bool) -> Misfit:
+        rule = f'{names[0]} = {{ from = "NAME", {key} = {value} }}'
+        mend = f"write {rule} under [columns] to mend that, or give the map of this signal"
+        return Misfit(f"{said}{why}; {mend}", impossible)
+
+    if PULSES[0] <= low and high <= PULSES[2] and most < PULSES[0]:
+        return misfit("pulses of which the neutral was not subtracted", "subtract", "1500", True)
+    if low >= 0 > least and low < usual < high and abs(usual - (low + high) / 2) <= 0.05 * (high - low):
+        why = f"they are never negative and mostly {usual:.4g}, half the range, a neutral that was not subtracted"
+        return misfit(why, "subtract", f"{usual:.4g}", False)
+    if ratio > FAR_BEYOND:
+        looks = f"they look {share}, not" if share else "they are not"
+        return misfit(f"{looks} the signal of this map", "scale", scale, True)
+    if ratio > BEYOND:
+        return misfit("beyond its ends the thrust is a guess", "scale", "FACTOR", False)
+    whole = any(abs(size - one) <= 0.01 * one for one in SHARES)
+    if ratio <= INSIDE or (ratio <= HALF and whole):
+        looks = f"they look {share}" if share else "they look like another unit"
+        return misfit(f"{looks}, or the vehicle was hardly driven", "scale", scale, ratio <= FAR_INSIDE)
+    return None
+
+
+def usual_neutral(low: float, high: float, seen: float) -> float:
+    """The neutral of a signal that goes from `low` to `high` and gives nothing at `seen`: 1500 where it is pulses."""
+    pulses = PULSES[0] <= low and high <= PULSES[2] and abs(seen - PULSES[1]) <= 100.0
+    return PULSES[1] if pulses else seen
+
+
+def undirected(n: Floats, force: Floats) -> str:
+    """What is wrong with the control signal of a thruster test, arrays (N,); "" where it can be right."""
+    low, high = float(n.min()), float(n.max())
+    if PULSES[0] <= low and PULSES[1] <= high <= PULSES[2] and low > 0.4 * high:
+        return (
+            f"the control signal goes from {low:.4g} to {high:.4g}, as pulses about 1500 do; if it is that, write n = "
+            '{ from = "NAME", subtract = 1500 } under [columns]'
+        )
+    if low >= 0 and force.min() < -LITTLE * force.max() < 0:
+        return (
+            'the control signal is never negative while the force goes both ways; write n = { from = "NAME", sign_from '
+            '= "COLUMN" } with a column that says the direction, or subtract its neutral, under [columns]'
+        )
+    return ""
+
+
+def warnings_of(ranges: Iterable[CommandRange]) -> tuple[str, ...]:
+    """What a person is warned of. Raises RunError where the commands cannot be of this map at all."""
+    found = misfit_of(ranges)
+    if found is None:
+        return ()
+    if found.impossible:
+        raise RunError(found.sentence)
+    return (f"{found.sentence[0].upper()}{found.sentence[1:]}.",)
+
 
 ASKED = "asked"  # Extra of a run that is driven by its thrusters: the moment or force that was logged beside them
 

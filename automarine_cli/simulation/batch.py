@@ -13,8 +13,8 @@ from automarine_cli.effects import Commands
 from automarine_cli.effects.thruster_imbalance import PARTS, lacking_signal
 from automarine_cli.errors import RunError
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.half_turn import find_steps, released
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import find_steps, released
 
 WINDOW = 2.0  # length [s] of the windows in which a disturbance moment is held
 

@@ -11,7 +11,7 @@ freedom come first, so that one alone is a plain array of sets by runs.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import islice
 
 import numpy as np
@@ -286,7 +286,7 @@ def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list
     ]
 
     def product(vectors: Sequence[Floats] | Floats) -> list[Floats]:
-        return [np.asarray(sum(entry * vectors[j] for j, entry in row)) for row in rows]
+        return [reduce(np.add, [entry * vectors[j] for j, entry in row]) for row in rows]
 
     return product
 

@@ -21,10 +21,9 @@ from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR, Motion
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.models.closed_form import response
 from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.planar_store import planar_from_json
-from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel
+from automarine_cli.models.store import planar_from_json
+from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
 from automarine_cli.pipeline.records import FILLER, Codec, Place, Record, everything, in_words, key_of, keyed, told
 from automarine_cli.pipeline.result_files import PLANAR_MODEL
 from automarine_cli.quantities import Floats

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
-from automarine_cli.logs.canonical import BY
+from automarine_cli.logs.columns import BY
 from automarine_cli.logs.table import Labels, splitting
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.pipeline.words import listed, quoted

@@ -8,7 +8,7 @@ import numpy as np
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.command_range import usual_neutral
+from automarine_cli.runs.run import usual_neutral
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
 from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, Form, ThrusterMap, fit_direction, thrust_both_ways
 

@@ -10,7 +10,7 @@ from scipy import special
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnRule
-from automarine_cli.logs.canonical import likely_column
+from automarine_cli.logs.columns import likely_column
 from automarine_cli.logs.recognise import is_called
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import response
 from automarine_cli.runs.channels import choose_channels
 from automarine_cli.runs.run import Run
 

@@ -10,7 +10,7 @@ import pyarrow.csv as arrow_csv
 import pyarrow.parquet as pq
 from campaigns import BOTH_SIDES, INERTIA, K_RR, NOISE
 
-from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import response
 
 REST_S = 2.0
 

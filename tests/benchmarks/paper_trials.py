@@ -9,7 +9,7 @@ from specified import make_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.paper import fit_drag, fit_velocity_error
-from automarine_cli.models.closed_form import inertia_from_velocity_error
+from automarine_cli.models.yaw_model import inertia_from_velocity_error
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.simulation.specification import Specification
 

@@ -78,7 +78,7 @@ def of_other_peoples_files(folder: Path) -> Iterator[tuple[str, Figure]]:
 
 def one_run(log: Path, model: Path) -> Figure:
     """A log and what the models of a file make of its commands."""
-    found = validate([log], model=model).comparison
+    found = validate([log], model=model)
     free = {number: scored.free[0] for number, scored in found.models.items()}
     return validation_figure(free, found.floors[0])
 

@@ -24,7 +24,7 @@ from automarine_cli.diagnosis.planar import PlanarSearch, find_missing, find_pla
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.planar_structure import observed
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import StoredPlanar
+from automarine_cli.models.store import StoredPlanar
 from automarine_cli.models.yaw_model import Term
 
 GIVEN = PlanarModel(

@@ -26,7 +26,7 @@ from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.propulsion import load_planar
+from automarine_cli.thrusters.map import load_planar
 
 Floats = NDArray[np.float64]
 QUANTITIES = ("heading", "surge", "sway")

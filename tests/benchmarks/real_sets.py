@@ -105,8 +105,8 @@ CONTACTS = (
         1,
         "something that this log does not hold",
     ),
-    Contact("ardusub telemetry", ("check", "ardusub/small.tlog"), 1, "no yaw moment"),
-    Contact("ardusub log", ("check", "ardusub/small.BIN"), 1, "no yaw moment"),
+    Contact("ardusub telemetry", ("check", "ardusub/small.tlog"), 0, "worked back from SERVO_OUTPUT_RAW"),
+    Contact("ardusub log", ("check", "ardusub/small.BIN"), 0, "worked back from RCOU by the mixing"),
 )
 
 

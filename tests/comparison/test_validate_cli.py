@@ -16,7 +16,7 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 
 from automarine_cli.commands.validate import validate
-from automarine_cli.comparison.scores import SCORES, score_key
+from automarine_cli.comparison.scores import SCORES
 from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
@@ -57,7 +57,7 @@ def test_files_and_tables(pool: Path, run: Run, tmp_path: Path) -> None:
     for model in data["models"].values():
         assert list(model["runs"]) == names
         for scores in (model, *model["runs"].values()):
-            assert all(isinstance(scores[score_key(name, YAW)], float) for name in SCORES)
+            assert all(isinstance(scores[YAW.fill(score.key)], float) for score in SCORES.values())
         low, high = model["rmse_deg_ci95"]
         assert low <= model["rmse_deg"] <= high
     starts = [one["start"]["how"].split(":")[0] for one in data["models"]["3"]["runs"].values()]
@@ -125,8 +125,8 @@ def test_thruster_commands(run: Run, tmp_path: Path) -> None:
     thrusters.write_text(json.dumps(ThrusterMap("square", Curve(1.0), Curve(1.0)).to_json()))
     model = model_file(tmp_path / "yaw_model.json", moment_unit="N m")
     found = validate([path], model=model, thrusters=thrusters, arm=0.5)  # 0.5 m times twice |n| n newtons
-    np.testing.assert_allclose(found.comparison.runs[0].command, sequence.command, atol=1e-9)
-    assert found.comparison.models["3"].overall["rmse"].value < 2e-3  # type: ignore[operator]
+    np.testing.assert_allclose(found.runs[0].command, sequence.command, atol=1e-9)
+    assert found.models["3"].overall["rmse"].value < 2e-3  # type: ignore[operator]
     lost = run("validate", path, "--model", model)
     assert lost.exit_code == 1 and "give --thrusters MAP.json and --arm METRES" in lost.stderr
 
@@ -142,7 +142,7 @@ def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
     depth = np.where(np.arange(len(sequence)) == 7, np.nan, 2.0)
     written(sequence, logs / "patchy.csv", depth_m=depth)
     found = validate([logs], model=model_file(tmp_path / "m.json"))
-    assert [run.name for run in found.comparison.runs] == ["deep"]
+    assert [run.name for run in found.runs] == ["deep"]
     assert [(one.run, one.why) for one in found.set_aside] == [
         ("flat", "an effect of the model needs the column 'depth_m', which the log lacks; map it with --columns"),
         (

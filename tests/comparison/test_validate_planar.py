@@ -13,10 +13,10 @@ import automarine_cli as am
 from automarine_cli.commands.validate import validate
 from automarine_cli.comparison.scores import PLANAR_SCORES, planar_score
 from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, planar_start
-from automarine_cli.comparison.validation import PlanarValidation, planar_scored
+from automarine_cli.comparison.validation import Scored, compare_planar
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import planar_json
+from automarine_cli.models.store import StoredPlanar, planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.figures.runs import planar_figure
 from automarine_cli.report.validation_report import planar_table
@@ -29,6 +29,10 @@ NAMES = ("north", "east", "heading", "surge", "sway", "yaw_rate")
 
 def scores_of(free: FreeRun) -> dict[str, float | None]:
     return {name: planar_score(free).value(name) for name in PLANAR_SCORES}
+
+
+def planar_scored(model: PlanarModel, runs: list[Run]) -> Scored:
+    return compare_planar(StoredPlanar(model, "planar_model.json"), runs).models["planar"]
 
 
 def logged(seed: int = 0, side: float = 1.0, moving: bool = False, noise: float = 0.0) -> Run:
@@ -94,10 +98,11 @@ def test_channels_that_are_not_logged_have_no_score() -> None:
 
 def test_a_model_that_runs_away_is_said_to() -> None:
     driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
-    found = PlanarValidation(None, planar_scored(driving, [logged(0)]), ())  # type: ignore[arg-type]
-    (free,) = found.scored.free
+    found = compare_planar(StoredPlanar(driving, ""), [logged(0)])
+    scored = found.models["planar"]
+    (free,) = scored.free
     assert free.diverged and planar_table(found).rows[0][2] == "diverged"
-    assert {whole.value for whole in found.scored.overall.values()} == {None} and found.to_json()["models"]["planar"][
+    assert {whole.value for whole in scored.overall.values()} == {None} and found.to_json()["models"]["planar"][
         "diverged"
     ]
     assert "diverges" in planar_figure(free).get_suptitle()
@@ -128,7 +133,7 @@ def test_without_what_is_hidden_it_is_worse(tmp_path: Path, model: Path) -> None
     del known["parameters"]["yaw.N_v"]
     (tmp_path / "known.json").write_text(json.dumps(known))
     logs = [SAMPLE_RUNS / "planar_validation"]
-    truth, without = (validate(logs, model=one).scored.overall for one in (model, tmp_path / "known.json"))
+    truth, without = (validate(logs, model=one).models["planar"].overall for one in (model, tmp_path / "known.json"))
     assert truth["surge_rmse_m_s"].value < 0.05 and truth["sway_rmse_m_s"].value < 0.05  # type: ignore[operator]
     assert without["heading_rmse_deg"].value > 3 * truth["heading_rmse_deg"].value  # type: ignore[operator]
 

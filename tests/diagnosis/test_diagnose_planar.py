@@ -27,13 +27,13 @@ from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_json
+from automarine_cli.models.store import StoredPlanar, load_planar_model, planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.diagnosis_report import planar_verdict
 from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure
 from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.propulsion import load_planar
+from automarine_cli.thrusters.map import load_planar
 
 GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
 """About the bare craft, as somebody would write it down."""

@@ -22,7 +22,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
+from automarine_cli.thrusters.map import drive_run_by_thrusters
 
 LAKE, BOLLARD = DATA / "yaw" / "kingfisher_lake", DATA / "thrusters" / "kingfisher_heron_bollard_raw.csv"
 pytestmark = pytest.mark.real_data(LAKE)

@@ -21,7 +21,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import export_targets
 from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.planar_store import planar_json
+from automarine_cli.models.store import planar_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 

@@ -20,8 +20,7 @@ from automarine_cli.effects.learned import KNOTS, Learned
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import in_enu
 from automarine_cli.exports.python import CARRIES, definitions
-from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import YawModel, response
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate

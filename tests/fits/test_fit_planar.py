@@ -24,14 +24,14 @@ from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, PlanarL
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes, rough_velocities
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel, Tied
-from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_from_json
+from automarine_cli.models.store import StoredPlanar, load_planar_model, planar_from_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report import planar_report
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.thrusters.propulsion import driven as driven_run
-from automarine_cli.thrusters.propulsion import load_planar
+from automarine_cli.thrusters.map import driven as driven_run
+from automarine_cli.thrusters.map import load_planar
 
 Floats = NDArray[np.float64]
 NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.01}

@@ -14,9 +14,8 @@ from scipy import stats
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.cautions import fit_warnings
 from automarine_cli.fits.half_turns import StepData, half_turn_data, instant, step_problem
-from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.identify import YawFit, fit_warnings
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import fit_mixed, jackknife
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference, fit_half_turns

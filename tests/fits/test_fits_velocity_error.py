@@ -16,7 +16,7 @@ from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.half_turns import StepData, half_turn_data, step_data
 from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, asked_tail, fit_velocity_error, tail_lines
-from automarine_cli.models.closed_form import inertia_from_velocity_error, response
+from automarine_cli.models.yaw_model import inertia_from_velocity_error, response
 from automarine_cli.runs.half_turn import half_turns
 
 Floats = NDArray[np.float64]

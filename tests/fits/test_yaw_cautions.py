@@ -12,8 +12,7 @@ from made_runs import mirrored
 
 from automarine_cli.dofs import YAW
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.cautions import Caution, design_cautions, fit_cautions, seed_cautions, told
-from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.identify import Caution, YawFit, design_cautions, fit_cautions, seed_cautions, told
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.report import yaw_report
 from automarine_cli.runs.run import Run

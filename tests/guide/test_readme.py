@@ -12,7 +12,7 @@ from repository import ROOT
 
 from automarine_cli import __version__
 from automarine_cli.commands import CommandGroup, automarine
-from automarine_cli.logs.canonical import CANONICAL
+from automarine_cli.logs.columns import CANONICAL
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 PAGES = {

@@ -21,7 +21,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.thrusters.propulsion import parts_of
+from automarine_cli.thrusters.map import parts_of
 
 Floats = NDArray[np.float64]
 Plan = Sequence[tuple[float, float]]

@@ -26,7 +26,7 @@ from automarine_cli.commands.check import check
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
-from automarine_cli.logs.cells import MISSING
+from automarine_cli.logs.formats import MISSING
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import json_text

@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import response
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,7 @@ import pytest
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, read_log, require_motion
-from automarine_cli.logs.canonical import likely_canonical, likely_column
-from automarine_cli.logs.columns import read_column_map
+from automarine_cli.logs.columns import likely_canonical, likely_column, read_column_map
 from automarine_cli.logs.recognise import Span, recognise
 
 

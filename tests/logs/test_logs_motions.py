@@ -9,7 +9,7 @@ from automarine_cli.commands.init import init
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, read_log, require_motion
-from automarine_cli.logs.canonical import CANONICAL, foreign, likely_column, motion_of
+from automarine_cli.logs.columns import CANONICAL, foreign, likely_column, motion_of
 
 WITH_COMMANDS = [(dof, command) for dof in DOFS.values() for command, _ in dof.columns[dof.command]]
 

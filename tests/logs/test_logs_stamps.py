@@ -10,8 +10,8 @@ from tolerances import assert_close
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, column_rules, read_log
-from automarine_cli.logs.cells import Stamps, first_not_a_stamp, read_stamps
 from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.formats import Stamps, first_not_a_stamp, read_stamps
 
 
 def stamps(*cells: str, day_first: bool | None = None) -> Stamps | None:

@@ -15,9 +15,8 @@ from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, ModelError
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.cautions import EARLY, LATE, design_cautions, fit_warnings
 from automarine_cli.fits.half_turns import step_data
-from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.identify import EARLY, LATE, YawFit, design_cautions, fit_warnings
 from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.fits.whole_runs import prefer
 from automarine_cli.models.store import file_and_models

@@ -11,7 +11,7 @@ from made_planar import FULL
 
 from automarine_cli.errors import ModelError
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import load_planar_model, planar_from_json, planar_json, units
+from automarine_cli.models.store import load_planar_model, planar_from_json, planar_json, units
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import schema_in
 from automarine_cli.pipeline.result_files import PLANAR_MODEL

@@ -17,8 +17,7 @@ from automarine_cli.errors import ModelError, RunError
 from automarine_cli.models.store import file_and_models, load_yaw_models
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.map import Curve, ThrusterMap
-from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
+from automarine_cli.thrusters.map import Curve, ThrusterMap, drive_run_by_thrusters
 
 
 @pytest.fixture

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from specified import make_runs
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import YawModel, response
 from automarine_cli.planning.campaign import fitting_of, headings_of
 from automarine_cli.planning.candidates import Candidate, Limits, candidates, mirrors
 from automarine_cli.planning.information import ANGLE, Fitting, read_prior_results, reported_covariance

@@ -3,7 +3,7 @@
 import pytest
 
 from automarine_cli.errors import RunError
-from automarine_cli.runs.command_range import CommandRange, misfit_of, warnings_of
+from automarine_cli.runs.run import CommandRange, misfit_of, warnings_of
 
 
 def commands(low: float, high: float, of_map: tuple[float, float], usual: float = 0.0, unit: str = "") -> CommandRange:

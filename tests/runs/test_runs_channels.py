@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.runs.channels import Agreement, choose_channels, trouble_of
-from automarine_cli.runs.clean import standstill, summed_position
+from automarine_cli.runs.load import standstill, summed_position
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]

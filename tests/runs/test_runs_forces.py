@@ -16,14 +16,11 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
 from automarine_cli.report.sections import sections
-from automarine_cli.runs.clean import find_glitches, unwrap
-from automarine_cli.runs.half_turn import Trim, half_turns
-from automarine_cli.runs.load import load_runs
+from automarine_cli.runs.half_turn import Trim, find_steps, half_turns, released
+from automarine_cli.runs.load import find_glitches, load_runs, unwrap
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.simulation.specification import specification_from
-from automarine_cli.thrusters.map import Curve, ThrusterMap
-from automarine_cli.thrusters.propulsion import drive_run_by_thrusters, moment_maker
+from automarine_cli.thrusters.map import Curve, ThrusterMap, drive_run_by_thrusters, moment_maker
 
 MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))
 HEAVE_SPEC = {

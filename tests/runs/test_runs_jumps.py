@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run, written
 
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.clean import find_jumps
-from automarine_cli.runs.load import load_runs
+from automarine_cli.runs.load import find_jumps, load_runs
 
 WRAPPED = 2 * np.pi
 

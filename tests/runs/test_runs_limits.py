@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, SURGE, Dof
 from automarine_cli.logs import LogTable
 from automarine_cli.runs.checks import position_trouble
-from automarine_cli.runs.clean import clean, find_glitches, find_jumps
+from automarine_cli.runs.load import clean, find_glitches, find_jumps
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]

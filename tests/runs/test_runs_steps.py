@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run
 
 from automarine_cli.dofs import YAW
+from automarine_cli.runs.half_turn import find_steps, segments, start_position
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import find_steps, segments, start_position
 
 MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
 

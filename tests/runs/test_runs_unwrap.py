@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from made_runs import step_heading
 
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.clean import find_glitches, unwrap, wrapped
-from automarine_cli.runs.noise import position_noise
+from automarine_cli.runs.load import find_glitches, unwrap, wrapped
+from automarine_cli.runs.run import position_noise
 
 NO_GAPS = np.array([], dtype=np.int64)
 

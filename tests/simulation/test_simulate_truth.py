@@ -14,8 +14,7 @@ from tank import INERTIA, K_RR, pool_campaign, pool_specification
 from automarine_cli import effects
 from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
-from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import YawModel, response
 from automarine_cli.simulation import campaign as room
 from automarine_cli.simulation.campaign import DECIMALS, SimulatedRun, make_campaign, make_plans, sample_times
 from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from, time_to_turn

@@ -11,8 +11,7 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
-from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, response
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import MOST_SWITCHES, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for

@@ -22,11 +22,11 @@ from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import SettingError
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.runs.allocation_limits import within_limits
+from automarine_cli.runs.checks import within_limits
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import ASKED, Run
 from automarine_cli.simulation.specification import EffectSetting
-from automarine_cli.thrusters.propulsion import drive_run_by_thrusters, parts_of
+from automarine_cli.thrusters.map import drive_run_by_thrusters, parts_of
 
 BASE = YawModel.base("3", INERTIA, (K_RR,), "N m", YAW)
 NAME = "thruster-imbalance"

@@ -10,8 +10,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.planning.vehicle import drive_of
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.map import FORMS, Curve, ThrusterMap
-from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
+from automarine_cli.thrusters.map import FORMS, Curve, ThrusterMap, drive_run_by_thrusters
 
 MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
 

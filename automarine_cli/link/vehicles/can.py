@@ -17,11 +17,11 @@ from automarine_cli.link.document import LinkCampaign, PlannedRun
 from automarine_cli.link.vehicles.base import Halted, Pace
 from automarine_cli.logs import ColumnMap, ColumnRule, given_columns
 from automarine_cli.logs.can import messages_of
-from automarine_cli.logs.canonical import CANONICAL, LABELS
+from automarine_cli.logs.columns import CANONICAL, LABELS
 from automarine_cli.logs.streams import needed
 from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.planning.vehicle import CommandTable, Drive, command_table, drive_of
-from automarine_cli.thrusters.propulsion import map_and_arm
+from automarine_cli.thrusters.map import map_and_arm
 
 LISTEN_S = 0.5
 """So long a run listens before it sends, to a compass that speaks; to one that does not, `SILENT_S`."""

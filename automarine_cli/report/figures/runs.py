@@ -18,7 +18,7 @@ from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures import style
 from automarine_cli.report.tables import number
-from automarine_cli.runs.clean import GAP_IN_PERIODS
+from automarine_cli.runs.load import GAP_IN_PERIODS
 from automarine_cli.runs.run import Run
 
 DEGREES = 180.0 / np.pi

@@ -14,8 +14,7 @@ from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.whole_runs import OutputErrorFit
-from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import steady_rate
+from automarine_cli.models.yaw_model import response, steady_rate
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures import style
 from automarine_cli.runs.half_turn import HalfTurn

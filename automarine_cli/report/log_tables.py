@@ -1,0 +1,202 @@
+"""What is shown of logs without a fit: the runs and thruster tests that `check` lists, and those that `slice` cuts."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.pipeline.records import Shown
+from automarine_cli.pipeline.result_files import CHECK
+from automarine_cli.pipeline.results_folder import file_stems
+from automarine_cli.report.sections import Content, Sections, document, sections
+from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
+from automarine_cli.runs.run import SetAside, runs_json
+
+MOST_NAMED = 3  # runs that share a note
+MOST_LEVELS = 6  # written out
+MOST_BETWEEN = 20  # intervals between the runs that a table lists
+RUNS, MOVING = "runs", "moving"  # folders of what was cut
+
+
+@dataclass(frozen=True, repr=False)
+class Check(Shown):
+    """What is in the logs, in the order of the files; `logs` counts these."""
+
+    runs: tuple[RunSeen, ...]
+    tests: tuple[ThrusterTestSeen, ...]
+    set_aside: tuple[SetAside, ...]
+    logs: int
+
+    def to_json(self) -> dict[str, object]:
+        """Return the content of check.json (schema automarine/check/1)."""
+        runs = {dof: [run.to_json() for run in self.runs if run.dof is dof] for dof in DOFS.values()}
+        return {
+            "schema": CHECK.schema,
+            "logs": self.logs,
+            "runs": runs_json(len(self.runs) + len(self.tests), self.set_aside),
+            **{f"{dof.name}_runs": of_dof for dof, of_dof in runs.items() if dof is YAW or of_dof},
+            "thruster_tests": [asdict(test) for test in self.tests],
+        }
+
+
+@sections.register
+def _(result: Check) -> Sections:
+    by_dof = {dof: [run for run in result.runs if run.dof is dof] for dof in DOFS.values()}
+    tables = [_run_table(runs, dof) for dof, runs in by_dof.items() if runs]
+    tables += [_test_table(result.tests)] if result.tests else []
+    rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
+    rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
+    return Sections(tables, {"check.json": result.to_json(), "check.md": document(*tables)}, rows=rows)
+
+
+def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
+    rows, notes = [], dict[str, list[str]]()
+    words = {
+        "missing": "row~ with a missing value",
+        "duplicates": "repeated stamp~",
+        "glitches": f"{dof.position} spike~",
+    }
+    for run in runs:
+        turn, gone = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
+        moved = turn and f"{turn[gone]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
+        dropped = {word: run.counts.get(kind, 0) for kind, word in words.items()}
+        rows.append({
+            "run": run.run, "samples": run.samples, "s": number(run.duration_s, 3), "Hz": number(run.rate_hz, 3),
+            "jitter ms": number(run.jitter_ms, 2), "gaps": run.counts.get("gaps", 0),
+            "dropped": sum(dropped.values()),
+            f"noise {dof.units.shown}": number(run.noise, 2), "levels": _levels(run.levels),
+            "turns" if dof.wraps else dof.units.base: number(run.extent, 2),
+            "kept of the step": turn and f"{turn['kept_samples']} samples, {moved}",
+            "cut by": turn and turn["cut_by"],
+            f"no {dof.words.step} because": run.why and run.why.split(":")[0],
+        })  # fmt: skip
+        said = [f"{n} {word.replace('~', 's' * (n != 1))} dropped" for word, n in dropped.items() if n]
+        for note in dict.fromkeys([*said, *run.notes, *filter(None, [run.why])]):
+            notes.setdefault(note, []).append(run.run)
+    lines = []
+    for note, names in notes.items():  # what runs share is said once
+        more = f" and {len(names) - MOST_NAMED} more" * (len(names) > MOST_NAMED)
+        lines.append(f"{', '.join(names[:MOST_NAMED])}{more}: {note}")
+    return Table.of(f"{dof.name.capitalize()} runs", rows, lines).without_empty_columns()
+
+
+def _levels(levels: Sequence[float] | None) -> str | None:
+    if levels and len(levels) > MOST_LEVELS:
+        return f"{len(levels)} from {number(min(levels), 3)} to {number(max(levels), 3)}"
+    return ", ".join(number(level, 3) for level in levels or ()) or None
+
+
+def _test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
+    rows = [
+        {
+            "thruster test": test.run, "points": test.points, "missing": test.missing, "levels": test.levels,
+            "n from": test.lowest_n, "n to": test.highest_n, "N from": test.lowest_force_N,
+            "N to": test.highest_force_N, "voltages": ", ".join(number(v, 3) for v in test.voltages) or MISSING,
+        }
+        for test in tests
+    ]  # fmt: skip
+    return Table.of("Thruster tests", rows, [f"{test.run}: {'; '.join(test.notes)}" for test in tests if test.notes])
+
+
+@dataclass(frozen=True)
+class Cut:
+    """One run: its name and state, the log it comes from, its rows there (the last included) and its interval.
+
+    `moving`: another command acted right before, so that the vehicle was in motion when this one began.
+    """
+
+    run: str
+    state: str
+    source: str
+    source_run: str | None
+    rows: tuple[int, int]
+    samples: int
+    moving: bool
+    from_s: float
+    to_s: float
+
+    def comment(self, by: str) -> str:
+        rows, seconds = f"rows {self.rows[0]} to {self.rows[1]}", f"{_seconds(self.from_s)} to {_seconds(self.to_s)} s"
+        return f"{self.source}, {rows}, {seconds}, cut by {by}: {self.state}"
+
+
+@dataclass(frozen=True)
+class Between:
+    """An interval of a log that became no run, and why."""
+
+    source: str
+    from_s: float
+    to_s: float
+    why: str
+
+
+@dataclass(frozen=True)
+class SlicedLog:
+    """One log that was cut: its runs and the content of their files, what is between them, notes of the reading."""
+
+    file: str
+    cuts: tuple[Cut, ...]
+    contents: tuple[bytes, ...]
+    between: tuple[Between, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Slices(Shown):
+    """What `slice` made of the logs, in their order."""
+
+    by: str
+    form: str
+    sources: tuple[SlicedLog, ...]
+    set_aside: tuple[SetAside, ...]
+
+    @property
+    def cuts(self) -> tuple[Cut, ...]:
+        return tuple(cut for source in self.sources for cut in source.cuts)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The file of each run in the folder of results."""
+        stems = file_stems([cut.run for cut in self.cuts])
+        return tuple(f"{MOVING if cut.moving else RUNS}/{stem}.{self.form}" for cut, stem in zip(self.cuts, stems))
+
+    @property
+    def between(self) -> tuple[Between, ...]:
+        return tuple(gap for source in self.sources for gap in source.between)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of slices.json (schema automarine/slices/1)."""
+        return {
+            "schema": "automarine/slices/1",
+            "by": self.by,
+            "slices": [{"file": file, **asdict(cut)} for file, cut in zip(self.files, self.cuts)],
+            "left_out": [asdict(gap) for gap in self.between],
+            "sources": [{"file": source.file, "notes": list(source.notes)} for source in self.sources],
+            "runs": runs_json(len(self.cuts), self.set_aside),
+        }
+
+
+@sections.register
+def _(result: Slices) -> Sections:
+    rows = [
+        {"run": cut.run, result.by: cut.state, "log": cut.source, "rows": f"{cut.rows[0]} to {cut.rows[1]}",
+         "from s": _seconds(cut.from_s), "to s": _seconds(cut.to_s), "lasts s": number(cut.to_s - cut.from_s, 3)}
+        for cut in result.cuts
+    ]  # fmt: skip
+    moving, gaps = sum(cut.moving for cut in result.cuts), result.between
+    notes = [f"{moving} of {len(rows)} begin while another command moves the vehicle: in the folder {MOVING}"]
+    notes = notes * bool(moving) + [f"{source.file}: {note}" for source in result.sources for note in source.notes]
+    notes += [
+        f"{gap.source}, {_seconds(gap.from_s)} to {_seconds(gap.to_s)} s: {gap.why}" for gap in gaps[:MOST_BETWEEN]
+    ]
+    notes += [f"and {len(gaps) - MOST_BETWEEN} more"] * (len(gaps) > MOST_BETWEEN)
+    table, content = Table.of("Runs", rows, notes), result.to_json()
+    files: dict[str, Content] = dict(zip(result.files, (log for source in result.sources for log in source.contents)))
+    files |= {"slices.json": content, "slices.md": table.to_markdown()}
+    folders = dict.fromkeys(file.partition("/")[0] + "/" for file in result.files)
+    return Sections([table], files, listed=("slices.json", "slices.md", *folders), rows=content["slices"])
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.3f}".rstrip("0").rstrip(".")
