@@ -160,12 +160,12 @@ class Course:
     def averaged(self, delivered: Floats, late: Floats | None = None) -> tuple[Floats, Floats]:
         """What is held on the fine grid (P, R, M) as a straight line over each of the filter's steps: its means and its
         slopes [per s], (P, R, K), which give every rate and position at their ends as what is held does. `late` (P,) is
-        by how many fine steps all of it acts after it is held."""
+        by how many usual fine steps all of it acts after it is held."""
         sets = len(delivered) if late is None else max(len(delivered), len(late))
         delivered = np.broadcast_to(delivered, (sets, *delivered.shape[1:]))
         place = np.broadcast_to(self.at + self.part, (sets, *self.at.shape))
         if late is not None:
-            place = place - late[:, None, None]
+            place = self._earlier(late)
         at = np.clip(np.floor(place).astype(np.int64), 0, delivered.shape[2] - 1)
         width = np.broadcast_to(self.width, delivered.shape)
         impulse, twice = np.zeros((2, *delivered.shape[:2], delivered.shape[2] + 1))
@@ -180,6 +180,18 @@ class Course:
         mean = np.diff(here, axis=2) / length * (self.length > 0)
         behind = np.diff(way, axis=2) - here[..., :-1] * self.length
         return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
+
+    def _earlier(self, late: Floats) -> Floats:
+        """Places on the fine grid, (P, R, K + 1), so many usual fine steps `late` (P,) before the nodes: as long where
+        rows are lost, and steps are wider."""
+        places = np.empty((len(late), *self.at.shape))
+        for r, width in enumerate(self.width):
+            begins = np.append(0.0, np.cumsum(width))
+            nodes = begins[self.at[r]] + self.part[r] * width[self.at[r]]
+            times = nodes - late[:, None] * np.median(width[width > 0])
+            at = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(width) - 1)
+            places[:, r] = at + (times - begins[at]) / np.where(width > 0, width, 1.0)[at]
+        return places
 
     def only(self, run: int) -> "Course":
         return self.some(np.arange(len(self.names)) == run)

@@ -28,6 +28,7 @@ from automarine_cli.simulation.rollout import in_body_axes, right_hand_side
 
 SMALL = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
 SHARE = 0.02  # difference of the log gain, likewise
+AT_ROW = 0.5  # samples after the middle of the interval before a row: commands act from the row's own instant on
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,10 @@ class Step:
         self.clock, self.signals = course.time, course.averaged_signals
         self.inverse = np.linalg.inv(model.inertia_matrix(theta))
         self.delivered, self.tilt = _delivered(terms, course, late)
+        # A controller makes the command of a row of that row's reading: were it told beforehand, a sensor that commands
+        # disturb would explain its own noise (closed loops: Forssell and Ljung 1999, Automatica 35:1215).
+        fed = any(term.effect.fed for term in self.sensors)
+        self._before = _delivered(terms, course, np.maximum(late, AT_ROW)) if fed else (self.delivered, self.tilt)
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
@@ -127,7 +132,8 @@ class Step:
         is when they begin in their `run` (A,), and `at` (A, K) are the steps that they are made of."""
         own = copy(self)
         own.course, own.runs = cut, len(run)
-        own.delivered, own.tilt = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt))
+        delivered, tilt, *before = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt, *self._before))
+        own.delivered, own.tilt, own._before = delivered, tilt, (before[0], before[1])
         own.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
         own.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
         own._build(self._model, self._theta, 1, self.origin[:, run])
@@ -207,10 +213,11 @@ class Step:
         return out
 
     def _delivered_at(self, dof: int, m: int) -> Floats:
-        """What the actuators give as node m is reached, (P, R, 1)."""
+        """What the actuators give as node m is reached, by the commands of rows before it, (P, R, 1)."""
+        delivered, tilt = self._before
         step, half = max(m - 1, 0), 0.5 if m else -0.5
-        rise = half * self.course.length[:, step] * self.tilt[dof, :, :, step]
-        return np.asarray((self.delivered[dof, :, :, step] + rise)[..., None])
+        rise = half * self.course.length[:, step] * tilt[dof, :, :, step]
+        return np.asarray((delivered[dof, :, :, step] + rise)[..., None])
 
     def reading(
         self, channel: Channel, m: int, mean: Floats, covariance: Floats

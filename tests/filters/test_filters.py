@@ -88,6 +88,33 @@ def test_a_change_of_command_acts_in_the_middle_of_its_interval() -> None:
     np.testing.assert_allclose(later[0, 0], np.where(time[:-1] >= 5.0, 0.8, 0.0), atol=1e-12)
 
 
+def test_commands_act_at_their_rows_where_rows_are_lost() -> None:
+    """Half a usual interval after the middle of a wider one, however wide that is."""
+    time = np.delete(0.1 * np.arange(60), [20, 21, 40])
+    run = noisy(logged(time, np.sin(time), np.random.default_rng(5).uniform(-1, 1, len(time))))
+    course = make_course([run], REST)
+    mean, _ = (x[0, 0] for x in course.averaged(course.commands[0].force, np.array([0.5])))
+    node, length = run.time[0] + course.time[0], course.length[0]
+    for k in range(1, len(length)):  # before the first node there is no row
+        impulse, _ = by_hand(run, run.command, node[k] - 0.05, node[k + 1] - 0.05)
+        assert mean[k] * length[k] == pytest.approx(impulse, abs=1e-12)
+
+
+def test_no_reading_is_told_by_the_command_that_answers_it() -> None:
+    """A compass that the current pulls: a command of the same row is the controller's answer to the reading."""
+    time = 0.1 * np.arange(60)
+    run = noisy(logged(time, np.sin(time), np.cos(time)))
+    model = MODEL.with_effect("current-deviation", (0.3, 0.0, 1.0))
+    answered = replace(run, moment=np.append(run.command[:-1], 5.0))
+    for late in (-0.4, 0.0, 0.5):
+        sizes = replace(noises(), late=np.array([late]))
+        (first, second) = (
+            follow(model, make_course([one], REST), model.theta[None], sizes).innovation[0, 0, 0]
+            for one in (run, answered)
+        )
+        assert np.abs(first - second).max() < 0.02 < 0.3 * 4.0  # which is what the command of the row would explain
+
+
 def test_fast_logs_keep_their_impulse() -> None:
     rng = np.random.default_rng(3)
     time = 0.01 * np.arange(2001)

@@ -74,7 +74,7 @@ class Scripted:
     def __init__(self, *_: object) -> None:
         pass
 
-    def estimate(self, model: Tied, near: Estimated | None = None) -> Estimated:
+    def estimate(self, model: Tied, near: Estimated | None = None, brief: bool = False) -> Estimated:
         """Its values as they are."""
         count = len(model.free)
         return Estimated(model, 0.01 * np.eye(count), sum(worth(model.free)), 1000, NOISE)

@@ -107,7 +107,7 @@ def test_sections_stand_in_order_and_hold_what_was_found(folder: Path, files: di
         assert words in page.text
     assert "over 1 run not fitted" in page.text
     verdict = (folder / "diagnosis" / "diagnosis.md").read_text(encoding="utf-8").split("\n\n")[1]
-    assert "square map" in verdict and verdict in files["report.md"]
+    assert "% of full scale" in verdict and verdict in files["report.md"]
 
 
 def test_no_name_becomes_markup(files: dict[str, str], page: Elements) -> None:
