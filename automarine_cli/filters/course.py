@@ -163,9 +163,7 @@ class Course:
         by how many usual fine steps all of it acts after it is held."""
         sets = len(delivered) if late is None else max(len(delivered), len(late))
         delivered = np.broadcast_to(delivered, (sets, *delivered.shape[1:]))
-        place = np.broadcast_to(self.at + self.part, (sets, *self.at.shape))
-        if late is not None:
-            place = self._earlier(late)
+        place = np.broadcast_to(self.at + self.part if late is None else self._earlier(late), (sets, *self.at.shape))
         at = np.clip(np.floor(place).astype(np.int64), 0, delivered.shape[2] - 1)
         width = np.broadcast_to(self.width, delivered.shape)
         impulse, twice = np.zeros((2, *delivered.shape[:2], delivered.shape[2] + 1))

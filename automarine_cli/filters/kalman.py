@@ -104,7 +104,7 @@ class Step:
         # A controller makes the command of a row of that row's reading: were it told beforehand, a sensor that commands
         # disturb would explain its own noise (closed loops: Forssell and Ljung 1999, Automatica 35:1215).
         fed = any(term.effect.fed for term in self.sensors)
-        self._before = _delivered(terms, course, np.maximum(late, AT_ROW)) if fed else (self.delivered, self.tilt)
+        self._before = [*_delivered(terms, course, np.maximum(late, AT_ROW))] if fed else [self.delivered, self.tilt]
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
@@ -132,8 +132,8 @@ class Step:
         is when they begin in their `run` (A,), and `at` (A, K) are the steps that they are made of."""
         own = copy(self)
         own.course, own.runs = cut, len(run)
-        delivered, tilt, *before = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt, *self._before))
-        own.delivered, own.tilt, own._before = delivered, tilt, (before[0], before[1])
+        pieces = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt, *self._before))
+        own.delivered, own.tilt, *own._before = pieces
         own.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
         own.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
         own._build(self._model, self._theta, 1, self.origin[:, run])

@@ -136,13 +136,13 @@ def _locked(beside: Path, name: str) -> int:
     """Return the open file whose lock lets this process alone write. Raises OutputError while another one does."""
     beside.mkdir(parents=True, exist_ok=True)
     lock = os.open(beside / "lock", os.O_CREAT | os.O_RDWR)
-    try:
+    with contextlib.suppress(BlockingIOError, FileNotFoundError):
         if fcntl is not None:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(lock)
-        raise OutputError(f"another automarine is writing results to {name}; wait until it has ended") from None
-    return lock
+        if os.path.samestat(os.fstat(lock), (beside / "lock").stat()):  # else its owner has just taken it away
+            return lock
+    os.close(lock)
+    raise OutputError(f"another automarine is writing results to {name}; wait until it has ended")
 
 
 def _put_back(old: Path, target: Path) -> None:
@@ -160,7 +160,7 @@ def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str
             raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")
         return set()
     if (manifest := manifest_of(target)) is None:
-        raise OutputError(f"{out} holds a {MANIFEST} that is not automarine's; choose another folder with -o")
+        raise OutputError(f"{out} holds a {MANIFEST} of another tool or version (not automarine's); give another -o")
     if not overwrite:
         raise OutputError(
             f"{out} already holds results of {manifest.command}; give --overwrite to replace them, or another folder "

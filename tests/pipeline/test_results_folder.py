@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +178,24 @@ def test_a_second_writer_is_refused_and_results_that_appear_meanwhile_stay(tmp_p
         write(tmp_path / "beside", {"a": "first"})
         (tmp_path / "beside").rename(tmp_path / "out")
     assert content(tmp_path) == {"out/a": "first"}
+
+
+def test_a_lock_taken_away_while_it_is_awaited_is_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its owner ends between our opening the lock and our locking it: a third process would find another file."""
+    fcntl = pytest.importorskip("fcntl")
+    lock = fcntl.flock
+    for leave in (lambda folder: folder.rmdir(), lambda folder: (folder / "lock").touch()):
+
+        def taken(file: int, how: int, leave: Callable[[Path], None] = leave) -> None:
+            folder = tmp_path / ".out.automarine"
+            (folder / "lock").unlink()
+            leave(folder)
+            lock(file, how)
+
+        monkeypatch.setattr(fcntl, "flock", taken)
+        with pytest.raises(OutputError, match="another automarine is writing results to out"):
+            write(tmp_path / "out", {"a.txt": "theirs"})
+        assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("name", ["", "/abs", "../up", "a/../../up", "back\\slash", "twice"])
