@@ -14,7 +14,7 @@ from made_planar import HIDDEN, campaign, log
 
 from automarine_cli.commands import automarine
 from automarine_cli.diagnosis.planar import (
-    Contender,
+    FittedCandidate,
     PlanarDiagnosis,
     PlanarSearch,
     base_of,
@@ -79,7 +79,7 @@ def test_a_gap_that_stands_out_and_has_no_name_is_unexplained() -> None:
     open_gap = replace(found, where=where)
     assert open_gap.verdict == "unexplained"
     assert "where sway is 0.1 to 0.2 m/s" in open_gap.why and "No candidate gains" in open_gap.why
-    most = Contender(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
+    most = FittedCandidate(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
     passed = replace(open_gap, rounds=(replace(found.rounds[0], tried=(most,)),))
     assert "gains 163 in deviance, but not in the mean of runs" in planar_verdict(passed)
     doubted = replace(open_gap, rounds=(replace(found.rounds[0], tried=(replace(most, steady=True),)),))
