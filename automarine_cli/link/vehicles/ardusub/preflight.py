@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from automarine_cli.control.knowledge import turning
-from automarine_cli.control.vehicles import Bend
+from automarine_cli.control.vehicles import ThrustCurve
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import OURS, Heard, Link
@@ -79,7 +79,7 @@ class Authority:
     """What the whole output gives, `full` in the campaign's unit, and how the moment grows with the output."""
 
     full: float
-    bend: Bend | None = None
+    bend: ThrustCurve | None = None
 
     def output(self, moment: float) -> float:
         share = moment / self.full
