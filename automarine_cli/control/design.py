@@ -258,14 +258,14 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class VehicleEnsemble:
+class Ensemble:
     """Vehicles that one explanation allows, the first as its model says."""
 
     name: str
     vehicles: Vehicles
 
-    def first(self, count: int) -> "VehicleEnsemble":
-        return VehicleEnsemble(self.name, self.vehicles.pick(slice(0, count)))
+    def first(self, count: int) -> "Ensemble":
+        return Ensemble(self.name, self.vehicles.pick(slice(0, count)))
 
     @cached_property
     def probes(self) -> Vehicles:
@@ -312,7 +312,7 @@ class Problem:
     target: Target
     task: Task
     nominal: NominalPlant
-    crowds: tuple[VehicleEnsemble, ...]
+    crowds: tuple[Ensemble, ...]
 
     def limit_rate(self, share: float) -> Target:
         return limit_rate(self.target, self.nominal, share)
@@ -347,13 +347,12 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
 
 def crowds_of(
     knowledge: Knowledge, full: float, bend: ThrustCurve | None, seed: int, count: int = CROWD
-) -> tuple[VehicleEnsemble, ...]:
+) -> tuple[Ensemble, ...]:
     """Draw vehicles of every explanation, the same count of each."""
-    rng, size = np.random.default_rng(seed), max(count // len(knowledge.explanations), FEW)
+    rng, spread = np.random.default_rng(seed), knowledge.spread
+    size = max(count // len(knowledge.explanations), FEW)
     return tuple(
-        VehicleEnsemble(
-            e.name, plant.crowd(e.model, replace(knowledge.spread, covariance=e.covariance), full, bend, size, rng)
-        )
+        Ensemble(e.name, plant.crowd(e.model, replace(spread, covariance=e.covariance), full, bend, size, rng))
         for e in knowledge.explanations
     )
 
@@ -368,7 +367,7 @@ def limit_rate(target: Target, nominal: NominalPlant, share: float) -> Target:
     return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
 
 
-def grid_for(target: Target, crowds: Sequence[VehicleEnsemble], count: int) -> Floats:
+def grid_for(target: Target, crowds: Sequence[Ensemble], count: int) -> Floats:
     """Return `count` frequencies [rad/s] that matter to a target on these vehicles."""
     late = max(float(np.max(dead_time(part.vehicles))) for part in crowds)
     return frequencies(min(np.pi / target.period, 60.0 / max(late, 1e-3)), count)
@@ -534,12 +533,10 @@ def _judged(problem: Problem, knowledge: Knowledge, present: Mapping[str, float]
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
-    arrays: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
+    sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega, task, vehicles = problem.omega(FINE), problem.task, [part.vehicles for part in problem.crowds]
-    parts = [all_margins(problem.target, arrays, some, omega) for some in vehicles]
-    flights = [
-        step_and_load(problem.limit_rate(EXACT), arrays, some, task.step, task.load, task.seconds) for some in vehicles
-    ]
+    parts = [all_margins(problem.target, sets, some, omega) for some in vehicles]
+    flights = [step_and_load(problem.limit_rate(EXACT), sets, v, task.step, task.load, task.seconds) for v in vehicles]
     joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
     flight = ClosedLoopRun(flights[0].time, *joined)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
@@ -592,7 +589,7 @@ def _price(problem: Problem, knowledge: Knowledge, chosen: Mapping[str, float] |
     early, later = np.quantile(late, [0.25, 0.75])
     if later - early >= LONG_DELAY:
         prompt = crowds[0].vehicles.pick(np.flatnonzero(late <= early))
-        parts.append((VehicleEnsemble("a short delay", prompt), "input-delay"))
+        parts.append((Ensemble("a short delay", prompt), "input-delay"))
     for part, effect in parts:
         alone = searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
         if not len(alone.cost):

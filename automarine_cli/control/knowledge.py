@@ -93,13 +93,12 @@ def read_knowledge(
     bare = prior.stored.models[prior.stored.preferred]
     force = file.force_range
     largest = max(map(abs, force)) if force else None
-    alternatives = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
+    models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
     present = {term.name for term in prior.model.terms}
     if len(bare.terms) < len(prior.model.terms):
         names = [term.name for term in prior.model.terms if term not in bare.terms and not term.own]
-        name = f"the model without {', '.join(names)}"
-        alternatives.append(Explanation(bare, _covariance(prior, bare), name, names[0]))
-    alternatives += _idle(main, judged, largest or 1.0)
+        models.append(Explanation(bare, _covariance(prior, bare), f"the model without {', '.join(names)}", names[0]))
+    models += _idle(main, judged, largest or 1.0)
     late, unknown, note = _late(prior.model, judged, delay)
     logged = next((term.values[1] for term in prior.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
@@ -128,7 +127,7 @@ def read_knowledge(
         settled = f"{why}, and tune that model.", next(iter(proposed))
     rivals = (rival for effect in (judged.effects if judged else ()) for rival in effect.rivals)
     splits = {rival.name: rival.split_by for rival in rivals}
-    return Knowledge(prior.stored, (main, *alternatives), spread, largest, splits, (*without, *notes), settled)
+    return Knowledge(prior.stored, (main, *models), spread, largest, splits, (*without, *notes), settled)
 
 
 def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] | None:

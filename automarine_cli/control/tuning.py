@@ -12,17 +12,7 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.design import (
-    Designed,
-    Outcome,
-    Setup,
-    Task,
-    VehicleEnsemble,
-    crowds_of,
-    design,
-    fly,
-    step_scores,
-)
+from automarine_cli.control.design import Designed, Ensemble, Outcome, Setup, Task, crowds_of, design, fly, step_scores
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_knowledge
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design, Gains, Target, present_gains
@@ -146,8 +136,7 @@ class Tuning(Shown):
         }  # fmt: skip
 
     def outcomes(self) -> list[tuple[str, Outcome]]:
-        outcomes = ("present", self.designed.old), ("new", self.designed.new)
-        return [(name, outcome) for name, outcome in outcomes if outcome is not None]
+        return [(n, x) for n, x in (("present", self.designed.old), ("new", self.designed.new)) if x is not None]
 
     def gains(self) -> dict[str, dict[str, object]]:
         new, old = self.designed.new, self.designed.old
@@ -322,7 +311,7 @@ class Promise:
 
     target: Target
     gains: Gains
-    crowds: Sequence[VehicleEnsemble]
+    crowds: Sequence[Ensemble]
     task: Task
 
 

@@ -105,9 +105,7 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
     return study.residual(simulated)
 
 
-DECIDING = 5.0
-"""Horizons [s] up to this have a veto. Over longer ones the logged command answers disturbances that a prediction does
-not know."""
+DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,6 @@ class ForecastGain:
 
     @property
     def longest(self) -> tuple[ForecastScore, ForecastScore]:
-        """Over that, or the longest that runs are long enough for."""
         return self.judged or self.ahead[-1]
 
     def doubt(self, dof: Dof) -> str:
@@ -163,7 +160,6 @@ def outlook(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit) ->
 
 
 def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> ForecastGain | None:
-    """The outlook of predictions over each horizon of so many runs; None where there are none."""
     ahead = tuple(zip(worth_of(before), worth_of(after)))
     return ForecastGain(ahead, density_gain) if ahead else None
 
@@ -459,11 +455,8 @@ def named_effects(study: DiagnosisProblem, result: SearchResult) -> tuple[NamedE
         effect, p_value, odds = effects.get(name), result.p_values[name], result.odds(name)
         weight, rivals = listed_rivals(odds, {rival: split_by(name, rival, dof) for rival in odds})
         parameters = parameter_estimates(study, result.final, name)
-        law = ", ".join(
-            parameter.choices[round(estimate.value)]
-            for parameter, estimate in zip(effect.parameters, parameters.values())
-            if parameter.choices
-        )
+        pairs = zip(effect.parameters, parameters.values())
+        law = ", ".join(p.choices[round(estimate.value)] for p, estimate in pairs if p.choices)
         learned = curve if curve is not None and name == PREFIX + curve.variable else None
         says = effect.card(dof).says if learned is None else sentence(learned, result)
         entries.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals, learned))
@@ -476,12 +469,13 @@ def split_by(name: str, rival: str, dof: Dof) -> str:
     return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by
 
 
-DRIVEN_S, STEPPED_S = 3e-4, 1e-4
-"""Seconds for each reading and effect of a diagnosis of driven runs, and of others, on a machine of 2020; roughly."""
+DRIVEN_S, STEPPED_S = (
+    3e-4,
+    1e-4,
+)  # for each reading and effect, of driven runs and others, on a machine of 2020; roughly
 FEWEST_RUNS = 4
 FEWEST_TO_HOLD_OUT = 8
-SHORT = 5
-"""Iterations of a law or size that the fitted runs may not tell from the final one: those that get there do so soon."""
+SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
 
 
 @dataclass(frozen=True)
@@ -517,9 +511,7 @@ class Diagnosis:
         return in_few_words(self.verdict, self.result.final.added)
 
 
-def _best_law_held_out(
-    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem, map_fn: Each
-) -> SearchResult:
+def _best_law(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem, map_fn: Each) -> SearchResult:
     """The law and size that runs held out follow best, of those that the fitted runs do not tell apart: where all their
     commands lie on one side of an edge, its place must not decide whether there is one."""
     final = result.final
@@ -573,7 +565,7 @@ def diagnose_runs(
     study = result.study
     held_out = replace(study, runs=tuple(unfitted)) if unfitted else None
     if held_out is not None:
-        result = _best_law_held_out(study, result, held_out, map_fn)
+        result = _best_law(study, result, held_out, map_fn)
     last = result if result.final.added else result.doubtful or result
     ahead = None if held_out is None else outlook(held_out, last.base, last.final)
     conclusion = verdict_of(study, result, where, held_out, ahead)

@@ -24,7 +24,6 @@ from automarine_cli.diagnosis.study import (
     ITERATIONS,
     SPREADS,
     DiagnosisProblem,
-    Fit,
     learned_term,
     places,
     precision,
@@ -119,7 +118,6 @@ def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tu
 
 
 def _probe(model: YawModel) -> CandidateShape:
-    """Each value of a curve in turn."""
     term = model.terms[-1]
     rows = np.tile(term.values, (KNOTS, 1))
     rows[np.arange(KNOTS), FIRST + np.arange(KNOTS)] = TRIED
@@ -172,7 +170,6 @@ def _columns(runs: Sequence[Run], dof: Dof) -> list[str]:
 
 
 def with_curve(model: YawModel, spread: float, curve: Floats) -> YawModel:
-    """The model with other values and another spread of its last term, a curve."""
     *terms, last = model.terms
     values = (*last.values[: FIRST - 1], spread, *(float(v) for v in curve), last.values[-1])
     return replace(model, terms=(*terms, replace(last, values=values)))
@@ -206,8 +203,7 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
 
 LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
 FAR = 0.2  # share of the best gain by which brief fits may be behind that are taken further
-AS_WELL = 0.02
-"""Share of what one effect of the library gains within which it does as well as a curve: its law may be off."""
+AS_WELL = 0.02  # of the gain of one effect, within which it does as well as a curve: its law may be off
 SETTLES = 2  # how often the spread is chosen again after a fit
 SAME_SPREAD = 0.1  # difference of the logarithm of two spreads that is none
 
@@ -308,7 +304,7 @@ def _best(
 
 def _fitted(study: DiagnosisProblem, base: CandidateFit, iterations: int, curve: Curve) -> CandidateFit | None:
     values = np.append(base.fit.of_model, curve.model.terms[-1].values)
-    return _trial(study, base, curve.model, values, base.fit, iterations)
+    return _trial(study, base, curve.model, values, base, iterations)
 
 
 def _further(study: DiagnosisProblem, base: CandidateFit, trial: CandidateFit) -> CandidateFit | None:
@@ -316,7 +312,7 @@ def _further(study: DiagnosisProblem, base: CandidateFit, trial: CandidateFit) -
     for _ in range(1 + SETTLES):
         spread, _ = smoothed(trial.fit, trial.model)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
-        again = _trial(study, base, model, model.theta, trial.fit, ITERATIONS)
+        again = _trial(study, base, model, model.theta, trial, ITERATIONS)
         if again is None or abs(np.log(spread / trial.model.terms[-1].values[FIRST - 1])) < SAME_SPREAD:
             return again
         trial = again
@@ -324,11 +320,11 @@ def _further(study: DiagnosisProblem, base: CandidateFit, trial: CandidateFit) -
 
 
 def _trial(
-    study: DiagnosisProblem, base: CandidateFit, model: YawModel, values: Floats, start: Fit, iterations: int
+    study: DiagnosisProblem, base: CandidateFit, model: YawModel, values: Floats, start: CandidateFit, iterations: int
 ) -> CandidateFit | None:
     """A fit of a model with a curve, its effective number of parameters counted."""
     try:
-        fit = study.fit(model, values, start, iterations)
+        fit = study.fit(model, values, start.fit, iterations)
         count = smoothed(fit, model)[1]
     except (FitError, np.linalg.LinAlgError):
         return None
@@ -367,7 +363,6 @@ class LearnedCurve:
 
 
 def curve_of(trial: CandidateFit) -> LearnedCurve | None:
-    """The learned curve of a trial; None where it has none."""
     inside = learned_term(trial.model)
     if inside is None:
         return None

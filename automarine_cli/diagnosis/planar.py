@@ -93,7 +93,6 @@ class Candidate:
 
     @property
     def split_by(self) -> str:
-        """The run that would tell it from what is named."""
         run = SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
         return f"{run[:1].upper()}{run[1:]}."
 
@@ -161,7 +160,6 @@ class FittedCandidate:
 
     @property
     def evident(self) -> bool:
-        """Whether the fitted runs ask for it."""
         return self.surplus > HEAD_START and self.steady
 
     def rivals(self, best: "FittedCandidate") -> bool:
@@ -182,8 +180,7 @@ class PlanarStep:
     rivals: tuple[FittedCandidate, ...]
 
 
-Foretold = Mapping[str, tuple[Predicted, ...]]
-"""Predictions over each horizon of what is measured of heading and place, by quantity."""
+Foretold = Mapping[str, tuple[Predicted, ...]]  # by quantity measured of heading and place, over each horizon
 
 
 @dataclass(frozen=True)
@@ -204,7 +201,6 @@ class PlanarSearch:
 
     @property
     def steps(self) -> tuple[PlanarStep, ...]:
-        """The rounds in which an effect was added."""
         return tuple(step for step in self.rounds if step.best is not None)
 
     @property
@@ -257,10 +253,11 @@ class PlanarSearch:
         """What both models predict of the heading of the runs that were fitted, or of those held out; None where these
         are too short."""
 
-        def part(prediction: Predicted) -> Predicted:
-            selected = (prediction.run >= self.fitted) == held_out
-            fields = vars(prediction).items()
-            return Predicted(**{name: x[selected] if isinstance(x, np.ndarray) else x for name, x in fields})
+        def part(predicted: Predicted) -> Predicted:
+            rows = (predicted.run >= self.fitted) == held_out
+            return Predicted(
+                **{name: x[rows] if isinstance(x, np.ndarray) else x for name, x in vars(predicted).items()}
+            )
 
         before, after = (list(map(part, predictions[YAW.position])) for predictions in self.foretold)
         runs = slice(self.fitted, None) if held_out else slice(self.fitted)

@@ -27,8 +27,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED
 
 FEWEST_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
-OF_THE_RUN = 0.1
-"""A column that varies within runs by less than this share of its whole spread is a property of the run."""
+OF_THE_RUN = 0.1  # a column that varies within runs by less than this share of its spread is one of the run
 UNITS = {"voltage": "V", "sway": "m/s"}  # of columns that are no velocity of a motion
 VELOCITIES = {dof.velocity: dof.units for dof in DOFS.values()}
 

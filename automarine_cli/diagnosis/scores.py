@@ -243,7 +243,6 @@ def score(
 
 
 def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:
-    """An effect and the choices in its values."""
     return (name, *(v for p, v in zip(effects.get(name).parameters, values) if p.choices))
 
 

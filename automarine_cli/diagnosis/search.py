@@ -39,14 +39,11 @@ LEVEL = 0.005  # share of campaigns with nothing missing in which something may 
 WEAK = 0.05  # the same of what is suspected
 CLEAR = 2.0  # standard errors over runs by which runs have to gain in the mean
 MOST_EFFECTS = 3
-STANDS = 1.3
-"""Times the floor above which what is left is said, and above which residuals that hang together are unexplained,
-however much larger they were before."""
+STANDS = 1.3  # times the floor above which a remainder is said, and correlated residuals are unexplained
 
 
 DRAG = BASE_TERMS["2"]  # effects that put the drag of the base right
-CURVE = ("dead-band", "thrust-exponent")
-"""What together is the curve of the thrust against its command, and counts as one effect."""
+CURVE = ("dead-band", "thrust-exponent")  # together the curve of the thrust, which counts as one effect
 
 
 @dataclass(frozen=True)
@@ -69,7 +66,6 @@ class CandidateFit:
 
     @property
     def law(self) -> tuple[object, ...]:
-        """The effect added last, and the choices in its values."""
         return law_of(self.added[-1], self.model.terms[-1].values)
 
 
@@ -151,7 +147,6 @@ def clear(gains: Floats, errors: float = CLEAR) -> bool:
 
 
 def candidate_fit(study: DiagnosisProblem, model: YawModel, added: tuple[str, ...], fit: Fit) -> CandidateFit:
-    """A fit as a trial: the fitted model, and its evidence with the penalty for what was added."""
     model = study.with_fitted_values(model, fit)
     more = model.terms[len(study.base.terms) :]
     cost = penalty(sum(fitted_parameters(term.name, term.values) for term in more), len(study.runs))
@@ -162,7 +157,6 @@ def refitted(
     study: DiagnosisProblem, model: YawModel, added: tuple[str, ...], values: Floats, warm_start: Fit,
     iterations: int = ITERATIONS,
 ) -> CandidateFit | None:  # fmt: skip
-    """A model fitted from `values` of its parameters; None where no fit is found."""
     try:
         return candidate_fit(study, model, added, study.fit(model, values, warm_start, iterations))
     except (FitError, np.linalg.LinAlgError):
@@ -172,7 +166,6 @@ def refitted(
 def add_effect(
     study: DiagnosisProblem, current: CandidateFit, candidate: tuple[str, Floats], iterations: int = ITERATIONS
 ) -> CandidateFit | None:
-    """The current model with one more effect, everything refitted; None where no fit is found."""
     name, start = candidate
     model, values = current.model.with_effect(name, start), np.concatenate([current.fit.of_model, start])
     return refitted(study, model, (*current.added, name), values, current.fit, iterations)
@@ -193,12 +186,10 @@ def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[YawModel]:
 
 
 def varied(study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: YawModel) -> CandidateFit | None:
-    """A variant of a trial's model, refitted from where the trial ended; None where no fit is found."""
     return refitted(study, model, trial.added, model.theta, trial.fit, iterations)
 
 
 def without(study: DiagnosisProblem, trial: CandidateFit, out: str) -> CandidateFit | None:
-    """The trial's model with one effect taken out, refitted."""
     base, model = len(study.base.terms), trial.model
     remaining = [term for term in model.terms[base:] if term.name != out]
     model = replace(model, terms=(*model.terms[:base], *remaining))
@@ -209,8 +200,7 @@ AS_WELL = 10.0  # evidence (in deviance) by which several effects have to be bet
 BRIEF = 6  # iterations that tell whether a fit comes near the several effects
 WITHIN = 0.3  # share of what the several gain that such a brief fit may lack to be taken to its end
 OPPOSED = 0.8  # correlation of sizes from which two effects count as of opposite pull
-USELESS = 0.5
-"""Share of what a pair gains below which either alone counts as useless: two of their own gain at least half."""
+USELESS = 0.5  # share of a pair's gain below which either alone is useless: two of their own gain at least half
 
 
 def single_effect_alternative(
@@ -239,7 +229,7 @@ def single_effect_alternative(
     work = [
         (name, probe.values[-1])
         for name in suspects if name in can and name not in base.added
-        for probe in _one_a_law(study, name)
+        for probe in _middle_shapes(study, name)
         if law_of(name, probe.values[-1]) not in evidences
     ]  # fmt: skip
     brief = map_fn(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws")
@@ -258,8 +248,7 @@ def single_effect_alternative(
     return best, f"{best.added[-1]} alone does as well as {' and '.join(current.counted)} together."
 
 
-def _one_a_law(study: DiagnosisProblem, name: str) -> list[CandidateShape]:
-    """The middle one of the shapes of each law."""
+def _middle_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]:
     laws: dict[tuple[object, ...], list[CandidateShape]] = {}
     for probe in candidate_shapes(study, name):
         laws.setdefault(law_of(name, probe.values[-1]), []).append(probe)
@@ -360,12 +349,9 @@ RUNNING = ((0.5, 6), (0.9, ITERATIONS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within RIVAL_RANGE of it; fits
 that far behind never catch up."""
 LAWS = 0.1  # share of what an effect gains by its best law that another of its laws may lack to be fitted further
-MIN_EXTRA_SHARE = 0.1
-"""Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
-MIN_RELATIVE_GAIN = 1e-3
-"""Share of the evidence already gained below which nothing more is added: laws and logs are no better than that."""
-MINOR_EFFECT_SHARE = 0.05
-"""Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
+MIN_EXTRA_SHARE = 0.1  # of all evidence gained, by an effect beyond MOST_EFFECTS: runs are then unexplained
+MIN_RELATIVE_GAIN = 1e-3  # of the evidence gained; nothing is added for less: laws and logs are no better
+MINOR_EFFECT_SHARE = 0.05  # of all evidence gained; less, and one of MOST_EFFECTS mends the form of another
 TO_THE_NOISE = 1.05  # times the floor down to which an effect leaves no doubt about the drag of the base
 SETTLED_EVIDENCE = 0.5  # gain in evidence below which a swap is not worth another look: fits are settled to less
 PERIODIC, PERIOD = "periodic-disturbance", 2  # the effect that a limit cycle imitates, and the place of its period
@@ -610,7 +596,6 @@ def _from_elsewhere(study: DiagnosisProblem, current: CandidateFit, trials: Sequ
 
 
 def is_admissible(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit) -> bool:
-    """Whether nothing keeps a trial's last effect from being added to `current`; see `obstacle`."""
     return not obstacle(study, trial, current)
 
 

@@ -30,11 +30,9 @@ from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
-UNIFORM_INSTANT = Prior(0.0, 1.0)
-"""What is known of the z of the commands' common instant: it lies anywhere in its sample interval."""
+UNIFORM_INSTANT = Prior(0.0, 1.0)  # of the z of the commands' common instant: anywhere in its sample interval
 ITERATIONS = 25
-SETTLED = 0.02
-"""Share of a standard error within which a fit counts as settled: its evidence is then exact to a few 1e-4."""
+SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
 JUDGED = 5.0  # seconds ahead over which driven runs show the gap
 
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
@@ -61,7 +59,6 @@ class LimitCycle:
     phase: float
 
     def holds(self, period: float) -> bool:
-        """Whether a period [s] is that of the cycle."""
         return abs(period / self.period - 1.0) < NEAR
 
     def to_json(self) -> dict[str, float]:

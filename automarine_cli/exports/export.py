@@ -13,16 +13,7 @@ from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
-from automarine_cli.exports.base import (
-    DRAG,
-    MapSubject,
-    Origin,
-    Settings,
-    Target,
-    UnsupportedEffect,
-    Written,
-    YawSubject,
-)
+from automarine_cli.exports.base import DRAG, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, motion_of, planar_from_json
 from automarine_cli.models.yaw_model import Term, YawModel
@@ -65,7 +56,7 @@ class Exported:
     origin: Origin
     moment_unit: str | None
     carried: tuple[str, ...]
-    left_out: tuple[UnsupportedEffect, ...]
+    left_out: tuple[Unsupported, ...]
     written: Written
     place: Path | None = None
 
@@ -153,7 +144,7 @@ def export_model(
     frame = _one_of(takes.frames, (frame or takes.frames[0]).upper(), f"--frame of {target.name}")
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
-    unit, left_out = None, tuple[UnsupportedEffect, ...]()
+    unit, left_out = None, tuple[Unsupported, ...]()
     subject: PlanarSubject | MapSubject | YawSubject
     if takes is not target:
         planar = planar_from_json(data, origin.file).model
@@ -237,14 +228,12 @@ def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin)
     return model if factor is None else in_newton_metres(model, factor)
 
 
-def split(
-    target: Target, model: YawModel, settings: Settings
-) -> tuple[tuple[Term, ...], tuple[UnsupportedEffect, ...]]:
+def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Term, ...], tuple[Unsupported, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     dof = model.dof
     live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
     reasons = [(term, _why_not(target, term, dof, settings)) for term in live]
-    left_out = tuple(UnsupportedEffect(term.name, why) for term, why in reasons if why)
+    left_out = tuple(Unsupported(term.name, why) for term, why in reasons if why)
     return tuple(term for term, why in reasons if not why), left_out
 
 
@@ -279,7 +268,7 @@ def _matters(term: Term) -> bool:
     return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
 
 
-def _cannot(target: Target, left_out: tuple[UnsupportedEffect, ...], origin: Origin) -> str:
+def _cannot(target: Target, left_out: tuple[Unsupported, ...], origin: Origin) -> str:
     missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
     python = targets.get("python")
     has = target is not python and all(effect.name in python.carries for effect in left_out)

@@ -11,7 +11,7 @@ import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, Origin, Settings, UnsupportedEffect, headed, number
+from automarine_cli.exports.base import FRAMES, Origin, Settings, Unsupported, headed, number
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
 from automarine_cli.quantities import Floats
 
@@ -36,7 +36,7 @@ class PlanarSubject:
     quadratic: Floats
     constant: Floats
     water: tuple[float, float] | None
-    left_out: tuple[UnsupportedEffect, ...] = ()
+    left_out: tuple[Unsupported, ...] = ()
 
     def drags(self) -> Iterator[tuple[str, tuple[int, ...], float]]:
         """Every drag: Fossen's letters (X_uu, N_vr), places (force, along) or (force, size, along), its value."""
@@ -65,14 +65,14 @@ def planar_subject(
 ) -> PlanarSubject:
     """The model in matrices of the frame. Raises SettingError for terms they cannot hold, unless allowed."""
     linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
-    left_out: list[UnsupportedEffect] = []
+    left_out: list[Unsupported] = []
     for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
         places = {CONSTANT: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
         for term in terms:
             if term.name in places:
                 places[term.name][0] += term.values[0]
             else:
-                left_out.append(UnsupportedEffect(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
+                left_out.append(Unsupported(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
     for term in model.cross:
         force, _, letters = term.name.partition("_")
         along = tuple(VELOCITIES.index(letter) for letter in letters)

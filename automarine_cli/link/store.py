@@ -234,7 +234,7 @@ class Store:
         ends = [_end_of(log, names) for log in logs]
         played = sum(end is not None for end in ends)
         over = played == len(ends) or (why is not None and not any(f"{log}.part" in names for log in logs))
-        battery = round(campaign.charge_left(played), 3) if played else campaign.battery.charge_Ah
+        battery = round(campaign.charge(played), 3) if played else campaign.battery.charge_Ah
         return CampaignState(campaign.id, len(ends), played, ends.count(wire.INTERRUPTED), over, battery, why)
 
     def _names(self) -> dict[str, bool]:

@@ -229,18 +229,17 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         gap, outlook, held_out = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
         of = f" of the {held_out} run{'s' * (held_out > 1)} held out"
     sizes, judged = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)], outlook and outlook.judged
-    beside = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
+    noise = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
     if judged:
-        sizes, beside = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {beside}"
+        sizes, noise = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {noise}"
     names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
     what = (f"error of predictions {JUDGED:g} s ahead" if driven else "gap") + of
     data = "runs could show" + " beside their disturbances" * driven
     return _verdict(
-        said.word, names, said.why, what, sizes, dof.units.shown, beside, data, _gains_instead(diagnosis),
-        said.remainder,
-    )  # fmt: skip
+        said.word, names, said.why, what, sizes, dof.units.shown, noise, data, _gains_instead(diagnosis), said.remainder
+    )
 
 
 def _or_rivals(effect: NamedEffect) -> str:

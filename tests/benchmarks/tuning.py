@@ -29,8 +29,8 @@ import automarine_cli as am
 from automarine_cli.control.design import (
     FINE,
     ClosedLoopRun,
+    Ensemble,
     Scores,
-    VehicleEnsemble,
     all_margins,
     grid_for,
     scores,
@@ -112,7 +112,7 @@ def corners(name: str, beyond: bool = False) -> dict[str, Any]:
         own: Gains = {key: np.full((1, 1), value) for key, value in gains.items()}
         flight = step_and_load(target, own, vehicles, np.pi / 2, 0.1, 40.0)
         one = scores(flight, np.pi / 2, np.deg2rad(2.0))
-        disk = all_margins(target, own, vehicles, grid_for(target, [VehicleEnsemble("", vehicles)], FINE)).disk
+        disk = all_margins(target, own, vehicles, grid_for(target, [Ensemble("", vehicles)], FINE)).disk
         rows[kind] = {
             "disk_margin": float(disk.min()), "overshoot_percent": 100.0 * float(one.overshoot.max()),
             "settled": int(one.settles.sum()), "settling_s": float(one.settling.max()),

@@ -123,7 +123,6 @@ def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progre
         if vehicle is not None:
             _, heading, _ = vehicle.track(campaign, run)
             turned = float(np.rad2deg(heading[-1] - heading[0]))
-        charge = campaign.charge_left(number + 1)
-        runs.append(RehearsedRun(run.name, campaign.begins(number), run.driven, turned, charge))
+        runs.append(RehearsedRun(run.name, campaign.begins(number), run.driven, turned, campaign.charge(number + 1)))
         progress("simulating", number + 1, len(campaign.runs))
     return Rehearsal(campaign, tuple(runs))

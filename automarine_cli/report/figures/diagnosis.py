@@ -291,9 +291,8 @@ def _(diagnosis: Diagnosis) -> Figure:
             cases.append(Case(_titled(run.name, word), time, dof.shown(run.position - run.position[0]), errors))
     floor, ahead = float(dof.shown(diagnosis.gap.floor)), f", {JUDGED:g} s ahead" * driven
     first = f"Predictions {JUDGED:g} s ahead from filtered states" if driven else "Gap"
-    added = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
-    effects = " and ".join(diagnosis.result.final.added)
-    names = f"{added}: {effects}" if effects else "Nothing added"
+    word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
+    names = f"{word}: {' and '.join(diagnosis.result.final.added)}" if diagnosis.result.final.added else "Nothing added"
     return _before_after(
         cases[:MOST_RUNS_SHOWN], f"{first}: {', '.join(gaps)} (noise {floor:.2f} {dof.units.shown}). {names}",
         dof.words.moved, (f"base model{ahead}", f"after{ahead}"), dof.units.shown, floor, sizes=sizes,

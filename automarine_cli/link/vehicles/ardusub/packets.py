@@ -51,7 +51,7 @@ class Heard:
     armed: bool = False
     mode: int = -1
     parameters: dict[str, float] = field(default_factory=dict)
-    named: dict[str, float] = field(default_factory=dict)
+    named_values: dict[str, float] = field(default_factory=dict)
     pulses: dict[int, float] = field(default_factory=dict)
     heading: float | None = None
     rate: float = 0.0
@@ -173,7 +173,7 @@ class Link:
         elif name == "PARAM_VALUE":
             heard.parameters[message.param_id] = message.param_value
         elif name == "NAMED_VALUE_FLOAT":
-            heard.named[message.name] = message.value
+            heard.named_values[message.name] = message.value
         elif name in ("VFR_HUD", "GLOBAL_POSITION_INT"):
             heard.depths[name] = -message.alt if name == "VFR_HUD" else -message.relative_alt / 1e3
         elif name == "SYS_STATUS":

@@ -42,7 +42,7 @@ class Stick:
         parameters = heard.parameters
         centre = parameters.get("RC4_TRIM", CENTRE)
         return cls(
-            heard.named.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5)),
+            heard.named_values.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5)),
             parameters.get("ACRO_YAW_P", USUAL),
             centre - parameters.get("RC4_MIN", 1100.0),
             parameters.get("RC4_MAX", 1900.0) - centre,
@@ -136,7 +136,7 @@ class Need:
     def of(cls, campaign: LinkCampaign, number: int, authority: Authority, depth_limit: float) -> "Need":
         outputs = (abs(authority.output(moment)) for run in campaign.runs[number:] for moment, _ in run.commands)
         charge = campaign.battery.charge_Ah
-        drawn = campaign.charge_left(number) - campaign.charge_left(len(campaign.runs))
+        drawn = campaign.charge(number) - campaign.charge(len(campaign.runs))
         return cls(max(outputs), drawn, charge, charge * campaign.battery.reserve_percent / 100.0, depth_limit)
 
 
@@ -156,7 +156,7 @@ def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
     for _ in range(ROUNDS):
         link.ask(name for name in PARAMETERS if name not in heard.parameters)
         link.wait(LISTEN_S / ROUNDS)
-    link.wait(NAMED_S, lambda: "PilotGain" in heard.named)
+    link.wait(NAMED_S, lambda: "PilotGain" in heard.named_values)
     for why in complaints(heard, need, link.now() - begun):
         raise SettingError(why)
     return Stick.of(heard), outputs_are_known(heard)
@@ -182,7 +182,7 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
         yield f"{name} is {value}, so long would the vehicle drive on unled; set it to {LONGEST_PILOT_S:g} or less"
     if other := another_pilot(heard):
         yield other
-    if heard.named.get("InputHold"):  # sticks in the middle would not be neutral
+    if heard.named_values.get("InputHold"):  # sticks in the middle would not be neutral
         yield "the vehicle holds an input of its pilot (InputHold); ask for its release at the joystick"
     if (trim := parameters.get("RC4_TRIM", CENTRE)) != CENTRE:
         yield f"RC4_TRIM is {trim:g}, so that a stick in the middle turns the vehicle; set it to {CENTRE:g}"

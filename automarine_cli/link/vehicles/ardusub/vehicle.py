@@ -47,7 +47,7 @@ class RunSession:
     def __init__(self, link: Link, stick: Stick, part: Part, authority: Authority, limits: Limits) -> None:
         self._link, self._stick, self._part, self._authority, self._limits = link, stick, part, authority, limits
         self._mode, self._is_armed = STABILIZE, False
-        self._untwisted = self._heading - 360.0 * link.heard.named.get("TetherTrn", 0.0)
+        self._untwisted = self._heading - 360.0 * link.heard.named_values.get("TetherTrn", 0.0)
 
     @property
     def _heading(self) -> float:
