@@ -87,8 +87,7 @@ class WrongUsage(click.UsageError):
         if self.ctx is not None:
             path = self.ctx.command_path
             lines.append(self.ctx.get_usage())
-            matching = [line for line in examples(self.ctx.command) if line.startswith(path)]
-            lines += [f"Example: {line}" for line in matching[:1]]
+            lines += [f"Example: {line}" for line in examples(self.ctx.command) if line.startswith(path)][:1]
             lines.append(f"All options: {path} --help")
         click.echo("\n".join(lines), file=file, err=file is None)
 
