@@ -27,7 +27,7 @@ from automarine_cli.diagnosis.search import (
     variants,
     varied,
 )
-from automarine_cli.diagnosis.study import JUDGED, DiagnosisProblem, log_density, missed, run_effects_given, study_of
+from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, run_effects_given, study_of
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
@@ -95,7 +95,7 @@ def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted
 
 def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
     """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
-    runs measured less predicted ones, JUDGED seconds ahead from the filtered state."""
+    runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
     if isinstance(trial.fit, InnovationsFit):
         return missed(study, trial.model, trial.fit)
     problem = study.problem(trial.model)
@@ -118,7 +118,7 @@ class ForecastGain:
 
     @property
     def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
-        return next((pair for pair in self.ahead if pair[0].horizon == JUDGED), None)
+        return next((pair for pair in self.ahead if pair[0].horizon == HORIZON), None)
 
     @property
     def longest(self) -> tuple[ForecastScore, ForecastScore]:

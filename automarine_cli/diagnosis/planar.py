@@ -35,7 +35,7 @@ from automarine_cli.diagnosis.residual_regions import (
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
-from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -180,7 +180,7 @@ class PlanarStep:
     rivals: tuple[FittedCandidate, ...]
 
 
-Foretold = Mapping[str, tuple[Predicted, ...]]  # by quantity measured of heading and place, over each horizon
+Forecasts = Mapping[str, tuple[Predicted, ...]]  # by quantity measured of heading and place, over each horizon
 
 
 @dataclass(frozen=True)
@@ -188,14 +188,14 @@ class PlanarSearch:
     """The model as it was given, refitted (`before`), and the rounds of the search.
 
     `every` has all runs, those fitted before those held out, `fitted` says how many were fitted. By the first and the
-    last model there are predictions (`foretold`) and the runs' log densities (`density`, (R,) each). `where` has the
+    last model there are predictions (`forecasts`) and the runs' log densities (`density`, (R,) each). `where` has the
     gap of the first one, once somebody looked."""
 
     before: Estimated
     rounds: tuple[PlanarStep, ...]
     every: PlanarLikelihood = field(repr=False)
     fitted: int
-    foretold: tuple[Foretold, Foretold] = field(repr=False)
+    forecasts: tuple[Forecasts, Forecasts] = field(repr=False)
     density: tuple[Floats, Floats] = field(repr=False)
     where: Where | None = field(default=None, repr=False)
 
@@ -259,7 +259,7 @@ class PlanarSearch:
                 **{name: x[rows] if isinstance(x, np.ndarray) else x for name, x in vars(predicted).items()}
             )
 
-        before, after = (list(map(part, predictions[YAW.position])) for predictions in self.foretold)
+        before, after = (list(map(part, predictions[YAW.position])) for predictions in self.forecasts)
         runs = slice(self.fitted, None) if held_out else slice(self.fitted)
         gained = float((self.density[1] - self.density[0])[runs].sum())
         return outlook_of(before, after, gained)
@@ -311,7 +311,7 @@ def find_missing(stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run
     every = PlanarLikelihood((*runs, *unseen), observed)
     return PlanarSearch(
         before, rounds, every, len(runs),
-        (foretold(every, before), foretold(every, final)), (_densities(every, before), _densities(every, final)),
+        (forecasts(every, before), forecasts(every, final)), (_densities(every, before), _densities(every, final)),
     )  # fmt: skip
 
 
@@ -359,7 +359,7 @@ def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
     return problem.follow(problem.search(fit_of(estimate).theta)[None]).log_density[0]
 
 
-def foretold(likelihood: PlanarLikelihood, estimate: Estimated) -> Foretold:
+def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Forecasts:
     """What an estimate, of these runs or of others, predicts of heading and place of a likelihood's runs."""
     problem, fit = likelihood.problem(estimate.model), fit_of(estimate)
     noises = problem.noises(fit.theta[None])
@@ -472,7 +472,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     all runs are too short for predictions."""
     every, before = search.every, search.before
     course, runs, fit = every.course, every.runs, fit_of(before)
-    prediction = judged(search.foretold[0][YAW.position])
+    prediction = judged(search.forecasts[0][YAW.position])
     if not len(prediction.error):
         return None
     residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
@@ -513,7 +513,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
 
 def judged(predictions: tuple[Predicted, ...]) -> Predicted:
     """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
-    some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= JUDGED]
+    some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= HORIZON]
     return max(some or predictions[:1], key=lambda prediction: prediction.horizon)
 
 

@@ -33,7 +33,7 @@ from automarine_cli.simulation.rollout import step_for
 UNIFORM_INSTANT = Prior(0.0, 1.0)  # of the z of the commands' common instant: anywhere in its sample interval
 ITERATIONS = 25
 SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
-JUDGED = 5.0  # seconds ahead over which driven runs show the gap
+HORIZON = 5.0  # seconds ahead over which driven runs show the gap
 
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
 
@@ -407,8 +407,8 @@ def study_of(
 
 
 def missed(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> Floats:
-    """Measured less predicted positions (R, N) of driven runs, predicted JUDGED seconds before; zero where none was."""
-    prediction = next(prediction for prediction in study.predictions(model, fit) if prediction.horizon == JUDGED)
+    """Measured less predicted positions (R, N) of driven runs, predicted HORIZON seconds before; zero where none."""
+    prediction = next(prediction for prediction in study.predictions(model, fit) if prediction.horizon == HORIZON)
     of_runs = [prediction.run == r for r in range(len(study.runs))]
     when = [study.course.time[r, prediction.target[of_run]] for r, of_run in enumerate(of_runs)]
     return _at_samples(study, [prediction.error[of_run] for of_run in of_runs], when)

@@ -13,7 +13,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, NamedE
 from automarine_cli.diagnosis.planar import PlanarDiagnosis, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
 from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import JUDGED, DiagnosisProblem
+from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -235,7 +235,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    what = (f"error of predictions {JUDGED:g} s ahead" if driven else "gap") + of
+    what = (f"error of predictions {HORIZON:g} s ahead" if driven else "gap") + of
     data = "runs could show" + " beside their disturbances" * driven
     return _verdict(
         said.word, names, said.why, what, sizes, dof.units.shown, noise, data, _gains_instead(diagnosis), said.remainder
@@ -363,7 +363,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 @sections.register
 def _(result: PlanarDiagnosis) -> Sections:
     search, where = result.search, result.search.where
-    less = f"predicted {judged(search.foretold[0][YAW.position]).horizon:g} s ahead"
+    less = f"predicted {judged(search.forecasts[0][YAW.position]).horizon:g} s ahead"
     return _sections(
         result, result.extended_model(), search, "Diagnosis of the planar model", search.words, planar_verdict(search),
         _planar_effects(result), where.regions if where else (),

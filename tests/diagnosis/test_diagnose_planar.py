@@ -20,7 +20,7 @@ from automarine_cli.diagnosis.planar import (
     base_of,
     find_missing,
     find_planar_where,
-    foretold,
+    forecasts,
 )
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood
@@ -101,7 +101,7 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
     near = Estimated(base_of(bare, every.seen), np.zeros((0, 0)), 0.0, 0, random={"yaw.disturbance": 0.5})
     before = every.estimate(near.model, near, brief=True)
-    search = PlanarSearch(before, (), every, 6, (foretold(every, before),) * 2, (np.zeros(6),) * 2)
+    search = PlanarSearch(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)
     assert where is not None
     best = min(where.variables, key=lambda one: one.p_value)

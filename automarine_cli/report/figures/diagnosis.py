@@ -18,7 +18,7 @@ from automarine_cli.diagnosis.diagnose import NAMED, Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.planar import PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, ResidualRegions, Row, Variable, Where
-from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import GAIN
@@ -289,8 +289,8 @@ def _(diagnosis: Diagnosis) -> Figure:
             # of driven runs nothing is predicted before the first filtered state
             errors = [(time[have], error[have]) for error in off for have in [(error != 0.0) | (not driven)]]
             cases.append(Case(_titled(run.name, word), time, dof.shown(run.position - run.position[0]), errors))
-    floor, ahead = float(dof.shown(diagnosis.gap.floor)), f", {JUDGED:g} s ahead" * driven
-    first = f"Predictions {JUDGED:g} s ahead from filtered states" if driven else "Gap"
+    floor, ahead = float(dof.shown(diagnosis.gap.floor)), f", {HORIZON:g} s ahead" * driven
+    first = f"Predictions {HORIZON:g} s ahead from filtered states" if driven else "Gap"
     word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
     names = f"{word}: {' and '.join(diagnosis.result.final.added)}" if diagnosis.result.final.added else "Nothing added"
     return _before_after(
@@ -304,7 +304,7 @@ def _(diagnosis: Diagnosis) -> Figure:
 def _(search: PlanarSearch) -> Figure:
     """The heading, and the track where places are logged, as both models predict them some seconds ahead."""
     runs, course = search.every.runs, search.every.course
-    ahead = [judged(forecast[YAW.position]) for forecast in search.foretold]
+    ahead = [judged(forecast[YAW.position]) for forecast in search.forecasts]
     sizes = [np.asarray(YAW.shown(np.sqrt(each.by_run(each.error, len(runs))))) for each in ahead]
     values = {channel.quantity: channel.values for channel in course.channels}
     known = np.flatnonzero(np.isfinite(sizes[0]))
@@ -317,7 +317,7 @@ def _(search: PlanarSearch) -> Figure:
         )
         for r, word in picks.items()
     ]  # fmt: skip
-    placed = set(PLACES) <= search.foretold[0].keys()
+    placed = set(PLACES) <= search.forecasts[0].keys()
     return _before_after(
         cases,
         f"Predictions {ahead[0].horizon:g} s ahead, from filtered states, by the commands as they were logged.\n"
@@ -334,7 +334,7 @@ def _track_of(search: PlanarSearch, values: Mapping[str, Floats], r: int, axes: 
     track(axes, search.every.runs[r], 1.5)
     axes.autoscale_view()  # now: it waits until something is drawn, and would then be off
     axes.autoscale(False)
-    for forecast, colour in zip(search.foretold, (BEFORE, AFTER)):
+    for forecast, colour in zip(search.forecasts, (BEFORE, AFTER)):
         places = {name: judged(forecast[name]) for name in PLACES}
         of_run = places["north"].run == r
         line = {name: values[name][r, at.target[of_run]] - at.error[of_run] for name, at in places.items()}
