@@ -127,8 +127,8 @@ class CommandGroup(click.Group):
         if args[0] not in names and not args[0].startswith("-"):
             import difflib
 
-            near = difflib.get_close_matches(args[0], names, 1)
-            meant = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}"
+            matches = difflib.get_close_matches(args[0], names, 1)
+            meant = f"did you mean {matches[0]!r}?" if matches else f"there are {', '.join(names)}"
             ctx.fail(f"No such command {args[0]!r}; {meant}")
         return super().resolve_command(ctx, args)
 
@@ -143,8 +143,8 @@ class CommandGroup(click.Group):
         _show_traceback(ctx)
         if isinstance(problem, OSError):
             return Refusal(f"{problem}; check the path, its permissions and the free disk space")
-        what = f"{type(problem).__name__}: {problem}".replace("\n", " ")
-        return Refusal(f"{what}; this is a bug in automarine, please report it (-vv shows where)")
+        error = f"{type(problem).__name__}: {problem}".replace("\n", " ")
+        return Refusal(f"{error}; this is a bug in automarine, please report it (-vv shows where)")
 
 
 def _show_traceback(ctx: click.Context) -> None:

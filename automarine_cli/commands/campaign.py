@@ -119,33 +119,33 @@ class Campaign:
     def plan(self, step: "Step", out: Path) -> dict[str, Any] | str:
         """Complete the settings of a step's command, with results in `out`; or say why it has nothing to do."""
         work, section = load(step.command), self.sections.get(step.section, {})
-        given = {key: value for key, value in section.items() if key not in KEYS.get(step.section, ())}
+        settings = {key: value for key, value in section.items() if key not in KEYS.get(step.section, ())}
         if step.section == "thrusters" and "per_test" in section:
-            given["thrusters_per_test"] = section["per_test"]
-        given |= {key: self.sections[""][key] for key in ("seed", "strict") if key in self.sections[""]}
+            settings["thrusters_per_test"] = section["per_test"]
+        settings |= {key: self.sections[""][key] for key in ("seed", "strict") if key in self.sections[""]}
         motion = YAW.name if step.section == "tune" else step.section
         if step.command == "check":
-            given |= {"logs": self.every_log(), "columns": self.columns}
+            settings |= {"logs": self.every_log(), "columns": self.columns}
         elif step.logs:
             key = "logs" if step.section in ("thrusters", YAW.name) else step.section
             logs = next((logs for kinds in step.logs if (logs := self.logs(key, *kinds))), None)
             if logs is None:
                 kinds = " and no ".join(KINDS[kind] for alternative in step.logs for kind in alternative)
                 return f"the campaign names no {kinds}" + (f" of {motion} motion" if key == motion else "")
-            given |= {"logs": logs, "columns": self.columns, "hold_out": self.logs(key, "validation")}
+            settings |= {"logs": logs, "columns": self.columns, "hold_out": self.logs(key, "validation")}
         if step.models:
             model = next((place for name in step.models if (place := out / name).is_file()), None)
             if model is None:
                 return f"it needs the {motion} model, and fit-{motion} gave none"
-            given["model"] = model
+            settings["model"] = model
         if section.get("moment", section.get("force")) == "thrusters" or section.get("thrusters") is True:
             fitted = out / "thrusters" / "thrusters.json"
-            given["thrusters"] = self.beside.get("thrusters", fitted if fitted.is_file() else None)
-            if given["thrusters"] is None:
+            settings["thrusters"] = self.beside.get("thrusters", fitted if fitted.is_file() else None)
+            if settings["thrusters"] is None:
                 return "it needs the thruster map, and fit-thrusters gave none"
             if motion not in TRANSLATIONS:
-                given["arm"] = self.sections["vehicle"].get("arm_m")
-        return work.settings({key: value for key, value in given.items() if key in work.names})
+                settings["arm"] = self.sections["vehicle"].get("arm_m")
+        return work.settings({key: value for key, value in settings.items() if key in work.names})
 
 
 def read_campaign(path: Path) -> Campaign:
@@ -230,8 +230,8 @@ def _converted(work: Any, name: str, value: Any, where: str) -> Any:
 def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:
     """Raise SettingError for a campaign without logs, and for commands of thrusters that nothing makes moments of."""
     logs, thrusters, arm = sections["logs"], sections["thrusters"], sections["vehicle"].get("arm_m")
-    named = [section for name, section in sections.items() if "steps" in KEYS[name] or "runs" in KEYS[name]]
-    if not any(section.get(kind) for section in named for kind in KINDS if kind != "validation"):
+    with_logs = [section for name, section in sections.items() if "steps" in KEYS[name] or "runs" in KEYS[name]]
+    if not any(section.get(kind) for section in with_logs for kind in KINDS if kind != "validation"):
         raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
     if thrusters.get("map") and logs.get("thrusters"):
         raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")

@@ -45,8 +45,8 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
     if not runs and not tests:
         raise none_left(len(logs), set_aside)
     names = names_apart([(run.run, run.file) for run in runs])
-    named = tuple(
+    distinct = tuple(
         run if run.run == name else replace(run, run=name, notes=[*run.notes, NAMED_APART])
         for run, name in zip(with_limits(runs), names)
     )
-    return Check(named, tests, set_aside, len(logs))
+    return Check(distinct, tests, set_aside, len(logs))

@@ -82,8 +82,7 @@ def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, pro
     file = folder / NAME
     if not file.exists():
         init(folder, out=file, jobs=jobs, progress=progress)
-    named = {log.path.name for log in read_campaign(file).every_log()}
-    if left_out := sorted(set(logs) - named):
+    if left_out := sorted(set(logs) - {log.path.name for log in read_campaign(file).every_log()}):
         raise SettingError(
             f"{NAME} in {folder} leaves out {len(left_out)} of {len(set(logs))} logs, such as {left_out[0]}; add them, "
             "or move the file away, and it is written anew"

@@ -79,8 +79,8 @@ class Command(click.Command):
         self.function, self.report = function, report
         self.saves, self.figures, self.by_effects = saves, figures, by_effects
         self.takes = set(inspect.signature(function).parameters)
-        own = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
-        self.own = sorted(own, key=lambda param: not isinstance(param, click.Argument))
+        settings = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
+        self.own = sorted(settings, key=lambda param: not isinstance(param, click.Argument))
         self.names = {str(param.name) for param in self.own}
         self.files = {str(param.name) for param in self.own if param.reads == "file"}
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
@@ -103,7 +103,7 @@ class Command(click.Command):
         refuse_unknown(figure_formats)
         if len(first) > 1:
             raise TypeError(f"{len(first)} arguments without a name; give {self.own[0].name} alone so, a list if many")
-        settings = {str(self.own[0].name): one for one in first} | settings
+        settings = {str(self.own[0].name): value for value in first} | settings
         execution: dict[str, Any] = {key: settings.pop(key) for key in IN_PROCESS if key in settings}
         place = None if out is None else Path(out)
         try:
@@ -111,20 +111,20 @@ class Command(click.Command):
         except click.UsageError as problem:
             raise SettingError(problem.format_message()) from problem
 
-    def settings(self, given: Mapping[str, object]) -> dict[str, Any]:
+    def settings(self, values_by_name: Mapping[str, object]) -> dict[str, Any]:
         """Complete and convert the settings given.
 
         Raises TypeError for one that there is not, SettingError for a wrong value, LogError for no logs.
         """
-        unknown = [name for name in given if name not in self.names]
+        unknown = [name for name in values_by_name if name not in self.names]
         if unknown:
             raise TypeError(f"{self.__name__} has no setting {unknown[0]!r}; it has {', '.join(sorted(self.names))}")
         ctx = click.Context(self)
         values: dict[str, Any] = {}
         for param in self.own:
             name = str(param.name)
-            if name in given:
-                values[name] = _converted(ctx, param, given[name])
+            if name in values_by_name:
+                values[name] = _converted(ctx, param, values_by_name[name])
             elif param.required:
                 raise TypeError(f"{self.__name__} needs {name}; give it")
             else:
@@ -159,23 +159,23 @@ class Command(click.Command):
                     out, command=str(self.name), options=self.recorded(settings, figure_formats),
                     inputs=self.inputs(settings), seed=self.seed(settings), overwrite=overwrite,
                 ))  # fmt: skip
-            each = None
-            if "each" in self.takes:
-                each = stack.enter_context(lasting_map(jobs, cluster=cluster, progress=progress))
+            map_fn = None
+            if "map_fn" in self.takes:
+                map_fn = stack.enter_context(lasting_map(jobs, cluster=cluster, progress=progress))
             execution = {
-                "jobs": jobs, "cluster": cluster, "progress": progress, "each": each, "out": out,
+                "jobs": jobs, "cluster": cluster, "progress": progress, "map_fn": map_fn, "out": out,
                 "overwrite": overwrite,
             }  # fmt: skip
-            asked = {key: value for key, value in execution.items() if key in self.takes}
-            result = self.function(**settings, **asked)
+            taken_up = {key: value for key, value in execution.items() if key in self.takes}
+            result = self.function(**settings, **taken_up)
             if self.report:
                 import_module(f"automarine_cli.report.{self.report}")
             if folder is not None:
                 from automarine_cli.report.sections import sections
 
-                if each is None:
-                    each = stack.enter_context(lasting_map(jobs, progress=progress))
-                sections(result).save(folder, figure_formats if settings.get("figures", True) else (), each)
+                if map_fn is None:
+                    map_fn = stack.enter_context(lasting_map(jobs, progress=progress))
+                sections(result).save(folder, figure_formats if settings.get("figures", True) else (), map_fn)
         return result
 
     def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
@@ -224,18 +224,18 @@ class Command(click.Command):
             if name == "columns":
                 files += given_as(dbc=given_columns(value).database)
         files.sort(key=lambda file: file.role not in ("log", HOLD_OUT))
-        own = own_files() if self.by_effects else ()
-        return [*files, *(Input(path.name, path, "own_effect") for path in own)]
+        effect_files = own_files() if self.by_effects else ()
+        return [*files, *(Input(path.name, path, "own_effect") for path in effect_files)]
 
     def seed(self, settings: Mapping[str, Any]) -> int | None:
         return next((settings["seed"] for param in self.own if param.name == "seed" and param.recorded), None)
 
     def invoke(self, ctx: click.Context) -> Any:
-        given = {param.name: ctx.params[param.name] for param in self.own}
+        values = {param.name: ctx.params[param.name] for param in self.own}
         execution = {key: ctx.params[key] for key in EXECUTION if key in ctx.params}
         as_json = execution.pop("as_json", False)
         with augment_usage_errors(ctx):
-            result = self.run(self.settings(given), **execution, progress=terminal_progress())
+            result = self.run(self.settings(values), **execution, progress=terminal_progress())
         self.echo(result, as_json=as_json, out=execution.get("out"))
         self.finish(ctx, result)
         return result
@@ -246,7 +246,7 @@ class Command(click.Command):
         if self.report:
             from automarine_cli.report.sections import sections
 
-            tables, files = (shown := sections(result)).printed, shown.listed
+            tables, files = (page := sections(result)).printed, page.listed
         echo_result(
             result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), tables=tables,
             files=files, saves=self.saves,
@@ -316,7 +316,7 @@ def _document(value: object, name: str) -> Any:
         from automarine_cli.logs import ColumnMap, column_rules
 
         return ColumnMap(columns=column_rules(value, name), source=name)
-    ours = type(value).__module__.startswith("automarine_cli.")
-    if value is None or isinstance(value, Path) or ours:
+    is_result = type(value).__module__.startswith("automarine_cli.")
+    if value is None or isinstance(value, Path) or is_result:
         return value
     raise SettingError(f"{name}: found {type(value).__name__}, expected a file or a result")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @options.ending(options.strict, options.seed, options.jobs, options.cluster)
 def diagnose(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], columns: Any, thrusters: Any, arm: float | None,
-    channels: str, strict: bool, seed: int, jobs: int, each: Any, progress: Any,
+    channels: str, strict: bool, seed: int, jobs: int, map_fn: Any, progress: Any,
 ) -> "MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis":  # fmt: skip
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
@@ -51,12 +51,12 @@ def diagnose(
     if schema == PLANAR_MODEL.schema:
         drive = {"columns": names, "thrusters": thrusters, "arm": arm, "jobs": jobs}
         return _of_the_plane(logs, model, hold_out, seed, **drive, **execution)
-    return _of_a_motion(logs, model, hold_out, names, thrusters, arm, channels, seed, jobs, each, **execution)
+    return _of_a_motion(logs, model, hold_out, names, thrusters, arm, channels, seed, jobs, map_fn, **execution)
 
 
 def _of_a_motion(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], names: Any, thrusters: Any, arm: float | None,
-    channels: str, seed: int, jobs: int, each: Any, *, strict: bool, progress: Any,
+    channels: str, seed: int, jobs: int, map_fn: Any, *, strict: bool, progress: Any,
 ) -> "MotionDiagnosis":  # fmt: skip
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
     from automarine_cli.comparison.validation import usable_runs
@@ -93,7 +93,7 @@ def _of_a_motion(
     foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))
     with told_beside(aside):
         diagnosis = diagnose_runs(
-            runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, each=each, channels=channels
+            runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
         )
     return MotionDiagnosis(diagnosis, stored, sha256(model), tuple(aside))
 

@@ -96,8 +96,8 @@ def _fit(
     names = wanted_effects(with_effects, dof)
     if names and fit_to not in ("auto", WHOLE_RUNS):
         raise SettingError(f"--with fits whole runs; leave out --fit-to {fit_to}")
-    own = [f"{name}.{parameter}" for name in names for parameter in effects.get(name).names_in(dof)]
-    beforehand = Known.of(known).named(names_in(dof, own), signed=(dof.parameter("constant"), *own))
+    parameters = [f"{name}.{parameter}" for name in names for parameter in effects.get(name).names_in(dof)]
+    beforehand = Known.of(known).named(names_in(dof, parameters), signed=(dof.parameter("constant"), *parameters))
     column_map = given_columns(columns)
     drive = moment_maker(thrusters, arm, column_map, dof)
     campaign = load_runs(logs, column_map, dof=dof, strict=strict, progress=progress, jobs=jobs)
@@ -176,7 +176,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     fit.__doc__ = HELP[dof.name]
     declared = options.together(
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
-        with_effects, options.known, options.ending(options.strict, options.jobs),
+        with_effects, options.known_parameters, options.ending(options.strict, options.jobs),
     )  # fmt: skip
     return command(f"fit-{dof.name}", report="yaw_report")(declared(fit))
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 @options.columns
 @options.thrusters
 @options.arm
-@options.known
+@options.known_parameters
 @options.ending(options.strict, options.jobs)
 def fit_planar(
     logs: Any, columns: Any, thrusters: Any, arm: float | None, known: Any, strict: bool, jobs: int, progress: Any

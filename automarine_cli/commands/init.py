@@ -87,8 +87,8 @@ def _ask(key: str, comment: str) -> str:
 def _finish(ctx: click.Context, result: "NewCampaign") -> None:
     if not ctx.params["as_json"] and verbosity_level() >= 0:
         first = "Answer the questions in it, then: " if result.questions else "Next: "
-        said = f"Written: {result.place}. {first}automarine run {result.place} -o results"
-        click.echo(folded(said, width_of(sys.stdout)))
+        message = f"Written: {result.place}. {first}automarine run {result.place} -o results"
+        click.echo(folded(message, width_of(sys.stdout)))
 
 
 init.finish = _finish

@@ -98,7 +98,7 @@ def _check_known(text: str) -> None:
     Known.of(text)
 
 
-known = option(
+known_parameters = option(
     "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
     help="What is known of a parameter beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
     "with commas, or repeated.",

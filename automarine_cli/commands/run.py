@@ -135,9 +135,9 @@ def _run(
     campaign = read_campaign(path)
     refuse_unfit(out)
     _refuse_others(campaign, out, overwrite)
-    wanted = STEP_NAMES if until is None else STEP_NAMES[: STEP_NAMES.index(until) + 1]
-    steps = [step for step in STEPS if step.name in wanted and campaign.has(step)]
-    total = len(steps) + (REPORT in wanted)
+    names = STEP_NAMES if until is None else STEP_NAMES[: STEP_NAMES.index(until) + 1]
+    steps = [step for step in STEPS if step.name in names and campaign.has(step)]
+    total = len(steps) + (REPORT in names)
     outcomes: list[StepOutcome] = []
 
     def add(name: str, work: Callable[[Progress], tuple[str, str]]) -> None:
@@ -152,7 +152,7 @@ def _run(
     for step in steps:
         add(step.name, partial(_do, step, campaign, out, force, overwrite, jobs))
     content = _content(campaign, out, steps, outcomes)
-    if REPORT in wanted:
+    if REPORT in names:
         add(REPORT, lambda _: _report(campaign, out, content, force))
     done = [step for step, outcome in zip(steps, outcomes) if outcome.did in ("done", "kept")]
     return CampaignRun(out, content, tuple(outcomes), read_steps(out, done))
@@ -165,8 +165,8 @@ def _do(
     from automarine_cli.pipeline.manifest import manifest_of
 
     def without_result(did: str, why: str) -> tuple[str, str]:
-        gone = _remove_results(folder, step.command)
-        return did, why + ("; its former result was removed" if gone and did == "skipped" else "")
+        removed = _remove_results(folder, step.command)
+        return did, why + ("; its former result was removed" if removed and did == "skipped" else "")
 
     folder, work = out / step.folder, load(step.command)
     settings = campaign.plan(step, out)
@@ -175,10 +175,10 @@ def _do(
     why = work.why_again(settings, folder, FIGURES)
     if why is None and not force:
         return "kept", "inputs, settings and versions unchanged"
-    ours = (manifest := manifest_of(folder)) is not None and manifest.command == step.command
+    is_former = (manifest := manifest_of(folder)) is not None and manifest.command == step.command
     try:
         work.run(
-            settings, out=folder, overwrite=overwrite or ours, jobs=jobs, progress=progress, figure_formats=FIGURES
+            settings, out=folder, overwrite=overwrite or is_former, jobs=jobs, progress=progress, figure_formats=FIGURES
         )
     except OutputError:
         raise

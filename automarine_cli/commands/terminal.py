@@ -62,17 +62,17 @@ def painted(table: str, stream: TextIO) -> str:
         return table
     lines = table.split("\n")
     titled = len(lines) > 1 and lines[1] == ""
-    shown = [click.style(line, dim=True) if line and not line.strip("-") else line for line in lines]
-    return "\n".join([click.style(lines[0], bold=True), *shown[1:]] if titled else shown)
+    styled = [click.style(line, dim=True) if line and not line.strip("-") else line for line in lines]
+    return "\n".join([click.style(lines[0], bold=True), *styled[1:]] if titled else styled)
 
 
 class Refusal(click.ClickException):
     """What is refused, in one sentence; `Error:` is red on a terminal."""
 
     def show(self, file: IO[Any] | None = None) -> None:
-        said = folded(f"Error: {self.format_message()}", width_of(sys.stderr))
+        message = folded(f"Error: {self.format_message()}", width_of(sys.stderr))
         head = coloured("Error:", sys.stderr, "red", bold=True)
-        click.echo(f"{head}{said.removeprefix('Error:')}", file=file, err=file is None)
+        click.echo(f"{head}{message.removeprefix('Error:')}", file=file, err=file is None)
 
 
 class WrongUsage(click.UsageError):
@@ -87,8 +87,7 @@ class WrongUsage(click.UsageError):
         if self.ctx is not None:
             path = self.ctx.command_path
             lines.append(self.ctx.get_usage())
-            own = [line for line in examples(self.ctx.command) if line.startswith(path)]
-            lines += [f"Example: {line}" for line in own[:1]]
+            lines += [f"Example: {line}" for line in examples(self.ctx.command) if line.startswith(path)][:1]
             lines.append(f"All options: {path} --help")
         click.echo("\n".join(lines), file=file, err=file is None)
 
@@ -99,15 +98,15 @@ def examples(command: click.Command) -> list[str]:
     return [line for line in lines if line.startswith("automarine ")]
 
 
-def versions(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+def versions(ctx: click.Context, param: click.Parameter, requested: bool) -> None:
     """Print the versions of automarine and of every library below it, none of which is imported for that."""
-    if not asked or ctx.resilient_parsing:
+    if not requested or ctx.resilient_parsing:
         return
     from automarine_cli.pipeline.manifest import versions_here
 
-    found = versions_here()
-    click.echo(f"automarine, version {found.pop('automarine')}")
-    click.echo(", ".join(f"{name} {version}" for name, version in found.items()))
+    installed = versions_here()
+    click.echo(f"automarine, version {installed.pop('automarine')}")
+    click.echo(", ".join(f"{name} {version}" for name, version in installed.items()))
     ctx.exit()
 
 
@@ -218,26 +217,26 @@ def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
     alike: dict[object, list[Mapping[str, str]]] = {}
     for i, run in enumerate(runs):
         alike.setdefault(i if verbosity_level() > 0 else run["why"], []).append(run)
-    shown = list(alike.values()) if verbosity_level() > 0 else list(alike.values())[:SHOWN]
+    groups = list(alike.values()) if verbosity_level() > 0 else list(alike.values())[:SHOWN]
     width = width_of(sys.stderr)
-    for first, *others in shown:
+    for first, *more in groups:
         name = first["file"] if first["run"] in ("", first["file"]) else f"{first['file']}, run {first['run']}"
-        name += f", and {len(others)} more" if others else ""
+        name += f", and {len(more)} more" if more else ""
         line = folded(f"{name}: {first['why']}", width and width - 2)
         click.echo("  " + line.replace("\n", "\n  "), err=True)
-    left = len(runs) - sum(map(len, shown))
-    if left:
-        click.echo(f"  and {left} more (-v lists all)", err=True)
-    elif len(shown) < len(runs):
+    unlisted = len(runs) - sum(map(len, groups))
+    if unlisted:
+        click.echo(f"  and {unlisted} more (-v lists all)", err=True)
+    elif len(groups) < len(runs):
         click.echo("  (-v lists all)", err=True)
 
 
 def echo_warnings(warnings: Iterable[str]) -> None:
     """A line on standard error for each thing that could not be made, also with -q."""
     for warning in warnings:
-        said = folded(f"Warning: {warning}", width_of(sys.stderr))
+        message = folded(f"Warning: {warning}", width_of(sys.stderr))
         head = coloured("Warning:", sys.stderr, "yellow")
-        click.echo(f"{head}{said.removeprefix('Warning:')}", err=True)
+        click.echo(f"{head}{message.removeprefix('Warning:')}", err=True)
 
 
 def echo_result(
@@ -274,8 +273,8 @@ def echo_result(
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
         # a name with a blank tells of several files
-        told = out.is_dir()
-        there = [n for n in files if not told or " " in n or any(out.glob(n.replace("RUN", "*").rstrip("/")))]
+        is_folder = out.is_dir()
+        there = [n for n in files if not is_folder or " " in n or any(out.glob(n.replace("RUN", "*").rstrip("/")))]
         listed = f": {', '.join(there)}" if there else ""
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif saves:

@@ -89,9 +89,9 @@ def _completed(settings: dict[str, Any]) -> dict[str, Any]:
     if not settings["target"] and not settings["check"]:
         raise click.UsageError("give --for TARGET, or --check LOG with a tuning.json")
     model, extended = settings["model"], settings["extended"]
-    beside = model.with_name(EXTENDED) if isinstance(model, Path) else None
-    if extended is None and beside and beside.is_file() and schema_in(model) == DIAGNOSIS.schema:
-        extended = beside
+    sibling = model.with_name(EXTENDED) if isinstance(model, Path) else None
+    if extended is None and sibling and sibling.is_file() and schema_in(model) == DIAGNOSIS.schema:
+        extended = sibling
     return settings | {"extended": extended}
 
 

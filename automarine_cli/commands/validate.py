@@ -54,10 +54,10 @@ def validate(
             raise SettingError(
                 f"{model.name} is a planar model: every channel of its logs is compared; leave --channels out"
             )
-        whole = load_planar_model(model)
+        planar_model = load_planar_model(model)
         campaign = load_planar(logs, names, thrusters, arm, **execution)
         command_warnings(campaign.runs)  # refused where they cannot be of this map
-        return replace(compare_planar(whole, campaign.runs, seed), set_aside=campaign.set_aside)
+        return replace(compare_planar(planar_model, campaign.runs, seed), set_aside=campaign.set_aside)
     stored = load_yaw_models(model)
     if stored.dof.levered or arm is not None:
         _refuse_half_a_drive(thrusters, arm, columns)

@@ -78,11 +78,11 @@ def _verified(
             changes.append(Change(name, "missing", "missing"))
         elif sha256_if_readable(folder / name) != sha256:
             changes.append(Change(name, "changed", "changed since it was written"))
-    others = [place for place in places if place != folder and folder in place.parents]
+    nested = [place for place in places if place != folder and folder in place.parents]
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        ours = name in recorded or name == MANIFEST or path.name in NOT_RESULTS
-        if not ours and not path.is_dir() and not any(place in path.parents for place in others):
+        recorded_file = name in recorded or name == MANIFEST or path.name in NOT_RESULTS
+        if not recorded_file and not path.is_dir() and not any(place in path.parents for place in nested):
             changes.append(Change(name, "extra", "extra: not among the files that were written"))
     sought = list(_find_inputs(manifest.inputs, inputs or _likely(folder)))
     where = f"under {', '.join(str(place) for place in inputs)}" if inputs else "here or beside the results"
@@ -101,13 +101,13 @@ def _verified(
 def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[tuple[str, Path | None, Path | None]]:
     """Yield of each recorded input its name, the file under the folders (hidden ones left out) that holds what was read
     then, and where there is none one of that whole name."""
-    named: dict[str, list[Path]] = {}
-    for here, inside, files in (at for one in folders for at in os.walk(one if one.is_dir() else one.parent)):
+    by_name: dict[str, list[Path]] = {}
+    for place, inside, files in (at for path in folders for at in os.walk(path if path.is_dir() else path.parent)):
         inside[:] = sorted(name for name in inside if not name.startswith("."))
         for name in sorted(files):
-            named.setdefault(printable(name), []).append(Path(here, name))
+            by_name.setdefault(printable(name), []).append(Path(place, name))
     for entry in entries:
-        paths = named.get(PurePosixPath(entry.file).name, [])
+        paths = by_name.get(PurePosixPath(entry.file).name, [])
         alike = [path for path in paths if printable(path.resolve().as_posix()).endswith(f"/{entry.file}")]
         same = next((path for path in [*alike, *paths] if entry.sha256 in (None, sha256_if_readable(path))), None)
         yield entry.file, same, alike[0] if alike and same is None else None
@@ -115,5 +115,5 @@ def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[
 
 def _likely(folder: Path) -> list[Path]:
     """Where inputs may be when nobody says: the working directory, and the folder that holds the results."""
-    current, beside = Path(), folder.resolve().parent
-    return [current] if Path.cwd() == beside or Path.cwd() in beside.parents else [current, beside]
+    current, parent = Path(), folder.resolve().parent
+    return [current] if Path.cwd() == parent or Path.cwd() in parent.parents else [current, parent]

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.control import vehicles as plant
 from automarine_cli.control.knowledge import Knowledge
-from automarine_cli.control.targets.base import Gains, Nominal, Target
-from automarine_cli.control.vehicles import Bend, Vehicles, dead_time, lag_of
+from automarine_cli.control.targets.base import Gains, NominalPlant, Target
+from automarine_cli.control.vehicles import ThrustCurve, Vehicles, dead_time, lag_of
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Complexes, Floats
 
@@ -39,7 +39,7 @@ LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
 
 @dataclass(frozen=True)
-class Flight:
+class ClosedLoopRun:
     """`time` (N,) [s], `position` and `output` (S, R, N) of S sets in R flights."""
 
     time: Floats
@@ -50,7 +50,7 @@ class Flight:
 def fly(
     target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1,
     longest: float = LONGEST_STEP,
-) -> Flight:  # fmt: skip
+) -> ClosedLoopRun:  # fmt: skip
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
     moment against the vehicle all along; kept `every` so many seconds, the vehicle in steps of `longest` [s] at most.
     Readings have the vehicles' noise, the same in every call."""
@@ -59,32 +59,32 @@ def fly(
     parts = max(1, int(np.ceil(step / longest - 1e-9)))
     flights = reference.shape[1]
     hull, drive = plant.Body(vehicles, flights), plant.Actuators(vehicles, flights, step / parts)
-    rest = plant.holding(vehicles)[:, None]
-    drive.begin(rest + np.zeros((1, flights)))
+    holding = plant.holding(vehicles)[:, None]
+    drive.begin(holding + np.zeros((1, flights)))
     gains = target.prepared(gains)
-    state = target.start(gains, hull.position[0], rest)
-    lag, shown = plant.sensor_lag(vehicles)[:, None], hull.position[0]
+    state = target.start(gains, hull.position[0], holding)
+    lag, sensed = plant.sensor_lag(vehicles)[:, None], hull.position[0]
     late = np.exp(-step / np.maximum(lag, 1e-9))
     stride, pace = max(1, round(every / step)), max(1, round(READ / step))
     random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
     wrong = sizes * np.zeros((2, len(vehicles), flights))
-    kept: list[Floats] = []
+    positions: list[Floats] = []
     outputs: list[Floats] = []
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable set of gains may run away
         for k in range(loops):
             position = hull.position[0]
-            shown = position + late * (shown - position)
+            sensed = position + late * (sensed - position)
             if k % pace == 0 and any(vehicles.noise):
                 wrong = sizes * random.standard_normal(wrong.shape)
-            read = shown + wrong[0], hull.velocity[0] + wrong[1]
-            state, output = target.step(state, gains, reference[:, :, k], *read)
+            readings = sensed + wrong[0], hull.velocity[0] + wrong[1]
+            state, output = target.step(state, gains, reference[:, :, k], *readings)
             if k % stride == 0:
-                kept.append(position)
+                positions.append(position)
                 outputs.append(output)
             for _ in range(parts):
                 hull.advance(drive.deliver(output) - load, step / parts)
-    time = stride * step * np.arange(len(kept), dtype=np.float64)
-    return Flight(time, np.stack(kept, axis=2), np.stack(outputs, axis=2))
+    time = stride * step * np.arange(len(positions), dtype=np.float64)
+    return ClosedLoopRun(time, np.stack(positions, axis=2), np.stack(outputs, axis=2))
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,14 @@ class Scores:
 def step_and_load(
     target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float, every: float = 0.1,
     longest: float = LONGEST_STEP,
-) -> Flight:  # fmt: skip
+) -> ClosedLoopRun:  # fmt: skip
     """Fly every set twice: a step of the reference, and a load in shares of the whole output from rest."""
     loops = max(2, round(seconds / target.period))
     reference = np.repeat((step * TWO[0])[:, :, None], loops, axis=2)
     return fly(target, gains, vehicles, reference, load * vehicles.full * TWO[1], every=every, longest=longest)
 
 
-def scores(flight: Flight, step: float, band: float) -> Scores:
+def scores(flight: ClosedLoopRun, step: float, band: float) -> Scores:
     overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
     pushed = np.abs(np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6))
     return Scores(overshoot, settling, rms, pushed.max(axis=1), pushed[:, -1])
@@ -121,14 +121,14 @@ def scores(flight: Flight, step: float, band: float) -> Scores:
 
 def step_scores(time: Floats, position: Floats, step: float, band: float) -> tuple[Floats, Floats, Floats]:
     """Return overshoot in shares of a `step`, when positions (S, N) settle in a `band` [s], and the rms from then."""
-    way, left = position / step, np.abs(position - step)
+    way, error = position / step, np.abs(position - step)
     with np.errstate(invalid="ignore"):
-        outside = ~(left <= band)
+        outside = ~(error <= band)
     last = len(time) - 1 - np.argmax(outside[:, ::-1], axis=1)
     never = last > 0.9 * len(time)
     settling = np.where(never, np.inf, time[np.minimum(last + 1, len(time) - 1)])
     settled = time[None, :] >= np.where(never, 0.75 * time[-1], settling)[:, None]
-    square = np.where(settled, np.nan_to_num(left, nan=1e6, posinf=1e6) ** 2, 0.0)
+    square = np.where(settled, np.nan_to_num(error, nan=1e6, posinf=1e6) ** 2, 0.0)
     rms = np.sqrt(square.sum(axis=1) / np.maximum(settled.sum(axis=1), 1))
     overshoot = np.maximum(np.nan_to_num(way, nan=1e6, posinf=1e6).max(axis=1) - 1.0, 0.0)
     return overshoot, settling, rms
@@ -201,8 +201,8 @@ def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     share = np.where(crosses, size[:, :-1] / np.where(crosses, size[:, :-1] - size[:, 1:], 1.0), 0.0)
     angle = turn[:, :-1] + share * np.diff(turn, axis=1) + np.pi
     at = np.exp(np.log(omega[:-1]) + share * np.diff(np.log(omega)))
-    both = np.abs((angle + np.pi) % (2.0 * np.pi) - np.pi)
-    phase = np.where(crosses, both, np.inf)
+    distance = np.abs((angle + np.pi) % (2.0 * np.pi) - np.pi)
+    phase = np.where(crosses, distance, np.inf)
     delay = np.where(crosses, (angle % (2.0 * np.pi)) / at, np.inf)
     return np.rad2deg(np.min(phase, axis=1)), np.asarray(np.min(delay, axis=1))
 
@@ -210,7 +210,7 @@ def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
 Verdict = Literal["gains", "leave", "cannot-promise"]
 CROWD, PRESENT, JUDGED = 180, 60, 12
 ROUNDS, LAST = 5, 20  # looks at the space of gains, each nearer to the best; sets that are judged by the crowd
-EXACT, STEADY = 0.02, 0.05  # loops of the flights that are promised, and of those that gains are chosen by: see `paced`
+EXACT, STEADY = (0.02, 0.05)  # loops of the flights that are promised, and of those that gains are chosen by
 DEAREST = 2.0  # how much longer gains for all explanations may take to settle than gains for the right one alone
 LONG_DELAY = 0.14
 """Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
@@ -246,26 +246,26 @@ class Setup:
     the map to it where that is no straight line, `seed` draws the vehicles."""
 
     target: Target
-    known: Knowledge
+    knowledge: Knowledge
     full: float
-    bend: Bend | None
+    bend: ThrustCurve | None
     task: Task
     seed: int
 
     def exact(self, vehicles: Vehicles) -> Target:
         """The target as the flights that are promised have it."""
-        return paced(self.target, nominal_of(vehicles, self.task.step), EXACT)
+        return limit_rate(self.target, nominal_of(vehicles, self.task.step), EXACT)
 
 
 @dataclass(frozen=True)
-class Crowd:
+class Ensemble:
     """Vehicles that one explanation allows, the first as its model says."""
 
     name: str
     vehicles: Vehicles
 
-    def first(self, count: int) -> "Crowd":
-        return Crowd(self.name, self.vehicles.pick(slice(0, count)))
+    def first(self, count: int) -> "Ensemble":
+        return Ensemble(self.name, self.vehicles.pick(slice(0, count)))
 
     @cached_property
     def probes(self) -> Vehicles:
@@ -299,7 +299,7 @@ class Outcome:
     gains: Mapping[str, float]
     margins: Margins
     scores: Scores
-    flight: Flight
+    flight: ClosedLoopRun
 
     def share_with(self, margin: float) -> float:
         return float(np.mean(self.margins.disk >= margin))
@@ -311,11 +311,11 @@ class Problem:
 
     target: Target
     task: Task
-    nominal: Nominal
-    crowds: tuple[Crowd, ...]
+    nominal: NominalPlant
+    crowds: tuple[Ensemble, ...]
 
-    def paced(self, share: float) -> Target:
-        return paced(self.target, self.nominal, share)
+    def limit_rate(self, share: float) -> Target:
+        return limit_rate(self.target, self.nominal, share)
 
     def omega(self, count: int) -> Floats:
         return grid_for(self.target, self.crowds, count)
@@ -335,22 +335,25 @@ class Designed(Problem):
     notes: tuple[str, ...]
 
 
-def nominal_of(vehicles: Vehicles, step: float) -> Nominal:
+def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
     """Describe the first of several vehicles as a designer sees it, for a `step` of the reference [base unit]."""
     first, full, dof = vehicles.pick(slice(0, 1)), vehicles.full, vehicles.model.dof
     linear, quadratic = vehicles.model.with_theta(first.theta[0]).drag()
     lag = float((dead_time(first) + lag_of(first) + plant.sensor_lag(first))[0])
     fastest = float(steady_rate(full, linear, max(quadratic, 1e-9 * full)))
     inertia, unit = float(first.theta[0, 0]) / full, vehicles.model.moment_unit
-    return Nominal(dof, inertia, linear / full, quadratic / full, lag, fastest, step, full, unit, vehicles.bend)
+    return NominalPlant(dof, inertia, linear / full, quadratic / full, lag, fastest, step, full, unit, vehicles.bend)
 
 
-def crowds_of(known: Knowledge, full: float, bend: Bend | None, seed: int, count: int = CROWD) -> tuple[Crowd, ...]:
+def crowds_of(
+    knowledge: Knowledge, full: float, bend: ThrustCurve | None, seed: int, count: int = CROWD
+) -> tuple[Ensemble, ...]:
     """Draw vehicles of every explanation, the same count of each."""
-    rng, size = np.random.default_rng(seed), max(count // len(known.explanations), FEW)
+    rng, spread = np.random.default_rng(seed), knowledge.spread
+    size = max(count // len(knowledge.explanations), FEW)
     return tuple(
-        Crowd(e.name, plant.crowd(e.model, replace(known.spread, covariance=e.covariance), full, bend, size, rng))
-        for e in known.explanations
+        Ensemble(e.name, plant.crowd(e.model, replace(spread, covariance=e.covariance), full, bend, size, rng))
+        for e in knowledge.explanations
     )
 
 
@@ -358,13 +361,13 @@ def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats
     return {name: value[which] for name, value in gains.items()}
 
 
-def paced(target: Target, nominal: Nominal, share: float) -> Target:
+def limit_rate(target: Target, nominal: NominalPlant, share: float) -> Target:
     """Give the same stack fewer loops a second, a `share` of all that is slow long, 0.02 s at most."""
     slow = nominal.lag + target.own_lag
     return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
 
 
-def grid_for(target: Target, crowds: Sequence[Crowd], count: int) -> Floats:
+def grid_for(target: Target, crowds: Sequence[Ensemble], count: int) -> Floats:
     """Return `count` frequencies [rad/s] that matter to a target on these vehicles."""
     late = max(float(np.max(dead_time(part.vehicles))) for part in crowds)
     return frequencies(min(np.pi / target.period, 60.0 / max(late, 1e-3)), count)
@@ -418,7 +421,7 @@ def spread_numbers(count: int, size: int) -> Floats:
     return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
 
 
-def brief(problem: Problem) -> Problem:
+def shorten(problem: Problem) -> Problem:
     """Shorten the flights to `LONG` times what the best of a few takes to settle, on the first vehicle."""
     target, task = problem.target, problem.task
     gains = target.propose(spread_numbers(FIRST // 5, target.numbers), problem.nominal)
@@ -426,7 +429,7 @@ def brief(problem: Problem) -> Problem:
     good = np.flatnonzero(screened(target, gains, first, problem.omega(COARSE))[:, 0] >= task.margin)
     if not len(good):
         return problem
-    settling = flown(problem.paced(ROUGH), select(gains, good), first, task)[1].settling.min()
+    settling = flown(problem.limit_rate(ROUGH), select(gains, good), first, task)[1].settling.min()
     return replace(problem, task=replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds))))
 
 
@@ -435,10 +438,10 @@ def searched(problem: Problem, margin: float, rounds: int) -> Candidates:
     does. Margins are those of the target's own loops, flights are rough."""
     size, omega = problem.target.numbers, problem.omega(COARSE)
     result = _tried(problem, margin, omega, spread_numbers(FIRST, size))
-    near = (spread_numbers(NEAR, size) - 0.5).reshape(ELITE, -1, size)
+    offsets = (spread_numbers(NEAR, size) - 0.5).reshape(ELITE, -1, size)
     for turn in range(1, rounds):
         best = result.first(ELITE).numbers
-        around = np.clip(best[:, None, :] + WIDTH / turn * near[: len(best)], 0.0, 1.0).reshape(-1, size)
+        around = np.clip(best[:, None, :] + WIDTH / turn * offsets[: len(best)], 0.0, 1.0).reshape(-1, size)
         more = _tried(problem, margin, omega, around)
         result = Candidates(
             np.concatenate([result.numbers, more.numbers]),
@@ -449,7 +452,7 @@ def searched(problem: Problem, margin: float, rounds: int) -> Candidates:
 
 
 def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> Candidates:
-    target, quick = problem.target, problem.paced(ROUGH)
+    target, quick = problem.target, problem.limit_rate(ROUGH)
     sets = Candidates(numbers, target.propose(numbers, problem.nominal), np.zeros(len(numbers)))
     for part in problem.crowds:
         disk = screened(target, sets.gains, part.probes, omega)
@@ -469,48 +472,48 @@ def design(setup: Setup, present: Mapping[str, float] | None, count: int = CROWD
 
     A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
     margin and do not settle in time."""
-    known, task = setup.known, setup.task
-    crowds = crowds_of(known, setup.full, setup.bend, setup.seed, count)
+    knowledge, task = setup.knowledge, setup.task
+    crowds = crowds_of(knowledge, setup.full, setup.bend, setup.seed, count)
     nominal = nominal_of(crowds[0].vehicles, task.step)
     problem = Problem(setup.target, task, nominal, crowds)
-    if known.settled is not None:
-        return _designed(problem, known, "cannot-promise", *known.settled)
+    if knowledge.settled is not None:
+        return _designed(problem, knowledge, "cannot-promise", *knowledge.settled)
     shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
     seconds = float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
     for longer in (1.0, 2.0):
-        result = _judged(replace(problem, task=replace(task, seconds=longer * seconds)), known, present)
+        result = _judged(replace(problem, task=replace(task, seconds=longer * seconds)), knowledge, present)
         if result is not None:
             return result
     why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles"
-    return _designed(problem, known, "cannot-promise", f"{why} that the model allows. {_more(setup.target)}")
+    return _designed(problem, knowledge, "cannot-promise", f"{why} that the model allows. {_more(setup.target)}")
 
 
 def _designed(
-    problem: Problem, known: Knowledge, verdict: Verdict, why: str, effect: str = "", old: Outcome | None = None,
+    problem: Problem, knowledge: Knowledge, verdict: Verdict, why: str, effect: str = "", old: Outcome | None = None,
     new: Outcome | None = None,
 ) -> Designed:  # fmt: skip
-    run = effect and (known.splits.get(effect) or effects.get(effect).card(known.model.dof).separated_by)
+    run = effect and (knowledge.splits.get(effect) or effects.get(effect).card(knowledge.model.dof).separated_by)
     return Designed(
-        **vars(problem), verdict=verdict, why=why, new=new, old=old, open=effect, run=run, notes=known.notes
+        **vars(problem), verdict=verdict, why=why, new=new, old=old, open=effect, run=run, notes=knowledge.notes
     )
 
 
-def _judged(problem: Problem, known: Knowledge, present: Mapping[str, float] | None) -> Designed | None:
+def _judged(problem: Problem, knowledge: Knowledge, present: Mapping[str, float] | None) -> Designed | None:
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
     task, target, crowds = problem.task, problem.target, problem.crowds
     some = replace(problem, crowds=tuple(part.first(PRESENT // len(crowds)) for part in crowds))
     old = None if present is None else outcome(some, present)
     if old is not None and _keeps(old, some):
-        return _designed(problem, known, "leave", _leave(old, task), old=old)
-    short = brief(problem)
+        return _designed(problem, knowledge, "leave", _leave(old, task), old=old)
+    short = shorten(problem)
     chosen = _chosen(short)
-    dear = _price(short, known, chosen)
+    dear = _price(short, knowledge, chosen)
     if dear is not None:
-        return _designed(problem, known, "cannot-promise", *dear, old=old)
+        return _designed(problem, knowledge, "cannot-promise", *dear, old=old)
     if chosen is None:
         within = "" if target.beyond or not target.firmware else " within the documented ranges"
         why = f"No gains{within} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the vehicles"
-        return _designed(problem, known, "cannot-promise", f"{why} that the model allows. {_more(target)}", old=old)
+        return _designed(problem, knowledge, "cannot-promise", f"{why} that the model allows. {_more(target)}", old=old)
     new = outcome(problem, chosen)
     # too little is seen after the vehicles settled: in a dead-band a loop may rest for a while and swing out again
     late = np.mean(new.scores.settling > 0.5 * task.seconds) > 1.0 - SHARE
@@ -522,22 +525,20 @@ def _judged(problem: Problem, known: Knowledge, present: Mapping[str, float] | N
     if not _keeps(new, problem):
         return None
     if old is not None and (_keeps(old, some) or _no_worse(old, new, task)):
-        return _designed(problem, known, "leave", _leave(old, task), old=old)
+        return _designed(problem, knowledge, "leave", _leave(old, task), old=old)
     share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
     before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
     why = f"They keep a disk margin of {task.margin:g} for {share}{before}."
-    return _designed(problem, known, "gains", why, old=old, new=new)
+    return _designed(problem, knowledge, "gains", why, old=old, new=new)
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
-    arrays: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
+    sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega, task, vehicles = problem.omega(FINE), problem.task, [part.vehicles for part in problem.crowds]
-    parts = [all_margins(problem.target, arrays, some, omega) for some in vehicles]
-    flights = [
-        step_and_load(problem.paced(EXACT), arrays, some, task.step, task.load, task.seconds) for some in vehicles
-    ]
+    parts = [all_margins(problem.target, sets, some, omega) for some in vehicles]
+    flights = [step_and_load(problem.limit_rate(EXACT), sets, v, task.step, task.load, task.seconds) for v in vehicles]
     joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
-    flight = Flight(flights[0].time, *joined)
+    flight = ClosedLoopRun(flights[0].time, *joined)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
     return Outcome(dict(gains), every, scores(flight, task.step, task.band), flight)
 
@@ -571,39 +572,39 @@ def _chosen(problem: Problem) -> dict[str, float] | None:
     for more in (1.0, 1.12, 1.3):
         gains = searched(problem, more * task.margin, ROUNDS).gains
         good = [screened(target, gains, part.vehicles, omega) >= task.margin for part in problem.crowds]
-        able = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
-        if len(able):
-            gains, quick = select(gains, able), problem.paced(STEADY)
+        admissible = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
+        if len(admissible):
+            gains, quick = select(gains, admissible), problem.limit_rate(STEADY)
             costs = [flown(quick, gains, part.vehicles.pick(slice(0, JUDGED)), task)[0] for part in problem.crowds]
             best = int(np.argmin(np.quantile(np.concatenate(costs, axis=1), 0.9, axis=1)))
             return {name: float(value[best]) for name, value in gains.items()}
     return None
 
 
-def _price(problem: Problem, known: Knowledge, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
+def _price(problem: Problem, knowledge: Knowledge, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
     crowds = problem.crowds
-    parts = list(zip(crowds, [e.instead for e in known.explanations])) if len(crowds) > 1 else []
+    parts = list(zip(crowds, [e.instead for e in knowledge.explanations])) if len(crowds) > 1 else []
     late = dead_time(crowds[0].vehicles)
     early, later = np.quantile(late, [0.25, 0.75])
     if later - early >= LONG_DELAY:
         prompt = crowds[0].vehicles.pick(np.flatnonzero(late <= early))
-        parts.append((Crowd("a short delay", prompt), "input-delay"))
+        parts.append((Ensemble("a short delay", prompt), "input-delay"))
     for part, effect in parts:
         alone = searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
         if not len(alone.cost):
             continue
         known_best = [] if chosen is None else [chosen]
-        both = {name: np.append(value[:1], [best[name] for best in known_best]) for name, value in alone.gains.items()}
-        settling = flown(problem.paced(ROUGH), both, part.vehicles.pick(slice(0, 1)), problem.task)[1].settling
-        mine, ours = settling[0], np.inf if chosen is None else settling[1]
-        if ours > DEAREST * mine:
-            settled = effect or next((e.instead for e in known.explanations if e.instead), "input-delay")
-            what = "no gains" if not np.isfinite(ours) else f"gains that settle in {ours:.1f} s"
+        sets = {name: np.append(value[:1], [best[name] for best in known_best]) for name, value in alone.gains.items()}
+        settling = flown(problem.limit_rate(ROUGH), sets, part.vehicles.pick(slice(0, 1)), problem.task)[1].settling
+        mine, common = settling[0], np.inf if chosen is None else settling[1]
+        if common > DEAREST * mine:
+            settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
+            instead = "no gains" if not np.isfinite(common) else f"gains that settle in {common:.1f} s"
             open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
             return (
                 f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there "
-                f"are {what} for everything that the logs allow; {open_still} is not known well enough.",
+                f"are {instead} for everything that the logs allow; {open_still} is not known well enough.",
                 settled,
             )
     return None

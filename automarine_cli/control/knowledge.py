@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.control.targets.base import Target
-from automarine_cli.control.vehicles import Bend, Spread
+from automarine_cli.control.vehicles import Spread, ThrustCurve
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import DiagnosisFile, ModelFile, StoredModels
 from automarine_cli.models.yaw_model import YawModel
@@ -79,70 +79,70 @@ def read_knowledge(
 
     Raises ModelError for a file that is none, for drag that drives, and for an effect that no controller can be
     designed with."""
-    known = read_prior_results(model, diagnosis)
-    file, judged = known.file, known.diagnosis
+    prior = read_prior_results(model, diagnosis)
+    file, judged = prior.file, prior.diagnosis
     assert file is not None
-    symbols, (linear, quadratic) = known.model.dof.symbols, known.model.drag()
+    symbols, (linear, quadratic) = prior.model.dof.symbols, prior.model.drag()
     for symbol, value in ((symbols.linear, linear), (symbols.quadratic, quadratic)):
         if value < 0:
             raise ModelError(
                 f"{printable(model.name)}: {symbol} is {value:.4g}, drag that drives the vehicle; expected zero or "
                 "more: fit again with more runs, or prefer another of the file's models"
             )
-    main = Explanation(known.model, _covariance(known, known.model), "the model as it was named")
-    bare = known.stored.models[known.stored.preferred]
+    main = Explanation(prior.model, _covariance(prior, prior.model), "the model as it was named")
+    bare = prior.stored.models[prior.stored.preferred]
     force = file.force_range
     largest = max(map(abs, force)) if force else None
-    others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
-    named = {term.name for term in known.model.terms}
-    if len(bare.terms) < len(known.model.terms):
-        names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
-        others.append(Explanation(bare, _covariance(known, bare), f"the model without {', '.join(names)}", names[0]))
-    others += _idle(main, judged, largest or 1.0)
-    late, unknown, note = _late(known.model, judged, delay)
-    logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
+    models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
+    present = {term.name for term in prior.model.terms}
+    if len(bare.terms) < len(prior.model.terms):
+        names = [term.name for term in prior.model.terms if term not in bare.terms and not term.own]
+        models.append(Explanation(bare, _covariance(prior, bare), f"the model without {', '.join(names)}", names[0]))
+    models += _idle(main, judged, largest or 1.0)
+    late, unknown, note = _late(prior.model, judged, delay)
+    logged = next((term.values[1] for term in prior.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
     # a delay that no model has inflates the inertia of steps by sqrt(k tau)/ln 2 a second, to first order, tau half the
     # largest moment
     inflated = float(np.sqrt(quadratic * 0.5 * (largest or 1.0)) / np.log(2.0))
     # noise as the fit found it; of a position of which the file does not say, one of the units that people read
-    unit = float(known.model.dof.shown(1.0))
-    noise = ((known.noise_deg or NOISE_DEG) / unit, (known.rate_noise_deg_s or 0.0) / unit)
+    unit = float(prior.model.dof.shown(1.0))
+    noise = ((prior.noise_deg or NOISE_DEG) / unit, (prior.rate_noise_deg_s or 0.0) / unit)
     spread = Spread(
-        np.zeros((0, 0)), SCATTER if known.scatter is None else known.scatter, late, volts, noise,
-        0.0 if named & set(LATE) else inflated,
+        np.zeros((0, 0)), SCATTER if prior.scatter is None else prior.scatter, late, volts, noise,
+        0.0 if present & set(LATE) else inflated,
     )  # fmt: skip
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for term in bare.terms
         for column in [name for name in effects.get(term.name).columns if name != "voltage"][:1]
     ]
-    notes = (note for note in (*known.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
-    have = named | ({LATE[0]} if delay is not None else set())
-    proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
-    settled = _unsettled_thrust(known, file) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
+    notes = (note for note in (*prior.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
+    have = present | ({LATE[0]} if delay is not None else set())
+    proposed = {name: gain for name, gain in prior.proposed.items() if name not in have}
+    settled = _unsettled_thrust(prior, file) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
     if proposed:
         asks = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
         why = f"The fit's own evidence asks for {asks}, which the model lacks. Fit it with --with {','.join(proposed)}"
         settled = f"{why}, and tune that model.", next(iter(proposed))
     rivals = (rival for effect in (judged.effects if judged else ()) for rival in effect.rivals)
     splits = {rival.name: rival.split_by for rival in rivals}
-    return Knowledge(known.stored, (main, *others), spread, largest, splits, (*without, *notes), settled)
+    return Knowledge(prior.stored, (main, *models), spread, largest, splits, (*without, *notes), settled)
 
 
-def _unsettled_thrust(known: PriorResults, file: ModelFile) -> tuple[str, str] | None:
+def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] | None:
     """Why the thrust is not known well enough for promises: its wild scatter, or a curve that the model lacks."""
     power = file.gain_exponent
     low, high = power.ci95 if power and power.ci95 else (0.0, 0.0)
     if low > CURVED or high < -CURVED:
         why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
-    elif known.scatter is not None and known.scatter >= WILD:
-        why = f"The thrust seems to scatter by {known.scatter:.0%} from run to run, more than thrusters do"
+    elif prior.scatter is not None and prior.scatter >= WILD:
+        why = f"The thrust seems to scatter by {prior.scatter:.0%} from run to run, more than thrusters do"
     else:
         return None
-    named = {term.name for term in known.model.terms}
+    names = {term.name for term in prior.model.terms}
     remedy = "diagnose its logs, with runs of small commands among them."
-    effect = next((name for name in CURVE if name not in named), CURVE[0])
+    effect = next((name for name in CURVE if name not in names), CURVE[0])
     return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
 
 
@@ -166,16 +166,16 @@ def _moved(main: Explanation, model: YawModel, names: Sequence[str]) -> Floats:
     return covariance
 
 
-def _covariance(known: PriorResults, model: YawModel) -> Floats:
+def _covariance(prior: PriorResults, model: YawModel) -> Floats:
     """Covariance of theta (p, p): the file's own, and standard errors where it says no more."""
-    covariance = np.diag([_error(known, model, k) ** 2 for k in range(len(model.theta))])
-    if known.file is not None and (stored := known.file.chosen.covariance) is not None:
+    covariance = np.diag([_error(prior, model, k) ** 2 for k in range(len(model.theta))])
+    if prior.file is not None and (stored := prior.file.chosen.covariance) is not None:
         there = [k for k, name in enumerate(model.short_names) if name in stored.parameters]
         rows = [stored.parameters.index(model.short_names[k]) for k in there]
         covariance[np.ix_(there, there)] = np.array(stored.matrix)[np.ix_(rows, rows)]
-    added = [name.partition(".")[0] in known.stored.effects for name in model.parameter_names]
+    added = [name.partition(".")[0] in prior.stored.effects for name in model.parameter_names]
     free = np.count_nonzero(np.diagonal(covariance)[added])
-    most = np.where(added, (_faint(known.diagnosis) if free == 1 else FAINT) * _sizes(model), np.inf)
+    most = np.where(added, (_faint(prior.diagnosis) if free == 1 else FAINT) * _sizes(model), np.inf)
     share = np.minimum(most / np.maximum(np.sqrt(np.diagonal(covariance)), 1e-300), 1.0)
     covariance = covariance * np.outer(share, share)
     return covariance + np.diag(np.where(np.diagonal(covariance) > 0, (OWN_LAWS * model.theta) ** 2, 0.0))
@@ -191,19 +191,19 @@ def _faint(judged: DiagnosisFile | None) -> float:
     return min(FAINT, (judged.threshold / gain) ** 0.5) if gain > 0.0 else FAINT
 
 
-def _error(known: PriorResults, model: YawModel, place: int) -> float:
+def _error(prior: PriorResults, model: YawModel, place: int) -> float:
     effect, _, label = model.parameter_names[place].partition(".")
-    estimate = known.now.get(label) or known.now.get(f"{effect} {label}")
+    estimate = prior.now.get(label) or prior.now.get(f"{effect} {label}")
     if estimate is not None and estimate.stderr >= 0:
         return estimate.stderr
     return UNKNOWN * abs(float(model.theta[place])) if place < 3 and effect == model.dof.name else 0.0
 
 
-def _rival(known: PriorResults, main: Explanation, effect: str, rival: str, largest: float) -> Explanation:
+def _rival(prior: PriorResults, main: Explanation, effect: str, rival: str, largest: float) -> Explanation:
     """The model with another effect in the place of the one that was named, as like it as it can be."""
-    fitting = fitting_of(known, Limits())
+    fitting = fitting_of(prior, Limits())
     grid = paper_grid(fitting.base, largest)[:24:3]
-    starts = with_effect(fitting, without(known.model, effect), rival, largest)
+    starts = with_effect(fitting, without(prior.model, effect), rival, largest)
     nearest, _ = closest(replace(fitting, fit="diagnosis"), starts, grid)
     model, names = nearest.model, [n for n in main.model.parameter_names if not n.startswith(f"{effect}.")]
     covariance = _moved(main, model, names)
@@ -235,22 +235,22 @@ def _late(model: YawModel, judged: DiagnosisFile | None, delay: float | None) ->
 
 
 def authority(
-    target: Target, known: Knowledge, full: float | None, drive: tuple[ThrusterMap, float] | None
-) -> tuple[float, Bend | None]:
+    target: Target, knowledge: Knowledge, full: float | None, drive: tuple[ThrusterMap, float] | None
+) -> tuple[float, ThrustCurve | None]:
     """Return the moment or force at the whole output in the model's unit, and the map from output to it where one is
     given.
 
     Raises ModelError where the model's unit is none that the target can use, or the map contradicts the model, and
     SettingError for a map of one direction."""
-    unit, source, dof = known.stored.moment_unit, known.stored.source, known.model.dof
+    unit, source, dof = knowledge.stored.moment_unit, knowledge.stored.source, knowledge.model.dof
     bend, most = (None, None) if drive is None else turning(*drive)
     if full is None and most is not None and unit != "nu":
         full = most
     if full is None and unit == "nu":
-        if known.largest is not None and known.largest > ROUNDING:
+        if knowledge.largest is not None and knowledge.largest > ROUNDING:
             raise ModelError(
-                f"{source}: its {dof.words.force}s reach {known.largest:g} nu, which is no output of {target.name}, "
-                f"from -1 to 1; give --full with the {dof.words.force} [nu] of the whole output"
+                f"{source}: its {dof.words.force}s reach {knowledge.largest:g} nu, which is no output of "
+                f"{target.name}, from -1 to 1; give --full with the {dof.words.force} [nu] of the whole output"
             )
         full = 1.0
     if full is None:
@@ -259,11 +259,11 @@ def authority(
             f"{source}: its {dof.words.force}s are in {unit}, and {target.name} commands outputs from -1 to 1; give "
             f"--full with the {dof.words.force} [{unit}] of the whole output{also}"
         )
-    if known.largest is not None and full < known.largest / 1.25:
-        what = "the thruster map gives" if most is not None and full == most else "--full is"
+    if knowledge.largest is not None and full < knowledge.largest / 1.25:
+        giver = "the thruster map gives" if most is not None and full == most else "--full is"
         raise ModelError(
-            f"{source}: it was fitted to {dof.words.force}s up to {known.largest:.4g} {unit}, and {what} {full:.4g} "
-            f"{unit} at the whole output; give the map and the arm of the thrusters of these logs"
+            f"{source}: it was fitted to {dof.words.force}s up to {knowledge.largest:.4g} {unit}, and {giver} "
+            f"{full:.4g} {unit} at the whole output; give the map and the arm of the thrusters of these logs"
         )
     if most is not None and unit != "nu" and abs(full / most - 1.0) > 0.1:
         raise ModelError(
@@ -273,14 +273,14 @@ def authority(
     return full, bend
 
 
-def turning(known: ThrusterMap, arm: float) -> tuple[Bend, float]:
+def turning(thruster_map: ThrusterMap, arm: float) -> tuple[ThrustCurve, float]:
     """Return how the moment of two thrusters `arm` [m] off the centre line, one ahead and one astern, grows with the
     output, and the largest one [N m]. Raises SettingError for a map that cannot say.
 
     The whole output is a control signal of 1, or the largest that the map tells of where that is more: pulses, percent.
     """
-    ahead, astern = known.both_ways
-    most = max(known.largest or 1.0, 1.0)
+    ahead, astern = thruster_map.both_ways
+    most = max(thruster_map.largest or 1.0, 1.0)
     output = np.linspace(0.0, 1.0, POINTS)
     thrust = ahead.thrust(most * output) + astern.thrust(most * output)
     if not thrust[-1] > 0:
@@ -288,4 +288,4 @@ def turning(known: ThrusterMap, arm: float) -> tuple[Bend, float]:
             "the thruster map gives no thrust at the whole output; give a map whose control signal goes from -1 to 1, "
             "or that says how far it was measured (fit it again)"
         )
-    return Bend(output, np.asarray(thrust / thrust[-1])), float(arm * thrust[-1])
+    return ThrustCurve(output, np.asarray(thrust / thrust[-1])), float(arm * thrust[-1])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.design import Crowd, Designed, Outcome, Setup, Task, crowds_of, design, fly, step_scores
+from automarine_cli.control.design import Designed, Ensemble, Outcome, Setup, Task, crowds_of, design, fly, step_scores
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_knowledge
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design, Gains, Target, present_gains
@@ -58,22 +58,22 @@ def set_up(
     show, `supply` voltage in shares of that of the logs; `seed` draws the vehicles. Raises ModelError or SettingError.
     """
     if schema_in(model) != DIAGNOSIS.schema:
-        known = read_knowledge(model, None, delay, supply)
+        knowledge = read_knowledge(model, None, delay, supply)
     elif extended is None:
         raise ModelError(f"{model.name}: its {EXTENDED} is not beside it; keep both in one folder")
     else:
-        known = read_knowledge(extended, model, delay, supply)
-    stack, dof = get(target, sample_time, beyond_range), known.model.dof
+        knowledge = read_knowledge(extended, model, delay, supply)
+    stack, dof = get(target, sample_time, beyond_range), knowledge.model.dof
     if dof.name not in stack.motions:
         raise ModelError(
-            f"{known.stored.source} is a model of {dof.name}; {stack.name} controls {' or '.join(stack.motions)}"
+            f"{knowledge.stored.source} is a model of {dof.name}; {stack.name} controls {' or '.join(stack.motions)}"
         )
     if thrusters is not None and not dof.levered:
         raise SettingError(f"--thrusters makes turning moments; for {dof.name} give --full with the whole force")
-    most, bend = authority(stack, known, full, map_and_arm(thrusters, arm, given_columns(columns), dof))
+    most, bend = authority(stack, knowledge, full, map_and_arm(thrusters, arm, given_columns(columns), dof))
     step = step if step is not None else STEP_DEG if dof.wraps else STEP_M
     band = dof.inner(BAND_DEG if dof.wraps else BAND_M)
-    return Setup(stack, known, most, bend, Task(dof.inner(step), band, load / 100.0, margin, 0.0), seed)
+    return Setup(stack, knowledge, most, bend, Task(dof.inner(step), band, load / 100.0, margin, 0.0), seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,8 +136,7 @@ class Tuning(Shown):
         }  # fmt: skip
 
     def outcomes(self) -> list[tuple[str, Outcome]]:
-        both = ("present", self.designed.old), ("new", self.designed.new)
-        return [(name, outcome) for name, outcome in both if outcome is not None]
+        return [(n, x) for n, x in (("present", self.designed.old), ("new", self.designed.new)) if x is not None]
 
     def gains(self) -> dict[str, dict[str, object]]:
         new, old = self.designed.new, self.designed.old
@@ -161,9 +160,9 @@ class Tuning(Shown):
         """The line that plans the runs that settle what is open; files by their names alone where `out` is empty."""
         assert self.settling is not None
         files = {"": "model", "--diagnosis": "diagnosis", "--thrusters": "thrusters"}
-        read = {key: file.name if isinstance(file, Document) or not out else str(file) for key, name in files.items()
+        used = {key: file.name if isinstance(file, Document) or not out else str(file) for key, name in files.items()
                 if isinstance(file := self.settling[name], Source)}  # fmt: skip
-        words = ["automarine", "plan", *(word for pair in read.items() for word in pair if word)]
+        words = ["automarine", "plan", *(word for pair in used.items() for word in pair if word)]
         words += [word for name in self.settling["parameters"] for word in ("--parameter", name)]
         arm = self.settling["arm"]
         words += [] if arm is None else ["--arm", f"{arm:g}"]
@@ -194,19 +193,19 @@ def make_tuning(
         plan = attempted(
             "The runs that settle it could not be planned", lambda: make_plan(**settling, progress=progress)
         )
-    return Tuning(designed, setup.known.stored.source, settings, settling, plan, out)
+    return Tuning(designed, setup.knowledge.stored.source, settings, settling, plan, out)
 
 
 def _settling(settings: Mapping[str, Any], setup: Setup, designed: Designed) -> dict[str, Any] | None:
     """Settings of the plan of runs that settle what changes the answer: they separate what a diagnosis left tied, or
     narrow the interval of the effect that is not known."""
-    dof, effect = setup.known.model.dof, designed.open
+    dof, effect = setup.knowledge.model.dof, designed.open
     if not effect or not dof.wraps:
         return None
-    in_newtons = setup.known.stored.moment_unit != "nu"
+    in_newtons = setup.knowledge.stored.moment_unit != "nu"
     thrusters, arm = (settings["thrusters"], settings["arm"]) if in_newtons else (None, None)
-    largest = None if thrusters is not None else min(setup.full, setup.known.largest or setup.full)
-    tied = effect in setup.known.splits
+    largest = None if thrusters is not None else min(setup.full, setup.knowledge.largest or setup.full)
+    tied = effect in setup.knowledge.splits
     model, extended = settings["model"], settings["extended"]
     return {
         "model": extended or model, "diagnosis": model if extended else None,
@@ -272,7 +271,7 @@ class Compared:
 
     value: float
     band: tuple[float, float]
-    held: bool
+    in_band: bool
 
 
 @dataclass(frozen=True)
@@ -293,7 +292,7 @@ class FlownStep:
 
     @property
     def held(self) -> bool:
-        return all(one.held for one in self.figures.values())
+        return all(figure.in_band for figure in self.figures.values())
 
     def to_json(self, dof: Dof) -> dict[str, Any]:
         figures = {}
@@ -301,7 +300,7 @@ class FlownStep:
             values = (in_print(name, x, dof) for x in (figure.value, *figure.band))
             flown, *promised = (x if math.isfinite(x) else None for x in values)
             key = KEYS[name].format(unit=dof.units.key)
-            figures[key] = {"flown": flown, "promised": promised, "held": figure.held}
+            figures[key] = {"flown": flown, "promised": promised, "held": figure.in_band}
         step = {f"step_{dof.units.log}": None if self.size is None else dof.logged(self.size)}
         return {"run": self.run, "begins_s": self.begins, **step, "held": self.held, "figures": figures}
 
@@ -312,7 +311,7 @@ class Promise:
 
     target: Target
     gains: Gains
-    crowds: Sequence[Crowd]
+    crowds: Sequence[Ensemble]
     task: Task
 
 
@@ -348,12 +347,12 @@ def check_tuning(
     `phrase` says the verdict of a diagnosis. Raises ModelError for another file, LogError or RunError for logs without
     a step."""
     setup, gains = _of_tuning(tuning)
-    runs = load_runs(logs, given_columns(columns), dof=setup.known.model.dof, progress=progress).runs
-    crowds = crowds_of(setup.known, setup.full, setup.bend, setup.seed)
+    runs = load_runs(logs, given_columns(columns), dof=setup.knowledge.model.dof, progress=progress).runs
+    crowds = crowds_of(setup.knowledge, setup.full, setup.bend, setup.seed)
     flown = {name: np.full((1, 1), value) for name, value in gains.items()}
     promise = Promise(setup.exact(crowds[0].vehicles), flown, crowds, setup.task)
     steps = tuple(step for run in runs for step in _flown_steps(run, reference_of(run, reference), promise))
-    dof = setup.known.model.dof
+    dof = setup.knowledge.model.dof
     if not steps:
         least = f"{dof.logged(LEAST * setup.task.band):g} {dof.units.log}"
         raise RunError(
@@ -387,7 +386,7 @@ def _changed(runs: Sequence[Run], setup: Setup, phrase: Callable[[Diagnosis], st
         for k, (start, stop) in enumerate(pairwise(np.linspace(0, len(run), parts + 1).astype(int)), 1)
     ]
     try:
-        diagnosis = diagnose_runs(pieces, setup.known.model, seed=setup.seed)
+        diagnosis = diagnose_runs(pieces, setup.knowledge.model, seed=setup.seed)
     except AutomarineError as problem:
         return f"The log could not be diagnosed: {problem}."
     effects = (effect.says for effect in diagnosis.effects)
@@ -399,9 +398,9 @@ def reference_of(run: Run, column: str | None) -> Floats:
     dof = run.dof
     names = [column] if column else [n for n in run.extras if any(part.lower() in n.lower() for part in REFERENCES)]
     if not names or names[0] not in run.extras:
-        asked = f"column {column!r}" if column else "column with the reference (such as target_heading_deg)"
+        description = f"column {column!r}" if column else "column with the reference (such as target_heading_deg)"
         raise RunError(
-            f"{run.source}, run {run.name!r}: there is no {asked}; name it with --reference, from "
+            f"{run.source}, run {run.name!r}: there is no {description}; name it with --reference, from "
             f"{', '.join(run.extras) or 'none'}"
         )
     values = run.extras[names[0]]
@@ -446,15 +445,15 @@ def _flown(run: Run, reference: Floats, part: slice, start: float, promise: Prom
     far the vehicle is from the reference, on the whole and at most."""
     time = run.time[part] - run.time[part][0]
     turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if run.dof.wraps else 0.0
-    read = run.position - 2.0 * np.pi * turns
+    measured = run.position - 2.0 * np.pi * turns
     width = max(1, round(SMOOTHED_S / float(np.median(np.diff(run.time)))))
-    smooth = np.convolve(np.pad(read, width // 2, mode="edge"), np.ones(width) / width, mode="same")
-    smooth = smooth[width // 2 : width // 2 + len(read)][part] - start
+    smooth = np.convolve(np.pad(measured, width // 2, mode="edge"), np.ones(width) / width, mode="same")
+    smooth = smooth[width // 2 : width // 2 + len(measured)][part] - start
     noise = float(position_noise(run.time, run.position) / np.sqrt(width))
     wish, target = reference[part] - start, promise.target
     loops = max(2, round(float(time[-1]) / target.period))
-    wanted = np.interp(np.arange(loops) * target.period, time, wish)[None, None]
-    flights = [fly(target, promise.gains, crowd.vehicles, wanted, np.zeros((1, 1))) for crowd in promise.crowds]
+    setpoint = np.interp(np.arange(loops) * target.period, time, wish)[None, None]
+    flights = [fly(target, promise.gains, crowd.vehicles, setpoint, np.zeros((1, 1))) for crowd in promise.crowds]
     clock, flown = flights[0].time, np.concatenate([flight.position[:, 0] for flight in flights])
     did: tuple[Floats, ...]
     promised: tuple[Floats, ...]
@@ -473,4 +472,4 @@ def _flown(run: Run, reference: Floats, part: slice, start: float, promise: Prom
         figures[name] = Compared(float(value[0]), (low, high), bool(low - more <= value[0] <= high + more))
     band = [np.interp(time, clock, edge) for edge in np.quantile(flown, [0.025, 0.975], axis=0)]
     begins = float(run.time[part][0] - run.time[0])
-    return FlownStep(run.name, begins, size, figures, time, wish, read[part] - start, *band)
+    return FlownStep(run.name, begins, size, figures, time, wish, measured[part] - start, *band)

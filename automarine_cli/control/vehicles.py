@@ -26,7 +26,7 @@ quadratic drag is that at rest, of dry friction that of a brisk turn. Water that
 
 
 @dataclass(frozen=True)
-class Bend:
+class ThrustCurve:
     """What share of the full moment an output gives, odd: `output` (K,) from 0 to 1 and `share` (K,), which rises."""
 
     output: Floats
@@ -62,7 +62,7 @@ class Vehicles:
     late: Floats
     volts: Floats
     at: Floats
-    bend: Bend | None = None
+    bend: ThrustCurve | None = None
     noise: tuple[float, float] = (0.0, 0.0)
 
     def __len__(self) -> int:
@@ -89,7 +89,7 @@ class Spread:
 
 
 def crowd(
-    model: YawModel, spread: Spread, full: float, bend: Bend | None, count: int, rng: np.random.Generator
+    model: YawModel, spread: Spread, full: float, bend: ThrustCurve | None, count: int, rng: np.random.Generator
 ) -> Vehicles:
     theta = _drawn(model, spread.covariance, count, rng)
     logged, low, high = spread.volts
@@ -156,17 +156,17 @@ class Actuators:
         """Return the mean moment (S, R) over the next step, for the output held over it."""
         ring, at, count = self._ring, self._at, len(self._ring)
         ring[at % count] = self._ideal(output)
-        near = ring[(at - self._whole) % count, self._rows]
-        moment = near + self._share * (ring[(at - self._whole - 1) % count, self._rows] - near)
+        delayed = ring[(at - self._whole) % count, self._rows]
+        moment = delayed + self._share * (ring[(at - self._whole - 1) % count, self._rows] - delayed)
         self._at = at + 1
         for place, term in enumerate(self._now):
             before, self._before[place] = self._before[place], moment
             moment = self._at_once(term, moment, before)
         if self._laws:
-            wanted = np.sign(moment) * np.sqrt(np.abs(moment))
-            impulse, speed, step = np.empty_like(wanted), np.empty_like(wanted), np.full((1, 1), self.step)
+            target_speed = np.sign(moment) * np.sqrt(np.abs(moment))
+            impulse, speed, step = np.empty_like(target_speed), np.empty_like(target_speed), np.full((1, 1), self.step)
             for advance, rows, values in self._laws:
-                impulse[rows], speed[rows] = advance(wanted[rows], self._speed[rows], step, values)
+                impulse[rows], speed[rows] = advance(target_speed[rows], self._speed[rows], step, values)
             self._speed, moment = speed, impulse / self.step
         self._time = self._time + self.step
         return self.vehicles.gain[:, None] * moment

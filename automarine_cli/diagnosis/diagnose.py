@@ -18,8 +18,8 @@ from automarine_cli.diagnosis.search import (
     STANDS,
     TIE,
     WEAK,
-    Found,
-    Trial,
+    CandidateFit,
+    SearchResult,
     clear,
     gain_exponent,
     obstacle,
@@ -27,7 +27,7 @@ from automarine_cli.diagnosis.search import (
     variants,
     varied,
 )
-from automarine_cli.diagnosis.study import JUDGED, Study, log_density, missed, run_effects_given, study_of
+from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, run_effects_given, study_of
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
@@ -61,13 +61,17 @@ class GapSizes:
         return size**2 - self.floor**2
 
     @property
+    def exceeds_noise(self) -> bool:
+        return self.after > STANDS * self.floor
+
+    @property
     def in_noises(self) -> str:
         floor = max(self.floor, 1e-12)
         return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
 
-    def to_json(self, unit: str, shown: Callable[[float], float] = float) -> dict[str, float]:
+    def to_json(self, unit: str, convert: Callable[[float], float] = float) -> dict[str, float]:
         sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
-        return {f"{name}_{unit}": float(shown(size)) for name, size in sizes.items()}
+        return {f"{name}_{unit}": float(convert(size)) for name, size in sizes.items()}
 
 
 @dataclass(frozen=True)
@@ -81,17 +85,17 @@ class Gap(GapSizes):
     residuals_after: Floats
 
 
-def gap(study: Study, base: Trial, final: Trial, fitted: bool = False) -> Gap:
+def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
     """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
     before, after = residuals(study, base, fitted), residuals(study, final, fitted)
-    shown = [study.batch.seen if not study.driven else residual != 0.0 for residual in (before, after)]
-    first, last = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip((before, after), shown))
+    masks = [study.batch.seen if not study.driven else residual != 0.0 for residual in (before, after)]
+    first, last = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip((before, after), masks))
     return Gap(first, last, study.floor, before, after)
 
 
-def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
+def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
     """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
-    runs measured less predicted ones, JUDGED seconds ahead from the filtered state."""
+    runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
     if isinstance(trial.fit, InnovationsFit):
         return missed(study, trial.model, trial.fit)
     problem = study.problem(trial.model)
@@ -101,13 +105,11 @@ def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
     return study.residual(simulated)
 
 
-DECIDING = 5.0
-"""Horizons [s] up to this have a veto. Over longer ones the logged command answers disturbances that a prediction does
-not know."""
+DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
 
 
 @dataclass(frozen=True)
-class Outlook:
+class ForecastGain:
     """What both models predict of a set of runs, the scores before and after by horizon, and what the log density of
     these runs gained."""
 
@@ -116,11 +118,10 @@ class Outlook:
 
     @property
     def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
-        return next((pair for pair in self.ahead if pair[0].horizon == JUDGED), None)
+        return next((pair for pair in self.ahead if pair[0].horizon == HORIZON), None)
 
     @property
     def longest(self) -> tuple[ForecastScore, ForecastScore]:
-        """Over that, or the longest that runs are long enough for."""
         return self.judged or self.ahead[-1]
 
     def doubt(self, dof: Dof) -> str:
@@ -140,14 +141,14 @@ class Outlook:
         def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:
             constants = {"constant_rate": before.constant_rate, f"constant_{dof.words.position}": before.constant}
             sizes = {"before": before.error, "after": after.error, **constants}
-            shown = {f"{name}_{dof.units.key}": float(dof.shown(size)) for name, size in sizes.items()}
-            return {"horizon_s": before.horizon, **shown}
+            errors = {f"{name}_{dof.units.key}": float(dof.shown(size)) for name, size in sizes.items()}
+            return {"horizon_s": before.horizon, **errors}
 
         every = [entry(*pair) for pair in self.ahead]
         return {**entry(*self.longest), "log_density_gain": self.density_gain, "horizons": every}
 
 
-def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
+def outlook(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit) -> ForecastGain | None:
     """The outlook on the runs of `study`, which need not have been fitted; None for runs that are not driven, or too
     short for any prediction."""
     first, last = base.fit, final.fit
@@ -158,40 +159,39 @@ def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
     return outlook_of(before, after, float(np.sum(gained)))
 
 
-def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> Outlook | None:
-    """The outlook of predictions over each horizon of so many runs; None where there are none."""
+def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> ForecastGain | None:
     ahead = tuple(zip(worth_of(before), worth_of(after)))
-    return Outlook(ahead, density_gain) if ahead else None
+    return ForecastGain(ahead, density_gain) if ahead else None
 
 
-def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
+def parameter_estimates(study: DiagnosisProblem, trial: CandidateFit, name: str) -> dict[str, Estimate]:
     """Estimates of one effect's parameters with the run as the unit, by their names in files."""
     estimates = _estimates(study, trial)
     return {p: estimates[trial.model.index(f"{name}.{p}")] for p in effects.get(name).names_in(trial.model.dof)}
 
 
-def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
+def base_estimates(study: DiagnosisProblem, trial: CandidateFit) -> dict[str, Estimate]:
     return dict(zip(study.base.short_names, _estimates(study, trial)))
 
 
-def _estimates(study: Study, trial: Trial) -> list[Estimate]:
+def _estimates(study: DiagnosisProblem, trial: CandidateFit) -> list[Estimate]:
     model, covariance = trial.model, study.covariance(trial.model, trial.fit)
     units = [model.dof.unit_of("inertia", model.moment_unit)]
     for term in model.terms:
         units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
-    found = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
+    estimates = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
     scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
     for name in varying_terms(model):  # the amplitude of which every run has a share, by the likelihood of their spread
         low, high = (scale * end for end in trial.fit.factor_interval(name))
         value, error = scale * trial.fit.factor(name), (high - low) / (2.0 * float(special.ndtri(0.975)))
         place = model.index(f"{name}.{effects.get(name).names_in(model.dof)[0]}")
-        found[place] = Estimate(value, error, (low, high), model.moment_unit)
-    return found
+        estimates[place] = Estimate(value, error, (low, high), model.moment_unit)
+    return estimates
 
 
-def detectable(study: Study, found: Found) -> dict[str, float]:
+def detectable(study: DiagnosisProblem, result: SearchResult) -> dict[str, float]:
     """Smallest size of each candidate's first parameter that these runs would have shown four times in five."""
-    last, runs, sizes = found.rounds[-1], len(study.runs), {}
+    last, runs, sizes = result.rounds[-1], len(study.runs), {}
     for score in last.scores.ranked:
         needed = last.threshold + penalty(fitted_parameters(score.effect), runs)
         sizes[score.effect] = score.unit_size * float(np.sqrt(max(needed, 1.0)) + special.ndtri(0.8))
@@ -269,74 +269,80 @@ def listed_rivals(
 
 @dataclass(frozen=True)
 class Verdict:
-    """What may be said; `found` is the search as far as that holds: without effects where none is named or suspected.
+    """What may be said; `result` is the search as far as that holds: without effects where none is named or suspected.
 
-    `why` says what keeps effects from being named, or what is unexplained; `left` what stays beside named ones."""
+    `why` says what keeps effects from being named, or what is unexplained; `remainder` what stays beside named ones."""
 
     word: str
-    found: Found
+    result: SearchResult
     why: str = ""
-    left: str = ""
+    remainder: str = ""
 
     @property
-    def leaves(self) -> Trial:
+    def leaves(self) -> CandidateFit:
         """The model that is left behind: the base with what is named, and only that."""
-        return self.found.final if self.word == NAMED else self.found.base
+        return self.result.final if self.word == NAMED else self.result.base
 
 
-def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None, ahead: Outlook | None) -> Verdict:
+def verdict_of(
+    study: DiagnosisProblem, result: SearchResult, where: Where, held_out: DiagnosisProblem | None,
+    ahead: ForecastGain | None,
+) -> Verdict:  # fmt: skip
     """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
 
     A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
     chance: those of `held_out`, and each fitted run from the others. Of driven runs `ahead`, the outlook on the runs
     held out, has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what is both is chance.
     """
-    last = found if found.final.added else found.doubtful
-    kept = None if held_out is None or last is None else gap(held_out, last.base, last.final)
+    last = result if result.final.added else result.doubtful
+    holdout = None if held_out is None or last is None else gap(held_out, last.base, last.final)
     if not study.driven:
-        reason = _unexplained(study, found, where, kept if last is found else None)
+        reason = _unexplained(study, result, where, holdout if last is result else None)
         if reason:
-            without_effects = replace(found, final=found.base, p_values={}, rivals=(), doubtful=None)
-            return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, found)}")
-    doubt = "" if last is None else _borne_out(study, last, held_out, kept, ahead)
-    if last is None or (last is not found and doubt):
+            without_effects = replace(result, final=result.base, p_values={}, rivals=(), doubtful=None)
+            return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, result)}")
+    doubt = "" if last is None else _borne_out(study, last, held_out, holdout, ahead)
+    if last is None or (last is not result and doubt):
         if not where.regions:
-            return Verdict(NOTHING, found)
+            return Verdict(NOTHING, result)
         reason = f"The error is beyond chance {stretch(where.regions[0])}."
-        return Verdict(UNEXPLAINED, found, f"{reason} {_nearest(study, found)}")
-    if last is not found:
+        return Verdict(UNEXPLAINED, result, f"{reason} {_nearest(study, result)}")
+    if last is not result:
         (p_value,) = last.p_values.values()
         doubt = f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
     else:
-        doubt = _no_name(found, kept) or doubt
+        doubt = _no_name(result, holdout) or doubt
     if doubt:
         return Verdict(SUSPECTED, last, doubt)
-    if kept is None or study.driven or not _something_left(kept):
-        return Verdict(NAMED, found, left=found.equals)
-    left = f"A residual remains: on the held-out runs the gap is {kept.in_noises}."
-    return Verdict(NAMED, found, left=left)
+    if holdout is None or study.driven or not holdout.exceeds_noise:
+        return Verdict(NAMED, result, remainder=result.equals)
+    remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
+    return Verdict(NAMED, result, remainder=remainder)
 
 
-def _no_name(found: Found, kept: Gap | None) -> str:
+def _no_name(result: SearchResult, holdout: Gap | None) -> str:
     """Why effects that are borne out have no names of their own: two undo each other and leave something on runs held
     out, or rivals are together likelier; empty where neither is so."""
-    if found.compensating and (kept is None or _something_left(kept)):
-        return found.compensating[0].says
-    for name in found.final.counted:
-        weight = 1.0 / (1.0 + sum((odds := found.odds(name)).values()))
+    if result.compensating and (holdout is None or holdout.exceeds_noise):
+        return result.compensating[0].says
+    for name in result.final.counted:
+        weight = 1.0 / (1.0 + sum((odds := result.odds(name)).values()))
         if weight < EVEN:
             return f"A tie: the runs do not tell {name} ({100 * weight:.0f} %) from {' or '.join(odds)}."
     return ""
 
 
-def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None) -> str:
+def _borne_out(
+    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem | None, holdout: Gap | None,
+    ahead: ForecastGain | None,
+) -> str:  # fmt: skip
     """Why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
     if study.driven:
         doubt = "" if ahead is None else ahead.doubt(study.base.dof)
         return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
-    gained = _heard(found.final.fit.predictive - found.base.fit.predictive)
+    gained = _heard(result.final.fit.predictive - result.base.fit.predictive)
     if held_out is not None:
-        after, before = (log_density(held_out, trial.model, trial.fit) for trial in (found.final, found.base))
+        after, before = (log_density(held_out, trial.model, trial.fit) for trial in (result.final, result.base))
         more = _heard(after - before)
         if _beyond_doubt(-more):
             worse = f"{(more < 0).sum()} of {len(more)} are less likely with it"
@@ -347,8 +353,8 @@ def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | N
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
             f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
         )
-    if kept is not None and _something_left(kept) and kept.above(kept.after) > MOST_LEFT * kept.above(kept.before):
-        return f"Most of the gap of the held-out runs remains: it is {kept.in_noises}."
+    if holdout and holdout.exceeds_noise and holdout.above(holdout.after) > MOST_LEFT * holdout.above(holdout.before):
+        return f"Most of the gap of the held-out runs remains: it is {holdout.in_noises}."
     return ""
 
 
@@ -361,32 +367,28 @@ def _heard(gained: Floats) -> Floats:
     return np.clip(gained, -LOUDEST, LOUDEST)
 
 
-def _something_left(kept: Gap) -> bool:
-    return kept.after > STANDS * kept.floor
-
-
-def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> str:
+def _unexplained(study: DiagnosisProblem, result: SearchResult, where: Where, holdout: Gap | None) -> str:
     """Why runs that are simulated whole hold something that nothing in the library explains; empty if that is not so.
 
     So are runs whose residuals stand well above the floor and hang together in time, when what was added closes less
     than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust wander with
     the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows; and runs that
     would take more effects than anybody should believe; and an explanation that leads runs held out astray."""
-    final = found.final
-    if kept is not None and kept.after > ASTRAY * kept.before:
-        return f"What explains the fitted runs makes the held-out runs worse: their gap is {kept.in_noises}."
-    excess = [max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, final)]
+    final = result.final
+    if holdout is not None and holdout.after > ASTRAY * holdout.before:
+        return f"What explains the fitted runs makes the held-out runs worse: their gap is {holdout.in_noises}."
+    excess = [max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (result.base, final)]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
     times = final.fit.noise / study.sensor_floor
     closed = bool(final.added) and excess[1] <= LEFT_OVER * excess[0] and times <= STANDS
-    if times > 1.0 + margin and not closed and hangs_together(study, final):
+    if times > 1.0 + margin and not closed and is_autocorrelated(study, final):
         return f"The residual is correlated in time and is {times:.2f} times the noise{_beside(where)}."
-    scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, final)]
+    scatter = [trial.fit.factor(GAIN) ** 2 for trial in (result.base, final)]
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
-    if unnamed and gains_wander(study, final):
+    if unnamed and gains_drift(study, final):
         return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
-    if found.more or (final.count == MOST_EFFECTS and excess[0] < MANY):
-        more = " or more" if found.more else ""
+    if result.more or (final.count == MOST_EFFECTS and excess[0] < MANY):
+        more = " or more" if result.more else ""
         return f"The runs would take {MOST_EFFECTS} effects{more}, more than they can support."
     return ""
 
@@ -400,8 +402,8 @@ def stretch(region: Region) -> str:
     return f"where {region.variable} is {region.low:.3g} to {region.high:.3g}{unit}"
 
 
-def _nearest(study: Study, found: Found) -> str:
-    first, final, dof = found.rounds[0], found.final, study.base.dof
+def _nearest(study: DiagnosisProblem, result: SearchResult) -> str:
+    first, final, dof = result.rounds[0], result.final, study.base.dof
     if not final.added:
         best = max(first.trials, key=first.gain, default=None)
         if best is None or first.gain(best) <= first.threshold:
@@ -410,20 +412,20 @@ def _nearest(study: Study, found: Found) -> str:
             f"{best.added[-1]} gains {first.gain(best):.1f} in deviance, where chance reaches {first.threshold:.1f}, "
             f"but {obstacle(study, best, first.before) or 'less than it has to'}."
         )
-    before, after = apart(*(float(dof.shown(trial.fit.noise)) for trial in (found.base, final)))
+    before, after = apart(*(float(dof.shown(trial.fit.noise)) for trial in (result.base, final)))
     return (
         f"The best candidate is {' and '.join(final.added)}, with which the residual of the fitted runs is {after} "
         f"instead of {before} {dof.words.units}."
     )
 
 
-def apart(one: float, other: float) -> tuple[str, str]:
+def apart(before: float, after: float) -> tuple[str, str]:
     """Two numbers with as many digits, two at least, as show that they differ."""
-    digits = next((n for n in range(2, 7) if f"{one:.{n}g}" != f"{other:.{n}g}"), 2)
-    return f"{one:.{digits}g}", f"{other:.{digits}g}"
+    digits = next((n for n in range(2, 7) if f"{before:.{n}g}" != f"{after:.{n}g}"), 2)
+    return f"{before:.{digits}g}", f"{after:.{digits}g}"
 
 
-def gains_wander(study: Study, trial: Trial) -> bool:
+def gains_drift(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     """Whether runs made one after the other have more alike gains than chance allows (p < 0.001).
 
     Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
@@ -436,32 +438,29 @@ def gains_wander(study: Study, trial: Trial) -> bool:
     return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > -special.ndtri(1e-3))
 
 
-def hangs_together(study: Study, trial: Trial) -> bool:
+def is_autocorrelated(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     """Whether neighbouring residuals agree more than chance allows (lag-one correlation over all runs, p < 0.001)."""
-    left = residuals(study, trial, fitted=True)
-    seen = study.batch.seen[:, 1:]
-    product = (left[:, 1:] * left[:, :-1])[seen].sum()
-    correlation = product / max((left**2).sum(), 1e-300)
-    return bool(correlation * np.sqrt(seen.sum()) > -special.ndtri(1e-3))
+    residual = residuals(study, trial, fitted=True)
+    observed = study.batch.seen[:, 1:]
+    product = (residual[:, 1:] * residual[:, :-1])[observed].sum()
+    correlation = product / max((residual**2).sum(), 1e-300)
+    return bool(correlation * np.sqrt(observed.sum()) > -special.ndtri(1e-3))
 
 
-def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:
+def named_effects(study: DiagnosisProblem, result: SearchResult) -> tuple[NamedEffect, ...]:
     """List the effects of the final model, each with its rivals and what their cards say would tell them apart; a
     learned one with its curve, and a sentence that says whether it is thrust or a moment."""
-    named, dof, curve = [], study.base.dof, curve_of(found.final)
-    for name in found.final.added:
-        effect, p_value, odds = effects.get(name), found.p_values[name], found.odds(name)
+    entries, dof, curve = [], study.base.dof, curve_of(result.final)
+    for name in result.final.added:
+        effect, p_value, odds = effects.get(name), result.p_values[name], result.odds(name)
         weight, rivals = listed_rivals(odds, {rival: split_by(name, rival, dof) for rival in odds})
-        parameters = parameter_estimates(study, found.final, name)
-        law = ", ".join(
-            known.choices[round(one.value)]
-            for known, one in zip(effect.parameters, parameters.values())
-            if known.choices
-        )
-        own = curve if curve is not None and name == PREFIX + curve.variable else None
-        says = effect.card(dof).says if own is None else sentence(own, found)
-        named.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals, own))
-    return tuple(named)
+        parameters = parameter_estimates(study, result.final, name)
+        pairs = zip(effect.parameters, parameters.values())
+        law = ", ".join(p.choices[round(estimate.value)] for p, estimate in pairs if p.choices)
+        learned = curve if curve is not None and name == PREFIX + curve.variable else None
+        says = effect.card(dof).says if learned is None else sentence(learned, result)
+        entries.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals, learned))
+    return tuple(entries)
 
 
 def split_by(name: str, rival: str, dof: Dof) -> str:
@@ -470,60 +469,61 @@ def split_by(name: str, rival: str, dof: Dof) -> str:
     return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by
 
 
-DRIVEN_S, STEPPED_S = 3e-4, 1e-4
-"""Seconds for each reading and effect of a diagnosis of driven runs, and of others, on a machine of 2020; roughly."""
+DRIVEN_S, STEPPED_S = (
+    3e-4,
+    1e-4,
+)  # for each reading and effect, of driven runs and others, on a machine of 2020; roughly
 FEWEST_RUNS = 4
 FEWEST_TO_HOLD_OUT = 8
-SHORT = 5
-"""Iterations of a law or size that the fitted runs may not tell from the final one: those that get there do so soon."""
+SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """What a diagnosis found; `held_out` and `held_out_gap` are None where too few runs were left to hold any out.
 
-    `said` is the verdict, and `effects` what it names or suspects; `where` is the gap of the base model; the outlooks
-    are those of driven runs."""
+    `effects` are those that the conclusion names or suspects; `where` is the gap of the base model; the outlooks are
+    those of driven runs."""
 
-    study: Study
-    said: Verdict
+    study: DiagnosisProblem
+    conclusion: Verdict
     effects: tuple[NamedEffect, ...]
     where: Where
     gap: Gap
-    held_out: Study | None
+    held_out: DiagnosisProblem | None
     held_out_gap: Gap | None
     detectable: dict[str, float]
-    outlook: Outlook | None = None
-    held_out_outlook: Outlook | None = None
+    outlook: ForecastGain | None = None
+    held_out_outlook: ForecastGain | None = None
     channels: ChannelChoice = NOTHING_TO_CHOOSE
 
     @property
     def verdict(self) -> str:
-        return self.said.word
+        return self.conclusion.word
 
     @property
-    def found(self) -> Found:
+    def result(self) -> SearchResult:
         """The search, as far as the verdict holds."""
-        return self.said.found
+        return self.conclusion.result
 
     @property
     def words(self) -> str:
-        return in_few_words(self.verdict, self.found.final.added)
+        return in_few_words(self.verdict, self.result.final.added)
 
 
-def _of_equals(study: Study, found: Found, held_out: Study, each: Each) -> Found:
+def _best_law(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem, map_fn: Each) -> SearchResult:
     """The law and size that runs held out follow best, of those that the fitted runs do not tell apart: where all their
     commands lie on one side of an edge, its place must not decide whether there is one."""
-    final = found.final
+    final = result.final
     floor = STANDS * study.sensor_floor
-    kept = gap(held_out, found.base, final)
-    if study.driven or not final.added or final.fit.noise > floor or kept.after <= STANDS * kept.floor:
-        return found
-    tried = each(partial(varied, study, final, SHORT), variants(study, final), "trying laws on the runs held out")
+    holdout = gap(held_out, result.base, final)
+    if study.driven or not final.added or final.fit.noise > floor or not holdout.exceeds_noise:
+        return result
+    tried = map_fn(partial(varied, study, final, SHORT), variants(study, final), "trying laws on the runs held out")
     equal = [trial for trial in tried if trial is not None and trial.evidence < final.evidence + TIE]
-    best = min([final, *equal], key=lambda trial: gap(held_out, found.base, trial).after)
+    best = min([final, *equal], key=lambda trial: gap(held_out, result.base, trial).after)
     says = "The fitted runs leave its law or size open; these are what the runs held out follow best."
-    return found if best is final else replace(found, final=best, equals=says)
+    return result if best is final else replace(result, final=best, equals=says)
 
 
 def split_off(runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT) -> tuple[list[Run], list[Run]]:
@@ -540,7 +540,7 @@ def split_off(runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT) 
 
 
 def diagnose_runs(
-    runs: Sequence[Run], base: YawModel, *, hold_out: Sequence[Run] | None = None, seed: int = 0, each: Each = alone,
+    runs: Sequence[Run], base: YawModel, *, hold_out: Sequence[Run] | None = None, seed: int = 0, map_fn: Each = alone,
     channels: str = AUTO,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs, `channels` says which sensors count
@@ -548,32 +548,32 @@ def diagnose_runs(
     runs = [run for run in runs if len(run) >= 20]
     chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
     runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
-    fitted, kept = split_off(runs, seed) if hold_out is None else (runs, out)
+    fitted, unfitted = split_off(runs, seed) if hold_out is None else (runs, out)
     if len(fitted) < FEWEST_RUNS:
         plural = " is" if len(fitted) == 1 else "s are"
         raise TooFewRunsError(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
         )
     study = study_of(fitted, base, channels=chosen.names)
-    found = search(study, seed, each)
-    where = find_where(found.study, found.base, seed)
+    result = search(study, seed, map_fn)
+    where = find_where(result.study, result.base, seed)
 
-    def explained(one: Found) -> bool:
-        return verdict_of(one.study, one, where, None, None).word != UNEXPLAINED
+    def explained(search_result: SearchResult) -> bool:
+        return verdict_of(search_result.study, search_result, where, None, None).word != UNEXPLAINED
 
-    found = learn(found.study, found, seed, each, explained)
-    study = found.study
-    held_out = replace(study, runs=tuple(kept)) if kept else None
+    result = learn(result.study, result, seed, map_fn, explained)
+    study = result.study
+    held_out = replace(study, runs=tuple(unfitted)) if unfitted else None
     if held_out is not None:
-        found = _of_equals(study, found, held_out, each)
-    last = found if found.final.added else found.doubtful or found
+        result = _best_law(study, result, held_out, map_fn)
+    last = result if result.final.added else result.doubtful or result
     ahead = None if held_out is None else outlook(held_out, last.base, last.final)
-    said = verdict_of(study, found, where, held_out, ahead)
-    before, after, listed = said.found.base, said.found.final, said.word in (NAMED, SUSPECTED)
+    conclusion = verdict_of(study, result, where, held_out, ahead)
+    before, after, listed = conclusion.result.base, conclusion.result.final, conclusion.word in (NAMED, SUSPECTED)
     return Diagnosis(
-        study, said, named_effects(study, said.found) if listed else (), where,
+        study, conclusion, named_effects(study, conclusion.result) if listed else (), where,
         gap(study, before, after, fitted=True), held_out, None if held_out is None else gap(held_out, before, after),
-        detectable(study, found), outlook(study, before, after),
+        detectable(study, result), outlook(study, before, after),
         None if held_out is None else outlook(held_out, before, after), chosen,
     )  # fmt: skip
 
@@ -601,14 +601,14 @@ class MotionDiagnosis(Shown):
 
     def extended_model(self) -> dict[str, object]:
         """Return the base model with the effects named, refitted together: `validate` and `diagnose` take it."""
-        study, trial, number = self.diagnosis.study, self.diagnosis.said.leaves, self.stored.preferred
+        study, trial, number = self.diagnosis.study, self.diagnosis.conclusion.leaves, self.stored.preferred
         base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
         roles = ("quadratic", "linear", "inertia", "constant", "difference")
-        own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
-        drag = {name: base[name].to_json() for name in own.values()}
+        base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+        drag = {name: base[name].to_json() for name in base_names.values()}
         ratio, covariance = None, study.covariance(model, fit)
         likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
-        if "quadratic" in own and base[own["quadratic"]].value > 0:
+        if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
             i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
             ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
         added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.own}
@@ -635,8 +635,8 @@ class MotionDiagnosis(Shown):
 
     def to_json(self) -> dict[str, object]:
         diagnosis, dof = self.diagnosis, self.stored.dof
-        study, search = diagnosis.study, diagnosis.found
-        before, after = (base_estimates(study, trial) for trial in (search.base, diagnosis.said.leaves))
+        study, search, verdict = diagnosis.study, diagnosis.result, diagnosis.conclusion
+        before, after = (base_estimates(study, trial) for trial in (search.base, verdict.leaves))
         first = search.rounds[0]
         sets = {
             "fitted_runs": (diagnosis.gap, diagnosis.outlook),
@@ -648,7 +648,7 @@ class MotionDiagnosis(Shown):
             "schema": DIAGNOSIS.schema,
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": diagnosis.verdict,
-            **{key: text for key in ("why", "left") if (text := getattr(diagnosis.said, key))},
+            **{key: text for key, text in (("why", verdict.why), ("left", verdict.remainder)) if text},
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [effect.to_json() for effect in diagnosis.effects],

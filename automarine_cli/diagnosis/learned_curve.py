@@ -8,19 +8,27 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.scores import DRAWS, Probe, penalty, project, pull_of
+from automarine_cli.diagnosis.scores import DRAWS, CandidateShape, penalty, project, score_information
 from automarine_cli.diagnosis.search import (
     LEVEL,
     MOST_EFFECTS,
-    REACH,
+    RIVAL_RANGE,
     SEARCH_BRIEF,
     TIE,
-    Found,
-    Rival,
-    Trial,
-    may_stand,
+    AlternativeModel,
+    CandidateFit,
+    SearchResult,
+    is_admissible,
 )
-from automarine_cli.diagnosis.study import ITERATIONS, SPREADS, Fit, Study, learned_term, places, precision, smoothed
+from automarine_cli.diagnosis.study import (
+    ITERATIONS,
+    SPREADS,
+    DiagnosisProblem,
+    learned_term,
+    places,
+    precision,
+    smoothed,
+)
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import (
     DRAG,
@@ -67,14 +75,14 @@ class Curve:
         return self.model.terms[-1].name
 
 
-def scored(study: Study, base: Trial, seed: int, each: Each = alone) -> tuple[list[Curve], Chance]:
+def scored(study: DiagnosisProblem, base: CandidateFit, seed: int, map_fn: Each = alone) -> tuple[list[Curve], Chance]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
     models = candidates(study, base.model)
     names = list(dict.fromkeys(model.terms[-1].name for model in models))  # models come effect by effect
     if not models:
         return [], Chance(np.zeros(DRAWS))
     try:
-        weighted = pull_of(study, base.model, base.fit, names, list(map(_probe, models)), each)
+        weighted = score_information(study, base.model, base.fit, names, list(map(_probe, models)), map_fn)
         information, pull = project(weighted, base.fit)
     except FitError:
         return [], Chance(np.zeros(DRAWS))
@@ -82,14 +90,14 @@ def scored(study: Study, base: Trial, seed: int, each: Each = alone) -> tuple[li
     values, vectors = np.linalg.eigh(information)
     random = np.random.default_rng(seed)
     draws = random.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    found, null = [], np.full(DRAWS, -np.inf)
+    curves, null = [], np.full(DRAWS, -np.inf)
     for number, model in enumerate(models):
-        here = slice(number * KNOTS, (number + 1) * KNOTS)
-        tried = np.concatenate([pull[None, here], draws[:, here]])
-        gain, curve, spread = _gains(information[here, here], tried, model, len(study.runs))
+        block = slice(number * KNOTS, (number + 1) * KNOTS)
+        tried = np.concatenate([pull[None, block], draws[:, block]])
+        gain, curve, spread = _gains(information[block, block], tried, model, len(study.runs))
         null = np.maximum(null, gain[1:])
-        found.append(Curve(with_curve(model, spread, np.clip(curve, -1.0, 1.0)), float(gain[0])))
-    return sorted(found, key=lambda one: -one.gain), Chance(null)
+        curves.append(Curve(with_curve(model, spread, np.clip(curve, -1.0, 1.0)), float(gain[0])))
+    return sorted(curves, key=lambda candidate: -candidate.gain), Chance(null)
 
 
 def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tuple[Floats, Floats, float]:
@@ -109,45 +117,44 @@ def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tu
     return np.stack(gains)[at, np.arange(len(pulls))], curves[at[0]], float(SPREADS[at[0]])
 
 
-def _probe(model: YawModel) -> Probe:
-    """Each value of a curve in turn."""
+def _probe(model: YawModel) -> CandidateShape:
     term = model.terms[-1]
     rows = np.tile(term.values, (KNOTS, 1))
     rows[np.arange(KNOTS), FIRST + np.arange(KNOTS)] = TRIED
-    return Probe(term.name, rows, tuple(range(FIRST, FIRST + KNOTS)), False)
+    return CandidateShape(term.name, rows, tuple(range(FIRST, FIRST + KNOTS)), False)
 
 
-def candidates(study: Study, model: YawModel) -> list[YawModel]:
+def candidates(study: DiagnosisProblem, model: YawModel) -> list[YawModel]:
     """The model with a flat curve over each variable that the runs show, of each kind."""
-    found = []
+    models = []
     for name, (low, high) in ranges(study).items():
         effect = effects.get(PREFIX + name)
         assert isinstance(effect, Learned)
         if effect.acts_in(model.dof) and (study.position_counts or not effect.placed):
             for kind in effect.variable.kinds:
                 values = [low, high, study.largest, 1.0, *[0.0] * KNOTS, float(KINDS.index(kind))]
-                found.append(model.with_effect(effect.name, values))
-    return found
+                models.append(model.with_effect(effect.name, values))
+    return models
 
 
-def ranges(study: Study) -> dict[str, tuple[float, float]]:
+def ranges(study: DiagnosisProblem) -> dict[str, tuple[float, float]]:
     """Every variable over which a curve may run, with its ends."""
     dof, batch = study.base.dof, study.batch
     way = np.where(batch.seen, batch.position - batch.position[:, :1], 0.0)
-    found = {
+    intervals = {
         hyphened(dof.words.rate): (0.0, study.fastest),
         hyphened(dof.words.force): (0.0, study.largest),
         hyphened(dof.words.travelled): (float(way.min()), float(way.max())),
         TIME: (0.0, float(batch.time.max())),
     }
     if dof.wraps:
-        found[dof.words.position] = (0.0, dof.turn)
+        intervals[dof.words.position] = (0.0, dof.turn)
     clock = np.concatenate(signals_of(study.runs, CLOCK))
     for name in (CLOCK, SINCE, *_columns(study.runs, dof)):
         values = np.concatenate(signals_of(study.runs, name))
         if len(study.runs) >= FEWEST_RUNS or not _alike(values, clock):
-            found[name] = (float(values.min()), float(values.max()))
-    return {name: (low, high) for name, (low, high) in found.items() if high - low > 1e-9 * max(abs(high), 1e-9)}
+            intervals[name] = (float(values.min()), float(values.max()))
+    return {name: (low, high) for name, (low, high) in intervals.items() if high - low > 1e-9 * max(abs(high), 1e-9)}
 
 
 def _alike(values: Floats, clock: Floats) -> bool:
@@ -163,13 +170,12 @@ def _columns(runs: Sequence[Run], dof: Dof) -> list[str]:
 
 
 def with_curve(model: YawModel, spread: float, curve: Floats) -> YawModel:
-    """The model with other values and another spread of its last term, a curve."""
     *terms, last = model.terms
     values = (*last.values[: FIRST - 1], spread, *(float(v) for v in curve), last.values[-1])
     return replace(model, terms=(*terms, replace(last, values=values)))
 
 
-def gains_follow(study: Study, trial: Trial, seed: int) -> str:
+def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str:
     """The column that the runs' own gains follow; empty where they follow none beyond a chance of FOLLOWS.
 
     Its mean in each run counts: least squares of the gains on its powers up to each of POWERS, the best of all columns
@@ -179,17 +185,17 @@ def gains_follow(study: Study, trial: Trial, seed: int) -> str:
         return ""
     random, follows = np.random.default_rng(seed), ""
     dealt = np.array([gains, *(random.permutation(gains) for _ in range(DEALS))]) - gains.mean()
-    whole, best = float((dealt[0] ** 2).sum()), np.ones(1 + DEALS)
+    total, best = float((dealt[0] ** 2).sum()), np.ones(1 + DEALS)
     for name in _columns(runs, study.base.dof):
         means = np.array([float(np.mean(values)) for values in signals_of(runs, name)])
         if np.ptp(means) > 1e-9 * max(float(np.abs(means).max()), 1e-9):
             powers = np.vander(2.0 * (means - means.min()) / np.ptp(means) - 1.0, POWERS[-1] + 1, increasing=True)
             axes = np.linalg.qr(powers)[0][:, 1:]  # its powers less what lower ones are already
-            share = np.cumsum((dealt @ axes) ** 2, axis=1) / whole
+            share = np.cumsum((dealt @ axes) ** 2, axis=1) / total
             for count in [count for count in POWERS if 3 * count < len(runs)]:
                 free = len(runs) - count - 1
-                explained, left = share[:, count - 1] / count, np.maximum(1.0 - share[:, count - 1], 1e-12) / free
-                chance = special.fdtrc(count, free, explained / left)
+                explained, noise = share[:, count - 1] / count, np.maximum(1.0 - share[:, count - 1], 1e-12) / free
+                chance = special.fdtrc(count, free, explained / noise)
                 follows = name if chance[0] < best[0] else follows
                 best = np.minimum(best, chance)
     return follows if (best[1:] <= best[0]).mean() < FOLLOWS else ""
@@ -197,129 +203,134 @@ def gains_follow(study: Study, trial: Trial, seed: int) -> str:
 
 LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
 FAR = 0.2  # share of the best gain by which brief fits may be behind that are taken further
-AS_WELL = 0.02
-"""Share of what one effect of the library gains within which it does as well as a curve: its law may be off."""
+AS_WELL = 0.02  # of the gain of one effect, within which it does as well as a curve: its law may be off
 SETTLES = 2  # how often the spread is chosen again after a fit
 SAME_SPREAD = 0.1  # difference of the logarithm of two spreads that is none
 
 
-def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable[[Found], bool]) -> Found:
+def learn(
+    study: DiagnosisProblem, result: SearchResult, seed: int, map_fn: Each, explained: Callable[[SearchResult], bool]
+) -> SearchResult:
     """What a search found, with a learned curve where something is left that asks for one and a curve explains it.
 
     `explained` judges an outcome. A model that has its curve is left as it is. Where effects of the library do as well
     as a curve they keep their names, and it is their rival."""
     if learned_term(study.base) is not None:
-        return found
+        return result
     columns = _columns(study.runs, study.base.dof)
     wide = replace(study, signals=tuple(sorted({*study.signals, CLOCK, SINCE, *columns})))
-    enough, count = explained(found), found.final.count
-    follows = "" if study.driven else gains_follow(wide, found.final, seed)
-    shows = bool(follows) or (count < 2 and bool(count or study.driven) and _shows(wide, found.final, seed))
+    enough, count = explained(result), result.final.count
+    follows = "" if study.driven else gains_follow(wide, result.final, seed)
+    shows = bool(follows) or (count < 2 and bool(count or study.driven) and _shows(wide, result.final, seed))
     if enough and count < 2 and not shows:
-        return found  # a law that is only somewhat off keeps its name where nothing beside it shows
-    bases, most = [found.base, found.final][: 1 + bool(count)], np.inf
+        return result  # a law that is only somewhat off keeps its name where nothing beside it shows
+    bases, most = [result.base, result.final][: 1 + bool(count)], np.inf
     if enough and count:  # a library that does as well wins
         bases = bases if study.driven or follows else bases[:1]
-        gained = found.base.evidence - found.final.evidence
-        most = found.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
-    tied = tuple[Rival, ...]()
+        gained = result.base.evidence - result.final.evidence
+        most = result.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
+    tied = tuple[AlternativeModel, ...]()
     for base in bases:
-        one = _best(wide, found, base, follows, seed + len(base.added), each) if base.count < MOST_EFFECTS else None
-        if one is None:
+        best = _best(wide, result, base, follows, seed + len(base.added), map_fn) if base.count < MOST_EFFECTS else None
+        if best is None:
             continue
-        wins = not any(may_stand(study, trial, base) for trial in _as_good(found, base, one.final))
-        if wins and one.final.evidence < most and explained(one):
-            needed = {name for term in one.final.model.terms for name in effects.get(term.name).needs}
-            return replace(one, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
-        if base is found.base:
-            tied = ties(found, one.final)
-    return replace(found, rivals=(*found.rivals, *tied))
+        wins = not any(is_admissible(study, trial, base) for trial in _as_good(result, base, best.final))
+        if wins and best.final.evidence < most and explained(best):
+            needed = {name for term in best.final.model.terms for name in effects.get(term.name).needs}
+            return replace(best, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
+        if base is result.base:
+            tied = ties(result, best.final)
+    return replace(result, rivals=(*result.rivals, *tied))
 
 
-def ties(found: Found, curve: Trial) -> tuple[Rival, ...]:
+def ties(result: SearchResult, curve: CandidateFit) -> tuple[AlternativeModel, ...]:
     """A curve that does as well as what was found, as a rival of each of its effects."""
-    behind = max(curve.evidence - found.final.evidence, 0.0)
-    return tuple(Rival(name, curve.added[-1], behind, curve) for name in found.final.added if behind < TIE)
+    behind = max(curve.evidence - result.final.evidence, 0.0)
+    return tuple(AlternativeModel(name, curve.added[-1], behind, curve) for name in result.final.added if behind < TIE)
 
 
-def _as_good(found: Found, base: Trial, curve: Trial) -> list[Trial]:
+def _as_good(result: SearchResult, base: CandidateFit, curve: CandidateFit) -> list[CandidateFit]:
     """What the search tried of the library beside `base` that does as well as a curve."""
-    same = [one for one in found.rounds if one.before.added == base.added]
-    return [one for this in same for one in this.trials if one.evidence < curve.evidence + TIE]
+    steps = [step for step in result.rounds if step.before.added == base.added]
+    return [trial for step in steps for trial in step.trials if trial.evidence < curve.evidence + TIE]
 
 
-def _shows(study: Study, base: Trial, seed: int) -> bool:
+def _shows(study: DiagnosisProblem, base: CandidateFit, seed: int) -> bool:
     """Whether a curve beside what was found would gain more than chance by its score."""
     curves, chance = scored(study, base, seed)
     return bool(curves) and curves[0].gain > max(chance.threshold(LEVEL), 0.0)
 
 
-def _best(study: Study, found: Found, base: Trial, follows: str, seed: int, each: Each) -> Found | None:
+def _best(
+    study: DiagnosisProblem, result: SearchResult, base: CandidateFit, follows: str, seed: int, map_fn: Each
+) -> SearchResult | None:
     """The search's outcome with the best curve beside what `base` has, if one beats chance. A gain over the column that
     the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without."""
-    curves, chance = scored(study, base, seed, each)
+    curves, chance = scored(study, base, seed, map_fn)
     bar = max(chance.threshold(LEVEL), 0.0)
     least = max(BEHIND * curves[0].gain, 0.0) if curves else 0.0
     leading = [
-        one for i, one in enumerate(curves)
-        if i < LEADERS or (i < MOST_LEADERS and one.gain > least)
-        or (one.name == PREFIX + follows and kind_of(one.model.terms[-1].values) == GAIN)
+        curve for i, curve in enumerate(curves)
+        if i < LEADERS or (i < MOST_LEADERS and curve.gain > least)
+        or (curve.name == PREFIX + follows and kind_of(curve.model.terms[-1].values) == GAIN)
     ]  # fmt: skip
-    tried = each(partial(_fitted, study, base, SEARCH_BRIEF), leading, "trying curves")
-    gains = [(base.evidence - one.evidence, one) for one in tried if one is not None]
+    tried = map_fn(partial(_fitted, study, base, SEARCH_BRIEF), leading, "trying curves")
+    gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
-    running = [one for gain, one in gains if gain > gained - max(REACH, FAR * gained)]
-    tried = each(partial(_further, study, base), running, "learning curves")
-    trials = sorted((one for one in tried if one is not None), key=lambda trial: trial.evidence)
-    able = [one for one in trials if base.evidence - one.evidence > bar and may_stand(study, one, base)]
-    if not able:
+    running = [trial for gain, trial in gains if gain > gained - max(RIVAL_RANGE, FAR * gained)]
+    tried = map_fn(partial(_further, study, base), running, "learning curves")
+    trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
+    admissible = [t for t in trials if base.evidence - t.evidence > bar and is_admissible(study, t, base)]
+    if not admissible:
         return None
-    best = able[0]
-    name, library = best.added[-1], _as_good(found, base, best)
-    others = {one.added[-1]: one for one in reversed([*trials, *library]) if one.added[-1] != name}
+    best = admissible[0]
+    name, library = best.added[-1], _as_good(result, base, best)
+    alternatives = {t.added[-1]: t for t in reversed([*trials, *library]) if t.added[-1] != name}
     rivals = [
-        Rival(name, other, max(one.evidence - best.evidence, 0.0), one)
-        for other, one in others.items()
-        if one.evidence < best.evidence + TIE
+        AlternativeModel(name, other, max(trial.evidence - best.evidence, 0.0), trial)
+        for other, trial in alternatives.items()
+        if trial.evidence < best.evidence + TIE
     ]
-    kept = [rival for rival in found.rivals if rival.replaces in base.added]
+    base_rivals = [rival for rival in result.rivals if rival.replaces in base.added]
     p_value = chance.p_value(base.evidence - best.evidence)
-    p_values = {n: p for n, p in found.p_values.items() if n in base.added} | {name: p_value}
+    p_values = {n: p for n, p in result.p_values.items() if n in base.added} | {name: p_value}
     rivals.sort(key=lambda rival: rival.behind)
-    undoing = tuple(pair for pair in found.compensating if set(pair.names) <= set(base.added))
+    undoing = tuple(pair for pair in result.compensating if set(pair.names) <= set(base.added))
     return replace(
-        found, study=study, final=best, p_values=p_values, rivals=(*kept, *rivals), more=False, doubtful=None,
-        crowd=found.crowd if base.added else "", compensating=undoing,
+        result, study=study, final=best, p_values=p_values, rivals=(*base_rivals, *rivals), more=False, doubtful=None,
+        crowd=result.crowd if base.added else "", compensating=undoing,
     )  # fmt: skip
 
 
-def _fitted(study: Study, base: Trial, iterations: int, curve: Curve) -> Trial | None:
+def _fitted(study: DiagnosisProblem, base: CandidateFit, iterations: int, curve: Curve) -> CandidateFit | None:
     values = np.append(base.fit.of_model, curve.model.terms[-1].values)
-    return _trial(study, base, curve.model, values, base.fit, iterations)
+    return _trial(study, base, curve.model, values, base, iterations)
 
 
-def _further(study: Study, base: Trial, trial: Trial) -> Trial | None:
+def _further(study: DiagnosisProblem, base: CandidateFit, trial: CandidateFit) -> CandidateFit | None:
     """The same taken to the end; the spread is chosen again by each fit."""
     for _ in range(1 + SETTLES):
         spread, _ = smoothed(trial.fit, trial.model)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
-        again = _trial(study, base, model, model.theta, trial.fit, ITERATIONS)
+        again = _trial(study, base, model, model.theta, trial, ITERATIONS)
         if again is None or abs(np.log(spread / trial.model.terms[-1].values[FIRST - 1])) < SAME_SPREAD:
             return again
         trial = again
     return trial
 
 
-def _trial(study: Study, base: Trial, model: YawModel, values: Floats, near: Fit, iterations: int) -> Trial | None:
+def _trial(
+    study: DiagnosisProblem, base: CandidateFit, model: YawModel, values: Floats, start: CandidateFit, iterations: int
+) -> CandidateFit | None:
     """A fit of a model with a curve, its effective number of parameters counted."""
     try:
-        fit = study.fit(model, values, near, iterations)
+        fit = study.fit(model, values, start.fit, iterations)
         count = smoothed(fit, model)[1]
     except (FitError, np.linalg.LinAlgError):
         return None
     cost = base.evidence + 2.0 * base.fit.log_likelihood + count * penalty(1, len(study.runs))
     added = (*base.added, model.terms[-1].name)
-    return Trial(added, study.told(model, fit), fit, -2.0 * fit.log_likelihood + cost)
+    return CandidateFit(added, study.with_fitted_values(model, fit), fit, -2.0 * fit.log_likelihood + cost)
 
 
 POINTS = 61  # places at which a curve is told
@@ -351,8 +362,7 @@ class LearnedCurve:
         return {name: value for name, value in vars(self).items() if name not in ("sized", "needs")}
 
 
-def curve_of(trial: Trial) -> LearnedCurve | None:
-    """The learned curve of a trial; None where it has none."""
+def curve_of(trial: CandidateFit) -> LearnedCurve | None:
     inside = learned_term(trial.model)
     if inside is None:
         return None
@@ -375,12 +385,12 @@ def curve_of(trial: Trial) -> LearnedCurve | None:
     )  # fmt: skip
 
 
-def sentence(curve: LearnedCurve, found: Found) -> str:
-    words = found.final.model.dof.words
+def sentence(curve: LearnedCurve, result: SearchResult) -> str:
+    words = result.final.model.dof.words
     size = f"{100 * curve.range:.2g} %" if curve.kind == GAIN else f"{curve.range:.2g} {curve.y_unit}"
-    what, which = {
+    cause, which = {
         MOMENT: (f"A {words.force}", "it differs"),
         GAIN: ("The thrust", "it differs"),
         DRAG: ("The drag", f"what it has in proportion to the {words.rate} differs"),
     }[curve.kind]
-    return f"{what} depends on {curve.variable}: {which} by {size} over its range; no effect of the library does this."
+    return f"{cause} depends on {curve.variable}: {which} by {size} over its range; no effect of the library does this."

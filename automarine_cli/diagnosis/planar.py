@@ -18,24 +18,24 @@ from automarine_cli.diagnosis.diagnose import (
     NOTHING,
     SUSPECTED,
     UNEXPLAINED,
+    ForecastGain,
     GapSizes,
-    Outlook,
     in_few_words,
     outlook_of,
     stretch,
 )
 from automarine_cli.diagnosis.residual_regions import (
     Column,
-    Gap,
+    ResidualGrid,
     Where,
+    find_regions,
     last_side,
-    look,
     of_run_or_sample,
     since_change,
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
-from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -88,56 +88,55 @@ class Candidate:
 
     @property
     def says(self) -> str:
-        what = SAYS.get(self.name) or effects.get(self.name).card(YAW).says.rstrip(".")
-        return f"{what} ({', '.join(self.added)})."
+        description = SAYS.get(self.name) or effects.get(self.name).card(YAW).says.rstrip(".")
+        return f"{description} ({', '.join(self.added)})."
 
     @property
     def split_by(self) -> str:
-        """The run that would tell it from what is named."""
         run = SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
         return f"{run[:1].upper()}{run[1:]}."
 
 
-def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
+def base_of(stored: StoredPlanar, observed: Observed) -> Tied:
     """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
 
     Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it."""
     model = stored.model
-    known = set(model.parameter_names)
-    ties = {name: tie for name, tie in Structure.simplest(seen).ties.items() if {name, tie[0]} <= known}
+    names = set(model.parameter_names)
+    ties = {name: tie for name, tie in Structure.simplest(observed).ties.items() if {name, tie[0]} <= names}
     if SWAY.parameter("inertia") not in ties and model.inertia.m_v == model.inertia.m_u:
         ties[SWAY.parameter("inertia")] = ("surge.m_u", 1.0)
-    wanted = stored.free or tuple(name for name, value in zip(model.parameter_names, model.theta) if value)
-    return Tied(model, tuple(name for name in model.parameter_names if name in wanted and name not in ties), ties)
+    free = stored.free or tuple(name for name, value in zip(model.parameter_names, model.theta) if value)
+    return Tied(model, tuple(name for name in model.parameter_names if name in free and name not in ties), ties)
 
 
-def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate]:
+def candidates(base: Tied, observed: Observed, largest: float) -> Iterator[Candidate]:
     """What may be added to a model; `largest` is the largest moment [N m]."""
     model, have = base.model, {term.name for term in base.model.cross}
 
     def candidate(name: str, *added: str, ties: Mapping[str, tuple[str, float]] = base.ties, **more: Any) -> Candidate:
         return Candidate(name, added, Tied(replace(model, **more), (*base.free, *added), ties))
 
-    for name in [name for name in COUPLINGS if name not in have and (SWAY in seen.dofs or name == "N_ur")]:
+    for name in [name for name in COUPLINGS if name not in have and (SWAY in observed.dofs or name == "N_ur")]:
         added = f"{base.motion.dofs[derivative(name)[0]].name}.{name}"
         yield candidate("cross-coupling", added, cross=(*model.cross, Term(name, (0.0,))))
-    if SWAY in seen.dofs and "planar.m_vr" not in base.free:
+    if SWAY in observed.dofs and "planar.m_vr" not in base.free:
         yield candidate("cross-coupling", "planar.m_vr")
-    for dof in seen.dofs:
-        own: tuple[Term, ...] = getattr(model, dof.name)
-        for law in [law for law in LAWS[-1] if law not in [term.name for term in own]]:
-            more: dict[str, Any] = {dof.name: (*own, Term(law, (0.0,)))}
+    for dof in observed.dofs:
+        terms: tuple[Term, ...] = getattr(model, dof.name)
+        for law in [law for law in LAWS[-1] if law not in [term.name for term in terms]]:
+            more: dict[str, Any] = {dof.name: (*terms, Term(law, (0.0,)))}
             yield candidate(law, dof.parameter(law.removesuffix("-drag")), **more)
     mass = SWAY.parameter("inertia")
     if mass in base.ties:
         yield candidate("munk-moment", mass, ties={name: tie for name, tie in base.ties.items() if name != mass})
-    if model.water is None and seen.over_ground:
+    if model.water is None and observed.over_ground:
         yield candidate("current", "current.north", "current.east", water=(0.0, 0.0))
     for name in [name for name in OF_YAW if name not in {term.name for term in model.yaw}]:
         effect = effects.get(name)
         values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
         term = Term(name, values)
-        names = [n for n, held in zip(parameters_of(YAW, term), effect.held(values)) if not held]
+        names = [n for n, fixed in zip(parameters_of(YAW, term), effect.held(values)) if not fixed]
         yield candidate(name, *names, yaw=(*model.yaw, term))
 
 
@@ -149,41 +148,39 @@ MOST = 3  # effects that are named at most
 
 
 @dataclass(frozen=True)
-class Contender:
+class FittedCandidate:
     """A candidate that was fitted: deviance gained by all runs beyond its penalty, whether run by run beyond chance,
     and log likelihood gained by held-out runs."""
 
     candidate: Candidate
-    found: Estimated
+    estimate: Estimated
     surplus: float
     steady: bool
     held_out: float
 
     @property
     def evident(self) -> bool:
-        """Whether the fitted runs ask for it."""
         return self.surplus > HEAD_START and self.steady
 
-    def rivals(self, best: "Contender") -> bool:
+    def rivals(self, best: "FittedCandidate") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
-        behind = fit_of(best.found).density - fit_of(self.found).density
+        behind = fit_of(best.estimate).density - fit_of(self.estimate).density
         return best.surplus - self.surplus < HEAD_START or not clear(behind, ERRORS)
 
 
 @dataclass(frozen=True)
-class Round:
+class PlanarStep:
     """One look for an effect: the model that was looked at, the surplus that each candidate's score promised, those
     that were fitted, the `best` if one was taken, and its rivals."""
 
     before: Estimated
     promised: tuple[tuple[Candidate, float], ...]
-    tried: tuple[Contender, ...]
-    best: Contender | None
-    rivals: tuple[Contender, ...]
+    tried: tuple[FittedCandidate, ...]
+    best: FittedCandidate | None
+    rivals: tuple[FittedCandidate, ...]
 
 
-Foretold = Mapping[str, tuple[Predicted, ...]]
-"""Predictions over each horizon of what is measured of heading and place, by quantity."""
+Forecasts = Mapping[str, tuple[Predicted, ...]]  # by quantity measured of heading and place, over each horizon
 
 
 @dataclass(frozen=True)
@@ -191,34 +188,33 @@ class PlanarSearch:
     """The model as it was given, refitted (`before`), and the rounds of the search.
 
     `every` has all runs, those fitted before those held out, `fitted` says how many were fitted. By the first and the
-    last model there are predictions (`foretold`) and the runs' log densities (`density`, (R,) each). `where` has the
+    last model there are predictions (`forecasts`) and the runs' log densities (`density`, (R,) each). `where` has the
     gap of the first one, once somebody looked."""
 
     before: Estimated
-    rounds: tuple[Round, ...]
+    rounds: tuple[PlanarStep, ...]
     every: PlanarLikelihood = field(repr=False)
     fitted: int
-    foretold: tuple[Foretold, Foretold] = field(repr=False)
+    forecasts: tuple[Forecasts, Forecasts] = field(repr=False)
     density: tuple[Floats, Floats] = field(repr=False)
     where: Where | None = field(default=None, repr=False)
 
     @property
-    def steps(self) -> tuple[Round, ...]:
-        """The rounds in which an effect was added."""
-        return tuple(one for one in self.rounds if one.best is not None)
+    def steps(self) -> tuple[PlanarStep, ...]:
+        return tuple(step for step in self.rounds if step.best is not None)
 
     @property
-    def named(self) -> tuple[Contender, ...]:
-        return tuple(one.best for one in self.rounds if one.best is not None)
+    def named(self) -> tuple[FittedCandidate, ...]:
+        return tuple(step.best for step in self.rounds if step.best is not None)
 
     @property
-    def suspected(self) -> tuple[Contender, ...]:
+    def suspected(self) -> tuple[FittedCandidate, ...]:
         """What the fitted runs ask for but others do not bear out."""
-        return tuple(one for one in self.rounds[-1].tried if one.evident and self.rounds[-1].best is None)
+        return tuple(trial for trial in self.rounds[-1].tried if trial.evident and self.rounds[-1].best is None)
 
     @property
     def after(self) -> Estimated:
-        return self.named[-1].found if self.named else self.before
+        return self.named[-1].estimate if self.named else self.before
 
     @property
     def verdict(self) -> str:
@@ -227,15 +223,15 @@ class PlanarSearch:
         return UNEXPLAINED if self.where is not None and self.where.regions else NOTHING
 
     @property
-    def passed_over(self) -> Contender | None:
+    def passed_over(self) -> FittedCandidate | None:
         """The candidate of the last round that gains most and yet was not taken, where one gains enough."""
         last = self.rounds[-1]
-        able = [one for one in last.tried if one.surplus > HEAD_START and last.best is None]
-        return max(able, key=lambda one: one.surplus, default=None)
+        gaining = [trial for trial in last.tried if trial.surplus > HEAD_START and last.best is None]
+        return max(gaining, key=lambda trial: trial.surplus, default=None)
 
     @property
     def words(self) -> str:
-        return in_few_words(self.verdict, [one.candidate.label for one in self.named or self.suspected])
+        return in_few_words(self.verdict, [trial.candidate.label for trial in self.named or self.suspected])
 
     @property
     def why(self) -> str:
@@ -253,122 +249,124 @@ class PlanarSearch:
             )
         return f"The error is beyond chance {stretch(self.where.regions[0])}. {passed}"
 
-    def outlook(self, held_out: bool) -> Outlook | None:
+    def outlook(self, held_out: bool) -> ForecastGain | None:
         """What both models predict of the heading of the runs that were fitted, or of those held out; None where these
         are too short."""
 
-        def part(one: Predicted) -> Predicted:
-            own = (one.run >= self.fitted) == held_out
-            return Predicted(**{name: x[own] if isinstance(x, np.ndarray) else x for name, x in vars(one).items()})
+        def part(predicted: Predicted) -> Predicted:
+            rows = (predicted.run >= self.fitted) == held_out
+            return Predicted(
+                **{name: x[rows] if isinstance(x, np.ndarray) else x for name, x in vars(predicted).items()}
+            )
 
-        before, after = ([part(one) for one in each[YAW.position]] for each in self.foretold)
-        own = slice(self.fitted, None) if held_out else slice(self.fitted)
-        gained = float((self.density[1] - self.density[0])[own].sum())
+        before, after = (list(map(part, predictions[YAW.position])) for predictions in self.forecasts)
+        runs = slice(self.fitted, None) if held_out else slice(self.fitted)
+        gained = float((self.density[1] - self.density[0])[runs].sum())
         return outlook_of(before, after, gained)
 
 
 @dataclass(frozen=True)
-class _Planar(Judge[Estimated, Round]):
+class _Planar(Judge[Estimated, PlanarStep]):
     """Candidates judged by innovations of the fitted runs, and by the density of the `other` runs."""
 
     likelihood: PlanarLikelihood
     other: PlanarLikelihood
-    seen: Observed
+    observed: Observed
     most = MOST
 
-    def look(self, model: Estimated, number: int) -> Round:
+    def look(self, model: Estimated, number: int) -> PlanarStep:
         likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
-        promised = _promised(likelihood, model, self.seen)
+        promised = _promised(likelihood, model, self.observed)
         tried = [
-            _contender(one, likelihood.estimate(*likelihood.toward(one.model, model, promise), True), model, other)
-            for one, promise in sorted(promised, key=lambda each: -each[1].gain)[:FULLY]
+            _fitted(c, likelihood.estimate(*likelihood.toward(c.model, model, promise), True), model, other)
+            for c, promise in sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
             if 2.0 * promise.gain > HEAD_START
         ]
         model, tried = _on_the_best_summit(likelihood, model, tried, other)
-        good = sorted((one for one in tried if one.evident and one.held_out > 0), key=lambda one: -one.surplus)
-        surplus = tuple((one, 2.0 * promise.gain - penalty(len(one.added), runs)) for one, promise in promised)
+        good = sorted((t for t in tried if t.evident and t.held_out > 0), key=lambda trial: -trial.surplus)
+        surplus = tuple((c, 2.0 * promise.gain - penalty(len(c.added), runs)) for c, promise in promised)
         if not good:
-            return Round(model, surplus, tuple(tried), None, ())
-        best, *rest = good
-        found = likelihood.estimate(best.candidate.model, best.found)
-        near = tuple(one for one in rest if one.rivals(best))
-        return Round(model, surplus, tuple(tried), replace(best, found=found), near)
+            return PlanarStep(model, surplus, tuple(tried), None, ())
+        best, *runners_up = good
+        estimate = likelihood.estimate(best.candidate.model, best.estimate)
+        rivals = tuple(trial for trial in runners_up if trial.rivals(best))
+        return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
 
-    def able(self, look: Round, first: Round) -> list[Estimated]:
-        return [] if look.best is None else [look.best.found]
+    def able(self, look: PlanarStep, first: PlanarStep) -> list[Estimated]:
+        return [] if look.best is None else [look.best.estimate]
 
 
-def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run], seen: Observed) -> PlanarSearch:
-    """Diagnose a model on `runs`, with `kept` ones that are never fitted. Raises RunError for too few of either."""
-    if len(runs) < 2 or not kept:
-        raise TooFewRunsError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
-    likelihood, other = PlanarLikelihood(tuple(runs), seen), PlanarLikelihood(tuple(kept), seen)
-    base = base_of(stored, seen)  # one start is enough for what somebody took for the vehicle
+def find_missing(stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed) -> PlanarSearch:
+    """Diagnose a model on `runs`, with `unseen` ones that are never fitted. Raises RunError for too few of either."""
+    if len(runs) < 2 or not unseen:
+        raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
+    likelihood, other = PlanarLikelihood(tuple(runs), observed), PlanarLikelihood(tuple(unseen), observed)
+    base = base_of(stored, observed)  # one start is enough for what somebody took for the vehicle
     start = Estimated(base, np.zeros((0, 0)), 0.0, 0, random=stored.random)
-    outcome = discover(_Planar(likelihood, other, seen), likelihood.estimate(base, start))
-    rounds, before, here = outcome.looks, outcome.looks[0].before, outcome.final
-    if rounds[-1].best is not None and here is rounds[-1].before:
+    outcome = discover(_Planar(likelihood, other, observed), likelihood.estimate(base, start))
+    rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
+    if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
         rounds = (*rounds[:-1], replace(rounds[-1], best=None, rivals=()))
-    every = PlanarLikelihood((*runs, *kept), seen)
+    every = PlanarLikelihood((*runs, *unseen), observed)
     return PlanarSearch(
         before, rounds, every, len(runs),
-        (foretold(every, before), foretold(every, here)), (_densities(every, before), _densities(every, here)),
+        (forecasts(every, before), forecasts(every, final)), (_densities(every, before), _densities(every, final)),
     )  # fmt: skip
 
 
-def _promised(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> list[tuple[Candidate, Promise]]:
+def _promised(likelihood: PlanarLikelihood, current: Estimated, observed: Observed) -> list[tuple[Candidate, Promise]]:
     """The candidates with what their scores promise, all of one pass of the filter."""
     largest = float(np.abs(likelihood.course.held[-1]).max()) or 1.0
-    every = list(candidates(here.model, seen, largest))
-    wide = here.model
-    for one in every:
-        wide = next(c.model for c in candidates(wide, seen, largest) if c.added == one.added)
-    return list(zip(every, likelihood.promises(wide, here, [one.added for one in every])))
+    every = list(candidates(current.model, observed, largest))
+    wide = current.model
+    for candidate in every:
+        wide = next(c.model for c in candidates(wide, observed, largest) if c.added == candidate.added)
+    return list(zip(every, likelihood.promises(wide, current, [candidate.added for candidate in every])))
 
 
-def _contender(one: Candidate, found: Estimated, here: Estimated, other: PlanarLikelihood) -> Contender:
-    gained = fit_of(found).density - fit_of(here).density
-    sums = (float(_densities(other, estimate).sum()) for estimate in (found, here))
+def _fitted(candidate: Candidate, extended: Estimated, current: Estimated, other: PlanarLikelihood) -> FittedCandidate:
+    gained = fit_of(extended).density - fit_of(current).density
+    sums = (float(_densities(other, estimate).sum()) for estimate in (extended, current))
     after, before = (density if np.isfinite(density) else -np.inf for density in sums)
-    surplus = 2.0 * float(gained.sum()) - penalty(len(one.added), len(gained))
-    return Contender(one, found, surplus, clear(gained, ERRORS), after - before)
+    surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
+    return FittedCandidate(candidate, extended, surplus, clear(gained, ERRORS), after - before)
 
 
 def _on_the_best_summit(
-    likelihood: PlanarLikelihood, here: Estimated, tried: list[Contender], other: PlanarLikelihood
-) -> tuple[Estimated, list[Contender]]:
+    likelihood: PlanarLikelihood, current: Estimated, tried: list[FittedCandidate], other: PlanarLikelihood
+) -> tuple[Estimated, list[FittedCandidate]]:
     """The model, refitted from where the best contender ended if that is likelier, and the contenders beside it: what
     lets the search out of a lesser summit of the likelihood is no evidence for an effect."""
-    if not any(one.evident for one in tried):
-        return here, tried
-    found = max(tried, key=lambda one: one.surplus).found
-    model = here.model.with_theta([found.known[name] for name in here.model.free])
-    again = likelihood.estimate(model, found, True)
-    if again.log_likelihood <= here.log_likelihood:
-        return here, tried
+    if not any(contender.evident for contender in tried):
+        return current, tried
+    estimate = max(tried, key=lambda contender: contender.surplus).estimate
+    model = current.model.with_theta([estimate.known[name] for name in current.model.free])
+    again = likelihood.estimate(model, estimate, True)
+    if again.log_likelihood <= current.log_likelihood:
+        return current, tried
     again = likelihood.estimate(again.model, again)
-    return again, [_contender(one.candidate, one.found, again, other) for one in tried]
+    return again, [_fitted(contender.candidate, contender.estimate, again, other) for contender in tried]
 
 
-def fit_of(found: Estimated) -> InnovationsFit:
-    assert found.fit is not None
-    return found.fit
+def fit_of(estimate: Estimated) -> InnovationsFit:
+    assert estimate.fit is not None
+    return estimate.fit
 
 
-def _densities(likelihood: PlanarLikelihood, found: Estimated) -> Floats:
-    problem = likelihood.problem(found.model)
-    return problem.follow(problem.search(fit_of(found).theta)[None]).log_density[0]
+def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
+    problem = likelihood.problem(estimate.model)
+    return problem.follow(problem.search(fit_of(estimate).theta)[None]).log_density[0]
 
 
-def foretold(likelihood: PlanarLikelihood, found: Estimated) -> Foretold:
+def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Forecasts:
     """What an estimate, of these runs or of others, predicts of heading and place of a likelihood's runs."""
-    problem, fit = likelihood.problem(found.model), fit_of(found)
+    problem, fit = likelihood.problem(estimate.model), fit_of(estimate)
     noises = problem.noises(fit.theta[None])
     return {
-        one.quantity: predict(found.model, problem.course, fit.of_model, noises, channel=c)
-        for c, one in enumerate(problem.course.channels)
-        if one.quantity in (YAW.position, *PLACES)
+        channel.quantity: predict(estimate.model, problem.course, fit.of_model, noises, channel=c)
+        for c, channel in enumerate(problem.course.channels)
+        if channel.quantity in (YAW.position, *PLACES)
     }
 
 
@@ -383,11 +381,11 @@ class PlanarDiagnosis(Shown):
     @cached_property
     def estimates(self) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
         """Parameters of the first and the last model, by qualified name."""
-        before, after = (one.estimates(self.search.fitted) for one in (self.search.before, self.search.after))
+        before, after = (model.estimates(self.search.fitted) for model in (self.search.before, self.search.after))
         return before, after
 
-    def estimates_of(self, contender: Contender) -> dict[str, Estimate]:
-        estimates = contender.found.estimates(self.search.fitted)
+    def estimates_of(self, contender: FittedCandidate) -> dict[str, Estimate]:
+        estimates = contender.estimate.estimates(self.search.fitted)
         return {name: estimates[name] for name in contender.candidate.added}
 
     def document(self, option: str) -> Document:
@@ -398,7 +396,7 @@ class PlanarDiagnosis(Shown):
     def extended_model(self) -> dict[str, object]:
         after = self.search.after
         return {
-            **planar_json(after.model.model, {name: one.to_json() for name, one in self.estimates[1].items()}),
+            **planar_json(after.model.model, {name: value.to_json() for name, value in self.estimates[1].items()}),
             "effects": [contender.candidate.name for contender in self.search.named],
             "random": dict(after.random),
             "covariance": {"parameters": list(after.model.free), "matrix": after.covariance.tolist()},
@@ -418,7 +416,7 @@ class PlanarDiagnosis(Shown):
             "motion": "planar",
             "verdict": search.verdict,
             **({"why": search.why} if search.why else {}),
-            "effects": [self._effect_json(*one) for one in listed],
+            "effects": [self._effect_json(*pair) for pair in listed],
             "where": [region.to_json(YAW.units.key) for region in search.where.regions] if search.where else [],
             "gap": {name: self._gap_json(outlook) for name, outlook in outlooks.items()},
             "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
@@ -438,7 +436,7 @@ class PlanarDiagnosis(Shown):
             "runs": runs_json(search.fitted, self.set_aside, runs),
         }  # fmt: skip
 
-    def _effect_json(self, contender: Contender, rivals: Sequence[Contender]) -> dict[str, object]:
+    def _effect_json(self, contender: FittedCandidate, rivals: Sequence[FittedCandidate]) -> dict[str, object]:
         odds = [float(np.exp(0.5 * (rival.surplus - contender.surplus))) for rival in rivals]
         weight = 1.0 / (1.0 + sum(odds))
         return {
@@ -458,7 +456,7 @@ class PlanarDiagnosis(Shown):
             ],
         }  # fmt: skip
 
-    def _gap_json(self, outlook: Outlook | None) -> dict[str, float] | None:
+    def _gap_json(self, outlook: ForecastGain | None) -> dict[str, float] | None:
         if outlook is None:
             return None
         before, after = outlook.longest
@@ -474,11 +472,11 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     all runs are too short for predictions."""
     every, before = search.every, search.before
     course, runs, fit = every.course, every.runs, fit_of(before)
-    found = judged(search.foretold[0][YAW.position])
-    if not len(found.error):
+    prediction = judged(search.forecasts[0][YAW.position])
+    if not len(prediction.error):
         return None
-    residual, seen = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
-    residual[found.run, found.target], seen[found.run, found.target] = found.error, True
+    residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
+    residual[prediction.run, prediction.target], observed[prediction.run, prediction.target] = prediction.error, True
     problem = every.problem(before.model)
     followed = problem.follow(problem.search(fit.theta)[None], keep=True)
     assert followed.states is not None
@@ -486,47 +484,47 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     (inertia,) = before.model.inertia_matrix(fit.of_model[None])
     missing = np.einsum("ij,jrk->irk", inertia, states[list(places.pushed)])
     command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])
-    sign: Floats = np.where(seen, last_side(command[-1]), 0.0)
+    sign: Floats = np.where(observed, last_side(command[-1]), 0.0)
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
     for dof, force in zip(PLANAR.dofs, missing):
         if dof in every.seen.dofs:
-            kinds[dof.words.full_force] = (dof.units.forces[1], np.where(seen, force, 0.0))
-    floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, seen)
-    gap = Gap(
-        names=course.names, residual=residual, raw=residual, sign=sign, seen=seen,
-        gain=100.0 * followed.states[places.gain, 0, :, -1], floor=floor, shown=YAW.shown,
+            kinds[dof.words.full_force] = (dof.units.forces[1], np.where(observed, force, 0.0))
+    floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, observed)
+    gap = ResidualGrid(
+        names=course.names, residual=residual, raw=residual, sign=sign, observed=observed,
+        gain=100.0 * followed.states[places.gain, 0, :, -1], floor=floor, convert=YAW.shown,
     )  # fmt: skip
-    r, part = _stretches(course, seen)
+    r, part = _stretches(course, observed)
     pieces = {name: (unit, part * values[r]) for name, (unit, values) in kinds.items()}
     off = part * residual[r]
     of_pieces = replace(
         gap, names=tuple(course.names[i] for i in r), residual=off, raw=off, sign=np.where(part, sign[r], 0.0),
-        seen=part, gain=gap.gain[r],
+        observed=part, gain=gap.gain[r],
     )  # fmt: skip
     inside = [replace(column, values=np.where(part, column.values[r], np.nan)) for column in columns]
-    looked = look(inside, pieces, of_pieces, seed)
+    looked = find_regions(inside, pieces, of_pieces, seed)
     by_name = {column.name: column for column in columns}
     looked = replace(looked, columns=tuple(by_name[variable.name] for variable in looked.variables))
     return Where(
-        **vars(looked), **vars(gap), moment=np.where(seen, missing[-1], 0.0), time=course.time,
+        **vars(looked), **vars(gap), moment=np.where(observed, missing[-1], 0.0), time=course.time,
         mean_moment=np.array([float(run.command.mean()) for run in runs]), moment_unit=course.moment_unit, dof=YAW,
     )  # fmt: skip
 
 
-def judged(each: tuple[Predicted, ...]) -> Predicted:
+def judged(predictions: tuple[Predicted, ...]) -> Predicted:
     """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
-    some = [one for one in each if len(one.error) and one.horizon <= JUDGED]
-    return max(some or each[:1], key=lambda one: one.horizon)
+    some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= HORIZON]
+    return max(some or predictions[:1], key=lambda prediction: prediction.horizon)
 
 
 def _columns(
-    runs: tuple[Run, ...], course: Course, states: Floats, command: Floats, seen: NDArray[np.bool_]
+    runs: tuple[Run, ...], course: Course, states: Floats, command: Floats, observed: NDArray[np.bool_]
 ) -> list[Column]:
     """Motion as filtered, products of velocities, commands, clocks and what else all runs log, at the nodes (R, K)."""
     heading = np.asarray(YAW.shown(states[2]))
     (u, v), turning = states[3:5], np.asarray(YAW.shown(states[5]))
     number = np.any(np.diff(command, axis=2, prepend=0.0) != 0.0, axis=0).cumsum(axis=1).astype(float)
-    found = [
+    columns = [
         Column("surge", "m/s", u),
         Column("sway", "m/s", v),
         Column("yaw-rate", "deg/s", turning),
@@ -542,16 +540,16 @@ def _columns(
     ]
     forces = {dof.command for dof in PLANAR.dofs}
     for name in sorted(set.intersection(*(set(run.extras) for run in runs)) - {*CHANNELS, *forces}):
-        found.append(of_run_or_sample(name, "", _at_nodes(course, [run.extras[name] for run in runs], runs)))
-    kept = [replace(one, values=np.where(seen, one.values, np.nan)) for one in found if not one.of_the_run]
-    return [one for one in kept if np.nanmax(one.values) > np.nanmin(one.values)]
+        columns.append(of_run_or_sample(name, "", _at_nodes(course, [run.extras[name] for run in runs], runs)))
+    masked = [replace(c, values=np.where(observed, c.values, np.nan)) for c in columns if not c.of_the_run]
+    return [column for column in masked if np.nanmax(column.values) > np.nanmin(column.values)]
 
 
-def _stretches(course: Course, seen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _stretches(course: Course, observed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The run of each stretch, (S,), and which of its nodes are in it, (S, K)."""
-    number = np.where(seen, np.floor(course.time / STRETCH), -1.0)
-    each = [(r, number[r] == n) for r in range(len(seen)) for n in np.unique(number[r, seen[r]])]
-    return np.array([r for r, _ in each]), np.array([nodes for _, nodes in each])
+    number = np.where(observed, np.floor(course.time / STRETCH), -1.0)
+    stretches = [(r, number[r] == n) for r in range(len(observed)) for n in np.unique(number[r, observed[r]])]
+    return np.array([r for r, _ in stretches]), np.array([nodes for _, nodes in stretches])
 
 
 def _at_nodes(course: Course, columns: list[Floats], runs: tuple[Run, ...]) -> Floats:

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.search import Trial
-from automarine_cli.diagnosis.study import Study, disturbance, missed
+from automarine_cli.diagnosis.search import CandidateFit
+from automarine_cli.diagnosis.study import DiagnosisProblem, disturbance, missed
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -27,10 +27,9 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED
 
 FEWEST_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
-OF_THE_RUN = 0.1
-"""A column that varies within runs by less than this share of its whole spread is a property of the run."""
+OF_THE_RUN = 0.1  # a column that varies within runs by less than this share of its spread is one of the run
 UNITS = {"voltage": "V", "sway": "m/s"}  # of columns that are no velocity of a motion
-VELOCITIES = {one.velocity: one.units for one in DOFS.values()}
+VELOCITIES = {dof.velocity: dof.units for dof in DOFS.values()}
 
 
 @dataclass(frozen=True)
@@ -48,10 +47,10 @@ class Column:
         return self.values.ndim == 1
 
 
-def columns(study: Study, fitted: Floats) -> list[Column]:
+def columns(study: DiagnosisProblem, fitted: Floats) -> list[Column]:
     """Every variable of the runs of `study`; `fitted` (R, N) are headings smooth enough to differentiate [rad]."""
     batch, dof = study.batch, study.base.dof
-    seen, time, words, force = batch.seen, study.time, dof.words, study.base.moment_unit
+    observed, time, words, force = batch.seen, study.time, dof.words, study.base.moment_unit
     position, turn = dof.units.shown, 360.0 if dof.wraps else np.inf  # headings within a turn
     moment, first = at_samples(study, [run.command for run in study.runs]), np.full(len(study.runs), np.nan)
     for i, run in enumerate(study.runs):
@@ -60,12 +59,12 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
             first[i] = pushed[0]
     start = np.array([float(np.median(run.position[:5])) for run in study.runs])
     order = np.argsort(np.argsort(batch.start, kind="stable"), kind="stable").astype(np.float64) + 1.0
-    found = [
+    variables = [
         Column("time-since-command-change", "s", since_change(moment, time)),
         Column("time-in-run", "s", time),
         Column(hyphened(words.travelled), position, dof.shown(fitted - fitted[:, :1])),
         Column(words.position, position, _within(dof.shown(batch.position), turn)),
-        Column(hyphened(words.rate), f"{position}/s", dof.shown(rates(fitted, time, seen))),
+        Column(hyphened(words.rate), f"{position}/s", dof.shown(rates(fitted, time, observed))),
         Column(words.force, force, moment),
         Column(words.force, force, first),
         Column(f"{words.force}-size", force, np.abs(first)),
@@ -77,20 +76,20 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
         units = VELOCITIES.get(name)
         scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
         column = of_run_or_sample(name, unit, scale * at_samples(study, [run.extras[name] for run in study.runs]))
-        found.append(replace(column, name=hyphened(words.rate) if name == dof.velocity else name))
-    kept: dict[tuple[str, bool], Column] = {}
-    for column in found:
-        values = column.values if column.of_the_run else np.where(seen, column.values, np.nan)
+        variables.append(replace(column, name=hyphened(words.rate) if name == dof.velocity else name))
+    varying: dict[tuple[str, bool], Column] = {}
+    for column in variables:
+        values = column.values if column.of_the_run else np.where(observed, column.values, np.nan)
         if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values):
-            kept.setdefault((column.name, column.of_the_run), replace(column, values=values))
-    return list(kept.values())
+            varying.setdefault((column.name, column.of_the_run), replace(column, values=values))
+    return list(varying.values())
 
 
-def _within(shown: Floats, turn: float) -> Floats:
-    return shown % turn if np.isfinite(turn) else shown
+def _within(angle: Floats, turn: float) -> Floats:
+    return angle % turn if np.isfinite(turn) else angle
 
 
-def at_samples(study: Study, logged: Sequence[Floats]) -> Floats:
+def at_samples(study: DiagnosisProblem, logged: Sequence[Floats]) -> Floats:
     """A column of each run at all samples, (R, N), NaN in the padding."""
     values = np.full(study.batch.seen.shape, np.nan)
     for row, column in zip(values, logged):
@@ -107,11 +106,11 @@ def last_side(moment: Floats) -> Floats:
     return np.take_along_axis(signs, np.where(at < 0, first[:, None], at), axis=1)
 
 
-def rates(heading: Floats, time: Floats, seen: NDArray[np.bool_]) -> Floats:
+def rates(heading: Floats, time: Floats, observed: NDArray[np.bool_]) -> Floats:
     """Yaw rate [rad/s] of each run's headings (R, N), zero in the padding."""
     out = np.zeros_like(heading)
-    for row, psi, t, here in zip(out, heading, time, seen):
-        row[here] = np.gradient(psi[here], t[here])
+    for row, psi, t, mask in zip(out, heading, time, observed):
+        row[mask] = np.gradient(psi[mask], t[mask])
     return out
 
 
@@ -272,24 +271,24 @@ def _as_large(chance: Floats, values: Floats) -> Floats:
     return np.asarray(len(chance) - np.searchsorted(np.sort(chance), values * (1 - 1e-9), side="left"), dtype=float)
 
 
-def over_variables(found: list[tuple[Column, Variable, Floats]]) -> list[tuple[Column, Variable]]:
+def over_variables(tested: list[tuple[Column, Variable, Floats]]) -> list[tuple[Column, Variable]]:
     """Step-down least p over the variables (Westfall and Young 1993): like Holm's, but variables that say the same,
     such as run order and clock, count once because all are judged in the same draws."""
-    if not found:
+    if not tested:
         return []
-    draws = len(found[0][2])
-    null = np.array([_as_large(chance, chance) / draws for _, _, chance in found])
-    order = sorted(range(len(found)), key=lambda i: found[i][1].p_value)
+    draws = len(tested[0][2])
+    null = np.array([_as_large(chance, chance) / draws for _, _, chance in tested])
+    order = sorted(range(len(tested)), key=lambda i: tested[i][1].p_value)
     corrected, least = {}, 0.0
     for rank, i in enumerate(order):
         smallest = np.sort(null[order[rank:]].min(axis=0))
-        bins = np.min([row.p for row in found[i][1].rows], axis=0)
-        own = (1.0 + np.searchsorted(smallest, bins, side="right")) / (1.0 + draws)
-        least = max(least, float(own.min()))
-        corrected[i] = (np.maximum(own, least), least)
+        bins = np.min([row.p for row in tested[i][1].rows], axis=0)
+        adjusted = (1.0 + np.searchsorted(smallest, bins, side="right")) / (1.0 + draws)
+        least = max(least, float(adjusted.min()))
+        corrected[i] = (np.maximum(adjusted, least), least)
     return [
         (column, replace(variable, p_value=p, stands_out=(bins < STANDS_OUT) & (p < SURE)))
-        for (column, variable, _), (bins, p) in zip(found, (corrected[i] for i in range(len(found))))
+        for (column, variable, _), (bins, p) in zip(tested, (corrected[i] for i in range(len(tested))))
     ]
 
 
@@ -321,7 +320,7 @@ class Region:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gap:
+class ResidualGrid:
     """What is left of R runs at N samples: residual positions (R, N) [rad or m], zero in the padding, and `raw` ones,
     if every run has the same thrust; `sign` (R, N) is the side to which the last moment pushed, `gain` (R,) each run's
     own thrust. `shown` turns residuals into the unit in which people see them."""
@@ -330,15 +329,15 @@ class Gap:
     residual: Floats
     raw: Floats
     sign: Floats
-    seen: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
     gain: Floats
     floor: float
     gain_unit: str = "%"
-    shown: Callable[[float], float] = float
+    convert: Callable[[float], float] = float
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looked:
+class ResidualRegions:
     """Variables with their columns, and the regions in which a gap stands out, the surest first."""
 
     variables: tuple[Variable, ...] = ()
@@ -347,7 +346,7 @@ class Looked:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Where(Gap, Looked):
+class Where(ResidualGrid, ResidualRegions):
     """Everything that the figure and the result need; `moment` (R, N) is the disturbance at each sample."""
 
     moment: Floats
@@ -357,30 +356,32 @@ class Where(Gap, Looked):
     dof: Dof
 
 
-def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap, seed: int) -> Looked:
+def find_regions(
+    of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: ResidualGrid, seed: int
+) -> ResidualRegions:
     """Look at a gap against the columns `of` its runs; `kinds` are what is averaged over samples (R, N), with its unit,
     by name. `seed` draws the signs of the runs."""
     drawn = np.random.default_rng(seed).random((PERMUTATIONS, len(gap.names)))
-    found: list[tuple[Column, Variable, Floats]] = []
+    tested: list[tuple[Column, Variable, Floats]] = []
     for column in of:
         if column.of_the_run:
             mirrored = np.sign(gap.sign.sum(axis=1))
-            size = 0.5 * np.log(np.maximum((gap.residual**2).sum(axis=1) / gap.seen.sum(axis=1), 1e-18))
+            size = 0.5 * np.log(np.maximum((gap.residual**2).sum(axis=1) / gap.observed.sum(axis=1), 1e-18))
             looked = of_runs(column, gap.gain, mirrored, size, drawn, gap.gain_unit)
         else:
             looked = of_samples(column, kinds, gap.sign, np.where(drawn < 0.5, -1.0, 1.0))
         if looked is not None:
-            found.append((column, *looked))
-    judged = over_variables(found)
+            tested.append((column, *looked))
+    judged = over_variables(tested)
     regions = [region for column, variable in judged for region in _regions(column, variable, gap)]
     regions.sort(key=lambda region: (region.p_value, -region.share))
-    return Looked(
+    return ResidualRegions(
         variables=tuple(variable for _, variable in judged), columns=tuple(column for column, _ in judged),
         regions=tuple(replace(region, runs=tuple(dict.fromkeys(region.runs))) for region in regions),
     )  # fmt: skip
 
 
-def find_where(study: Study, base: Trial, seed: int) -> Where:
+def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
     residual, moment = gaps(study, base)
     batch, dof = study.batch, study.base.dof
@@ -392,11 +393,11 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
         THRUST: (dof.units.shown, dof.shown(raw)),
         dof.words.force: (study.base.moment_unit, moment),
     }
-    gap = Gap(
-        names=batch.names, residual=residual, raw=raw, sign=np.where(batch.seen, side, 0.0), seen=batch.seen,
-        gain=100.0 * base.fit.own(GAIN)[:, 0], floor=study.floor, shown=dof.shown,
+    gap = ResidualGrid(
+        names=batch.names, residual=residual, raw=raw, sign=np.where(batch.seen, side, 0.0), observed=batch.seen,
+        gain=100.0 * base.fit.own(GAIN)[:, 0], floor=study.floor, convert=dof.shown,
     )  # fmt: skip
-    looked = look(columns(study, fitted), kinds, gap, seed)
+    looked = find_regions(columns(study, fitted), kinds, gap, seed)
     pushed = [run.command[run.command != 0] for run in study.runs]
     return Where(
         **vars(looked), **vars(gap), moment=moment, time=study.time, moment_unit=study.base.moment_unit, dof=dof,
@@ -404,7 +405,7 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
     )  # fmt: skip
 
 
-def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
+def gaps(study: DiagnosisProblem, trial: CandidateFit) -> tuple[Floats, Floats]:
     """Residual headings [rad] of a trial on the runs it was fitted to, and the disturbance moment, both (R, N).
 
     The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit."""
@@ -422,11 +423,11 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
     inertia = trial.model.index(trial.model.dof.parameter("inertia"))
-    held = np.take_along_axis(trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
-    return residual, np.where(batch.seen, trial.fit.theta[inertia] * held, 0.0)
+    pushing = np.take_along_axis(trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
+    return residual, np.where(batch.seen, trial.fit.theta[inertia] * pushing, 0.0)
 
 
-def without_gains(study: Study, trial: Trial) -> Floats:
+def without_gains(study: DiagnosisProblem, trial: CandidateFit) -> Floats:
     """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
     if isinstance(trial.fit, InnovationsFit):
         return missed(study, trial.model, trial.fit)
@@ -436,7 +437,7 @@ def without_gains(study: Study, trial: Trial) -> Floats:
     return study.residual(problem.readings(trial.fit.phi, b))
 
 
-def _regions(column: Column, variable: Variable, gap: Gap) -> list[Region]:
+def _regions(column: Column, variable: Variable, gap: ResidualGrid) -> list[Region]:
     """Neighbouring bins that stand out together, to the same side, are one region."""
     side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
     changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
@@ -444,12 +445,12 @@ def _regions(column: Column, variable: Variable, gap: Gap) -> list[Region]:
     return [_region(column, variable, gap, begin, end) for begin, end in stretches]
 
 
-def _region(column: Column, variable: Variable, gap: Gap, begin: int, end: int) -> Region:
+def _region(column: Column, variable: Variable, gap: ResidualGrid, begin: int, end: int) -> Region:
     """The region of bins from `begin` to `end`: its gap, the runs that show it, and its share of the whole gap above
     the noise."""
     low, high = float(variable.edges[begin]), float(variable.edges[end])
     values = column.values[:, None] if column.of_the_run else column.values
-    inside = gap.seen & (values >= low) & (values < high)
+    inside = gap.observed & (values >= low) & (values < high)
     kind = max(variable.rows, key=lambda row: float(np.abs(row.t[begin:end]).max())).kind
     residual = gap.raw if kind == THRUST else gap.residual
     count = max(int(inside.sum()), 1)
@@ -459,14 +460,14 @@ def _region(column: Column, variable: Variable, gap: Gap, begin: int, end: int) 
         size = float(np.sqrt(max(excess / count, 0.0)))
     else:
         sums = ((residual * inside).sum(), (residual * gap.sign * inside).sum())
-        size = max(abs(float(one)) for one in sums) / count
+        size = max(abs(float(total)) for total in sums) / count
     samples = np.maximum(inside.sum(axis=1), 1)
     mean = np.abs((residual * inside).sum(axis=1)) / samples
     rough = (square * inside).sum(axis=1) / samples > 0.5 * gap.floor**2
     taking = inside.any(axis=1) & ((mean > ODD_RUN * gap.floor / np.sqrt(samples)) | rough)
-    share = excess / max(float((square * gap.seen).sum()), 1e-300)
+    share = excess / max(float((square * gap.observed).sum()), 1e-300)
     return Region(
-        variable.name, low, high, variable.unit, float(gap.shown(size)), variable.p_value,
+        variable.name, low, high, variable.unit, float(gap.convert(size)), variable.p_value,
         tuple(name for name, part in zip(gap.names, taking) if part),
         float(np.clip(share, 0.0, 1.0)), kind,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.study import Fit, Study
+from automarine_cli.diagnosis.study import DiagnosisProblem, Fit
 from automarine_cli.effects import State
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit, Slopes, innovations_of
@@ -26,7 +26,7 @@ from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)
-class Pull:
+class ScoreInformation:
     """Each run's information (R, m, m) on a model's parameters and, after them, the sizes of all probes, and its score
     (R, m)."""
 
@@ -35,7 +35,7 @@ class Pull:
 
 
 @dataclass(frozen=True)
-class Probe:
+class CandidateShape:
     """One shape of a candidate: parameter values (m, k) whose responses span what it can do at that shape; `sized` are
     the parameters that the rows differ in."""
 
@@ -45,52 +45,57 @@ class Probe:
     one_sided: bool
 
 
-def pull_of(study: Study, model: YawModel, fit: Fit, names: Sequence[str], every: Sequence[Probe], each: Each) -> Pull:
-    """The pull of a fit and of probes of the effects `names`; `each` maps a function over these."""
-    work = [(name, np.concatenate([probe.values for probe in every if probe.effect == name])) for name in names]
+def score_information(
+    study: DiagnosisProblem, model: YawModel, fit: Fit, names: Sequence[str], shapes: Sequence[CandidateShape],
+    map_fn: Each,
+) -> ScoreInformation:  # fmt: skip
+    """Score information of a fit and of probes of the effects `names`; `map_fn` maps a function over these."""
+    work = [(name, np.concatenate([probe.values for probe in shapes if probe.effect == name])) for name in names]
     if isinstance(fit, InnovationsFit):
         return _of_driven(study, model, fit, work)
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
-    columns = np.concatenate(each(partial(_responses, study, model, fit), work, "looking at effects")) - fitted
+    columns = np.concatenate(map_fn(partial(_responses, study, model, fit), work, "looking at effects")) - fitted
     columns = np.where(problem.seen, columns, 0.0)
     sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
     columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
     j = np.concatenate([by_phi, np.moveaxis(columns, 0, 2)], axis=2)
     data = problem.residual(fitted) + np.einsum("rnq,rq->rn", by_run, fit.run_effects)
     weighted = linear_mixed.weigh(problem.inner(j, by_run, data), problem.effects, fit.variances)
-    return Pull(weighted.hessian, weighted.gradient)
+    return ScoreInformation(weighted.hessian, weighted.gradient)
 
 
-def _of_driven(study: Study, model: YawModel, fit: InnovationsFit, work: Sequence[tuple[str, Floats]]) -> Pull:
+def _of_driven(
+    study: DiagnosisProblem, model: YawModel, fit: InnovationsFit, work: Sequence[tuple[str, Floats]]
+) -> ScoreInformation:
     """The same of driven runs: what each probe changes in the innovations and in their variances."""
     problem = study.driven_problem(model)
-    whole, own = slice(None), len(fit.of_model)
-    found = [innovations_of(problem.follow(problem.moved(fit.phi)), whole, problem.steps(fit.phi))]
+    all_runs, model_size = slice(None), len(fit.of_model)
+    innovations = [innovations_of(problem.follow(problem.moved(fit.phi)), all_runs, problem.steps(fit.phi))]
     for name, values in work:
         wider = study.driven_problem(model.with_effect(name, values[0]))
         theta = np.tile(fit.theta, (len(values), 1))
-        theta = np.concatenate([theta[:, :own], values, theta[:, own:]], axis=1)
+        theta = np.concatenate([theta[:, :model_size], values, theta[:, model_size:]], axis=1)
         if len(wider.random) > len(problem.random):  # what an effect may let vary has a score of its own
             theta = np.concatenate([theta, np.full((len(values), 1), 1e-9)], axis=1)
-        found.append(innovations_of(wider.follow(wider.search(theta)), whole, 1.0, found[0]))
-    slopes = Slopes.of(found)
+        innovations.append(innovations_of(wider.follow(wider.search(theta)), all_runs, 1.0, innovations[0]))
+    slopes = Slopes.of(innovations)
     free, count = problem.free, len(fit.phi)
     places = np.concatenate([free, np.arange(count, count + slopes.gradient.shape[1] - len(free))])
     hessian = np.zeros((len(study.runs), places[-1] + 1, places[-1] + 1))
     gradient = np.zeros(hessian.shape[:2])
     hessian[:, places[:, None], places] = slopes.information
     gradient[:, places] = slopes.gradient
-    return Pull(hessian, gradient)
+    return ScoreInformation(hessian, gradient)
 
 
-def _responses(study: Study, model: YawModel, fit: MixedFit, candidate: tuple[str, Floats]) -> Floats:
+def _responses(study: DiagnosisProblem, model: YawModel, fit: MixedFit, candidate: tuple[str, Floats]) -> Floats:
     """Headings (m, R, N) of the fitted model with a candidate added at each of its values (m, k)."""
     name, values = candidate
     problem = study.problem(model.with_effect(name, values[0]))
-    count, own = len(values), fit.effects.carried(fit.run_effects, problem.effects)
+    count, run_effects = len(values), fit.effects.carried(fit.run_effects, problem.effects)
     theta = np.concatenate([np.tile(fit.of_model, (count, 1)), values, np.full((count, 1), fit.value(SWITCH))], axis=1)
-    return problem.response(theta, np.tile(own, (count, 1, 1)))
+    return problem.response(theta, np.tile(run_effects, (count, 1, 1)))
 
 
 RATES = 50  # rates at which drag is asked for its sign, either way round
@@ -102,9 +107,9 @@ def drag_drives(model: YawModel, fastest: float) -> bool:
     Such a model follows the runs it was fitted to and runs away on others: the asymmetry of a quadratic drag beside a
     linear one alone, say."""
     rates = fastest * np.linspace(-1.0, 1.0, 2 * RATES + 1)[:, None]
-    still = np.zeros_like(rates)
-    state = State(still, still, rates, rates, still, still, {})
-    total, sizes = still, still
+    zeros = np.zeros_like(rates)
+    state = State(zeros, zeros, rates, rates, zeros, zeros, {})
+    total, sizes = zeros, zeros
     for term in model.terms:
         effect = effects.get(term.name)
         if effect.power is not None:
@@ -123,14 +128,14 @@ SMALL = 0.03  # size at which a parameter without a start of its own is tried
 @dataclass(frozen=True)
 class Score:
     """A candidate's best shape: expected drop in deviance, the same less its penalty, where a full fit should start
-    (k,), and the size of its first parameter at which the drop would be one; `others` are starts in its other laws."""
+    (k,), the size of its first parameter at which the drop would be one, and `other_starts` in its other laws."""
 
     effect: str
     drop: float
     penalised: float
     start: Floats
     unit_size: float
-    others: tuple[Floats, ...] = ()
+    other_starts: tuple[Floats, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -145,12 +150,12 @@ def penalty(parameters: int, runs: int) -> float:
     return float(parameters * np.log(max(runs, 2)))
 
 
-def candidates(study: Study, model: YawModel) -> list[str]:
+def candidates(study: DiagnosisProblem, model: YawModel) -> list[str]:
     """Effects of its motion that the model lacks and the logs can drive."""
     present = {term.name for term in model.terms}
-    able = [effects.get(name) for name in effects.names() if name not in present]
+    absent = [effects.get(name) for name in effects.names() if name not in present]
     return [
-        effect.name for effect in able
+        effect.name for effect in absent
         if effect.acts_in(model.dof) and set(effect.needs) <= set(study.signals)
         # velocities alone show neither where the vehicle is nor the sensor of that
         and (study.position_counts or not (effect.place is effects.Place.SENSOR or effect.placed))
@@ -160,71 +165,73 @@ def candidates(study: Study, model: YawModel) -> list[str]:
 def fitted_parameters(name: str, values: Sequence[float] | Floats | None = None) -> int:
     """Number of parameters of an effect that a fit estimates: the free ones, and the amplitude of what varies."""
     effect = effects.get(name)
-    own = tuple(float(v) for v in (effect.off if values is None else values))
-    return sum(not held for held in effect.held(own)) + effect.varies(own)
+    parameter_values = tuple(float(v) for v in (effect.off if values is None else values))
+    return sum(not fixed for fixed in effect.held(parameter_values)) + effect.varies(parameter_values)
 
 
-def probes(study: Study, name: str) -> list[Probe]:
+def candidate_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]:
     """The shapes in which a candidate is tried; how it varies from run to run is no shape of its own."""
     effect = effects.get(name)
-    own = effect.parameters
-    laws = [range(len(p.choices)) if p.choices and not effect.per_run else (None,) for p in own]
-    found = []
+    parameters = effect.parameters
+    laws = [range(len(p.choices)) if p.choices and not effect.per_run else (None,) for p in parameters]
+    shapes = []
     for law in product(*laws):
         fixed = [
             float(choice) if choice is not None
             else study.reference(p.reference) if p.reference
             else p.start if p.laws
             else p.off
-            for p, choice in zip(own, law)
+            for p, choice in zip(parameters, law)
         ]  # fmt: skip
-        held = effect.held(tuple(fixed))
-        scans = [() if still else effect.scan(p, tuple(fixed)) for p, still in zip(own, held)]
-        fixed = [p.off if p.laws and not still else v for p, v, still in zip(own, fixed, held)]
-        sized = tuple(i for i in range(len(own)) if not scans[i] and not held[i])
-        one_sided = not sized or (len(sized) == 1 and own[sized[0]].lower == own[sized[0]].off)
+        fixed_flags = effect.held(tuple(fixed))
+        scans = [() if is_fixed else effect.scan(p, tuple(fixed)) for p, is_fixed in zip(parameters, fixed_flags)]
+        fixed = [p.off if p.laws and not is_fixed else v for p, v, is_fixed in zip(parameters, fixed, fixed_flags)]
+        sized = tuple(i for i in range(len(parameters)) if not scans[i] and not fixed_flags[i])
+        one_sided = not sized or (len(sized) == 1 and parameters[sized[0]].lower == parameters[sized[0]].off)
         for shape in product(*(scan or (None,) for scan in scans)):
-            at = [v if s is None else p.scaled(s, study.largest) for p, v, s in zip(own, fixed, shape)]
+            at = [v if s is None else p.scaled(s, study.largest) for p, v, s in zip(parameters, fixed, shape)]
             rows = []
             for i in sized:
-                start = own[i].start if own[i].start != own[i].off else SMALL
-                rows.append([*at[:i], own[i].scaled(start, study.largest), *at[i + 1 :]])
-            found.append(Probe(name, np.array(rows or [at]), sized, one_sided))
-    return found
+                start = parameters[i].start if parameters[i].start != parameters[i].off else SMALL
+                rows.append([*at[:i], parameters[i].scaled(start, study.largest), *at[i + 1 :]])
+            shapes.append(CandidateShape(name, np.array(rows or [at]), sized, one_sided))
+    return shapes
 
 
-def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: int, each: Each = alone) -> Scores:
-    """Score the candidates `names` at a fit of `model`; `each` maps a function over them."""
-    every = [probe for name in names for probe in probes(study, name)]
-    weighted = pull_of(study, model, fit, names, every, each)
+def score(
+    study: DiagnosisProblem, model: YawModel, fit: Fit, names: Sequence[str], seed: int, map_fn: Each = alone
+) -> Scores:
+    """Score the candidates `names` at a fit of `model`; `map_fn` maps a function over them."""
+    every = [probe for name in names for probe in candidate_shapes(study, name)]
+    weighted = score_information(study, model, fit, names, every, map_fn)
     information, pull = project(weighted, fit)
     # columns of which only rounding is left are nothing: what a model follows wholly, or what these runs do not stir
     of_size = np.diagonal(weighted.hessian.sum(axis=0))[len(fit.phi) :]
-    left = np.diagonal(information) > ROUNDING * np.maximum(of_size, ROUNDING * of_size.max(initial=0.0))
-    information, pull = information * np.outer(left, left), pull * left
+    informative = np.diagonal(information) > ROUNDING * np.maximum(of_size, ROUNDING * of_size.max(initial=0.0))
+    information, pull = information * np.outer(informative, informative), pull * informative
     random = np.random.default_rng(seed)
     draws = _draw(information, random)
     runs, at = len(study.runs), 0
     best: dict[tuple[object, ...], Score] = {}
     null = np.full(DRAWS, -np.inf)
 
-    def keep(law: tuple[object, ...], found: Score) -> None:
-        if law not in best or found.drop > best[law].drop:
-            best[law] = found
+    def keep(law: tuple[object, ...], candidate: Score) -> None:
+        if law not in best or candidate.drop > best[law].drop:
+            best[law] = candidate
 
     for probe in every:
-        here = slice(at, at + len(probe.values))
-        at = here.stop
-        block = information[here, here]
-        drop, size = _drop(block, pull[None, here], probe.one_sided)
+        probe_columns = slice(at, at + len(probe.values))
+        at = probe_columns.stop
+        block = information[probe_columns, probe_columns]
+        drop, size = _drop(block, pull[None, probe_columns], probe.one_sided)
         start, unit_size = _start(probe, size[0]), _unit_size(probe, block)
         cost = penalty(fitted_parameters(probe.effect, start), runs)
-        null = np.maximum(null, _drop(block, draws[:, here], probe.one_sided)[0] - cost)
+        null = np.maximum(null, _drop(block, draws[:, probe_columns], probe.one_sided)[0] - cost)
         keep(law_of(probe.effect, start), Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size))
         effect = effects.get(probe.effect)
         period = next((v for p, v in zip(effect.parameters, probe.values[0]) if p.scan), np.inf)
         if effect.per_run and period <= study.slowest:
-            columns = slice(len(fit.phi) + here.start, len(fit.phi) + here.stop)
+            columns = slice(len(fit.phi) + probe_columns.start, len(fit.phi) + probe_columns.stop)
             rise, chance = _varying(weighted, columns, random)
             # no common coefficients, the probe's shape
             shape = [1.0 if p.choices else value for p, value in zip(effect.parameters, probe.values[0])]
@@ -236,20 +243,19 @@ def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: i
 
 
 def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:
-    """An effect and the choices in its values."""
     return (name, *(v for p, v in zip(effects.get(name).parameters, values) if p.choices))
 
 
-def _by_effect(found: Sequence[Score]) -> tuple[Score, ...]:
+def _by_effect(scores: Sequence[Score]) -> tuple[Score, ...]:
     """The best law of each effect, with the starts of those near it; best effect first."""
-    ranked = sorted(found, key=lambda s: -s.penalised)
+    ranked = sorted(scores, key=lambda s: -s.penalised)
     names = dict.fromkeys(s.effect for s in ranked)
-    own = {name: [s for s in ranked if s.effect == name] for name in names}
-    near = {n: [s.start for s in laws[1:] if s.drop > NEAR * laws[0].drop] for n, laws in own.items()}
-    return tuple(replace(own[n][0], others=tuple(near[n])) for n in names)
+    by_name = {name: [s for s in ranked if s.effect == name] for name in names}
+    starts = {n: [s.start for s in laws[1:] if s.drop > NEAR * laws[0].drop] for n, laws in by_name.items()}
+    return tuple(replace(by_name[n][0], other_starts=tuple(starts[n])) for n in names)
 
 
-def _varying(weighted: Pull, columns: slice, random: np.random.Generator) -> tuple[float, Floats]:
+def _varying(weighted: ScoreInformation, columns: slice, random: np.random.Generator) -> tuple[float, Floats]:
     """What a coefficient of its own in every run would gain in deviance, and what chance would (DRAWS,).
 
     With u = V'R^-1 e and K = V'R^-1 V of a run, in K's axes, coefficients of variance g add to the deviance log(1 + g
@@ -267,14 +273,14 @@ def _varying(weighted: Pull, columns: slice, random: np.random.Generator) -> tup
     return float(max(gain.max(), 0.0)), np.asarray(np.maximum(chance.max(axis=1), 0.0))
 
 
-def project(weighted: Pull, fit: Fit) -> tuple[Floats, Floats]:
+def project(weighted: ScoreInformation, fit: Fit) -> tuple[Floats, Floats]:
     """Information (m, m) and score (m,) of the probes over all runs, with the model's free parameters projected off."""
-    hessian, gradient, own = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), len(fit.phi)
-    free = np.setdiff1d(np.arange(own), fit.at_bound)
-    across = hessian[own:][:, free]
-    taken = across @ linear_mixed.covariance_of(hessian[np.ix_(free, free)])
-    information = hessian[own:, own:] - taken @ across.T
-    return 0.5 * (information + information.T), gradient[own:] - taken @ gradient[free]
+    hessian, gradient, count = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), len(fit.phi)
+    free = np.setdiff1d(np.arange(count), fit.at_bound)
+    across = hessian[count:][:, free]
+    projection = across @ linear_mixed.covariance_of(hessian[np.ix_(free, free)])
+    information = hessian[count:, count:] - projection @ across.T
+    return 0.5 * (information + information.T), gradient[count:] - projection @ gradient[free]
 
 
 def _draw(information: Floats, random: np.random.Generator) -> Floats:
@@ -295,21 +301,21 @@ def _drop(block: Floats, pull: Floats, one_sided: bool) -> tuple[Floats, Floats]
     return (np.where(size[:, 0] > 0, drop, 0.0) if one_sided else drop), size
 
 
-def _start(probe: Probe, size: Floats) -> Floats:
+def _start(probe: CandidateShape, size: Floats) -> Floats:
     """Parameter values at which a full fit starts: the probe at the size that the score asks for, within reason."""
-    own = effects.get(probe.effect).parameters
+    parameters = effects.get(probe.effect).parameters
     values = probe.values[0].copy()
     for row, i in enumerate(probe.sized):
-        step = (probe.values[row, i] - own[i].off) * float(np.clip(size[row], -4.0, 4.0))
-        low, high = own[i].lower, own[i].upper
+        step = (probe.values[row, i] - parameters[i].off) * float(np.clip(size[row], -4.0, 4.0))
+        low, high = parameters[i].lower, parameters[i].upper
         margin = 1e-3 * abs(probe.values[row, i])
-        values[i] = float(np.clip(own[i].off + step, low + margin, high - margin))
+        values[i] = float(np.clip(parameters[i].off + step, low + margin, high - margin))
     return values
 
 
-def _unit_size(probe: Probe, block: Floats) -> float:
+def _unit_size(probe: CandidateShape, block: Floats) -> float:
     """Size of the first fitted parameter, from its off value, whose expected drop in deviance is one."""
-    own = effects.get(probe.effect).parameters
+    parameters = effects.get(probe.effect).parameters
     i = probe.sized[0] if probe.sized else 0
-    step = probe.values[0, i] - own[i].off if np.isfinite(own[i].off) else probe.values[0, i]
+    step = probe.values[0, i] - parameters[i].off if np.isfinite(parameters[i].off) else probe.values[0, i]
     return float(abs(step) / np.sqrt(max(block[0, 0], 1e-24)))

@@ -30,12 +30,10 @@ from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
-UNIFORM_INSTANT = Prior(0.0, 1.0)
-"""What is known of the z of the commands' common instant: it lies anywhere in its sample interval."""
+UNIFORM_INSTANT = Prior(0.0, 1.0)  # of the z of the commands' common instant: anywhere in its sample interval
 ITERATIONS = 25
-SETTLED = 0.02
-"""Share of a standard error within which a fit counts as settled: its evidence is then exact to a few 1e-4."""
-JUDGED = 5.0  # seconds ahead over which driven runs show the gap
+SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
+HORIZON = 5.0  # seconds ahead over which driven runs show the gap
 
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
 
@@ -61,7 +59,6 @@ class LimitCycle:
     phase: float
 
     def holds(self, period: float) -> bool:
-        """Whether a period [s] is that of the cycle."""
         return abs(period / self.period - 1.0) < NEAR
 
     def to_json(self) -> dict[str, float]:
@@ -100,8 +97,8 @@ def limit_cycle(runs: Sequence[Run]) -> LimitCycle | None:
         return None
     may = (frequency >= 1.0 / SLOWEST) & (frequency <= 1.0 / QUICKEST)
     peak = int(np.argmax(np.where(may, power, -1.0)))
-    near = np.abs(frequency / frequency[peak] - 1.0) < NEAR
-    share = float(power[near].sum() / power.sum())
+    in_peak = np.abs(frequency / frequency[peak] - 1.0) < NEAR
+    share = float(power[in_peak].sum() / power.sum())
     coherence = float(np.abs(cross[peak]) ** 2 / max(power[peak] * positions[peak], 1e-300))
     inside = 0 < peak < len(power) - 1 and power[peak] > 2.0 * np.median(power[may])
     if not inside or share < MOST or coherence < MOST:
@@ -132,10 +129,10 @@ def precision(model: YawModel, spread: float | None = None) -> Floats:
     """Prior precision of the values of the model's learned curve, (KNOTS, KNOTS), at a spread, its own if None."""
     at = learned_term(model)
     assert at is not None
-    own, effect = elsewhere(model, model.terms[at]), effects.get(model.terms[at].name)
+    overlap, effect = elsewhere(model, model.terms[at]), effects.get(model.terms[at].name)
     assert isinstance(effect, Learned)
     spread = model.terms[at].values[FIRST - 1] if spread is None else spread
-    return (roughness(bool(effect.variable.turn)) + FIRM**2 * own.T @ own) / spread**2
+    return (roughness(bool(effect.variable.turn)) + FIRM**2 * overlap.T @ overlap) / spread**2
 
 
 def elsewhere(model: YawModel, term: Term) -> Floats:
@@ -144,7 +141,7 @@ def elsewhere(model: YawModel, term: Term) -> Floats:
     effect = effects.get(term.name)
     assert isinstance(effect, Learned)
     kind, sized = kind_of(term.values), effect.variable.sized
-    present, at, rows = {one.name for one in model.terms}, np.linspace(0.0, 1.0, KNOTS), []
+    present, at, rows = {other.name for other in model.terms}, np.linspace(0.0, 1.0, KNOTS), []
     level = {DRAG: "linear-drag", MOMENT: "bias-moment"}
     if kind == CURVE_OF_GAIN or (not sized and level[kind] in present):
         rows.append(np.ones(KNOTS))
@@ -158,9 +155,9 @@ def smoothness(model: YawModel, count: int) -> Floats | None:
     """The same as precision (count, count) of all parameters of a fit; None where the model has no curve."""
     if learned_term(model) is None:
         return None
-    found, at = np.zeros((count, count)), places(model)
-    found[np.ix_(at, at)] = precision(model)
-    return found
+    matrix, at = np.zeros((count, count)), places(model)
+    matrix[np.ix_(at, at)] = precision(model)
+    return matrix
 
 
 def smoothed(fit: Fit, model: YawModel) -> tuple[float, float]:
@@ -183,7 +180,7 @@ def _evidence(data: Floats, pull: Floats, prior: Floats) -> float:
 
 
 @dataclass(frozen=True)
-class Study:
+class DiagnosisProblem:
     """Runs with a base model.
 
     Runs that are `driven` are judged by the innovations of a filter, in which a disturbance is a process (see
@@ -251,12 +248,12 @@ class Study:
         """Which runs turn as far back as stirs water, half a turn, after as much the other way, (R,); in a motion
         along a line HALF_WAY metres."""
         far = np.pi if self.base.dof.wraps else HALF_WAY
-        found = []
+        turned = []
         for run in self.runs:
             rise = np.maximum.accumulate(run.position - np.minimum.accumulate(run.position))
             fall = np.maximum.accumulate(np.maximum.accumulate(run.position) - run.position)
-            found.append(min(rise[-1], fall[-1]) >= far)
-        return np.array(found)
+            turned.append(min(rise[-1], fall[-1]) >= far)
+        return np.array(turned)
 
     @cached_property
     def position_counts(self) -> bool:
@@ -266,10 +263,10 @@ class Study:
     @cached_property
     def sensor_floor(self) -> float:
         """Noise of the first sensor that counts, estimated without a model, root mean square over runs."""
-        channel = next(one for one in self.batch.channels if one.counts)
+        channel = next(channel for channel in self.batch.channels if channel.counts)
         rows = [row for row in zip(self.runs, channel.values, channel.seen) if row[2].any()]
-        squares = [position_noise(run.time[seen[: len(run)]], values[seen]) ** 2 for run, values, seen in rows]
-        return float(np.sqrt(np.average(squares, weights=[seen.sum() for *_, seen in rows]))) if rows else 0.0
+        squares = [position_noise(run.time[mask[: len(run)]], values[mask]) ** 2 for run, values, mask in rows]
+        return float(np.sqrt(np.average(squares, weights=[observed.sum() for *_, observed in rows]))) if rows else 0.0
 
     @cached_property
     def floor(self) -> float:
@@ -286,10 +283,10 @@ class Study:
         width = self.batch.seen.shape[1]
         if not self.position_counts:
             channel = self.batch.channels[1]
-            left = np.where(channel.seen, channel.values - fitted[..., width : 2 * width], 0.0)
-            steps = 0.5 * (left[:, 1:] + left[:, :-1]) * np.diff(self.time, axis=1)
+            residual = np.where(channel.seen, channel.values - fitted[..., width : 2 * width], 0.0)
+            steps = 0.5 * (residual[:, 1:] + residual[:, :-1]) * np.diff(self.time, axis=1)
             summed = np.cumsum(steps, axis=1)
-            return np.where(self.batch.seen, np.concatenate([0.0 * left[:, :1], summed], axis=1), 0.0)
+            return np.where(self.batch.seen, np.concatenate([0.0 * residual[:, :1], summed], axis=1), 0.0)
         return np.where(self.batch.seen, self.batch.position - fitted[..., :width], 0.0)
 
     @cached_property
@@ -301,8 +298,8 @@ class Study:
         return limit_cycle(self.runs) if self.driven else None
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
-        found = driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
-        return replace(found, smooth=smoothness(model, len(found.names)))
+        problem = driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
+        return replace(problem, smooth=smoothness(model, len(problem.names)))
 
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z of
@@ -312,16 +309,16 @@ class Study:
         roles = [effects.get(term.name).role for term in self.base.terms]
         main = "quadratic" if "quadratic" in roles else "linear"
         for i, term in enumerate(model.terms):
-            own = i < len(self.base.terms)
+            in_base = i < len(self.base.terms)
             effect = effects.get(term.name)
-            dropped = own and term.values == (0.0,) != self.base.terms[i].values
-            held = [dropped] if dropped else effect.held(term.values)
-            for parameter, value, fixed in zip(effect.parameters, term.values, held):
-                logger = self.logger_delay if effect.shifts(term.values) and not own else -np.inf
+            dropped = in_base and term.values == (0.0,) != self.base.terms[i].values
+            fixed_flags = [dropped] if dropped else effect.held(term.values)
+            for parameter, value, fixed in zip(effect.parameters, term.values, fixed_flags):
+                logger = self.logger_delay if effect.shifts(term.values) and not in_base else -np.inf
                 lower = max(parameter.lower, logger)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
-                positive.append(parameter.log or (own and effect.role == main and not dropped))
+                positive.append(parameter.log or (in_base and effect.role == main and not dropped))
         return replace(
             problem,
             effects=problem.effects.with_scale(disturbance=0.0),
@@ -332,26 +329,26 @@ class Study:
         )
 
     def fit(
-        self, model: YawModel, values: Floats | None = None, near: Fit | None = None, iterations: int = ITERATIONS
+        self, model: YawModel, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS
     ) -> Fit:
         """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own.
 
-        `near` is a fit of a similar model of which everything else is a good start."""
+        `warm_start` is a fit of a similar model of which everything else is a good start."""
         values = model.theta if values is None else values
         if self.driven:
             driven = self.driven_problem(model)
-            if isinstance(near, InnovationsFit):
-                starts = starts_near(driven, [values], near.of_chance)
+            if isinstance(warm_start, InnovationsFit):
+                starts = starts_near(driven, [values], warm_start.of_chance)
                 return fit_innovations(driven, starts, iterations, iterations < ITERATIONS)
             return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
         switch, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
         settings: dict[str, Any] = {"noise": max(2 * self.sensor_floor, 1e-4), "iterations": ITERATIONS}
-        if isinstance(near, MixedFit):
-            switch = near.value(SWITCH)
-            begin |= dict(zip(near.effects.factor_names, near.factors))
-            run_effects = near.effects.carried(near.run_effects, problem.effects)
-            settings = {"noise": near.noises, "iterations": iterations, "run_effects": run_effects}
+        if isinstance(warm_start, MixedFit):
+            switch = warm_start.value(SWITCH)
+            begin |= dict(zip(warm_start.effects.factor_names, warm_start.factors))
+            run_effects = warm_start.effects.carried(warm_start.run_effects, problem.effects)
+            settings = {"noise": warm_start.noises, "iterations": iterations, "run_effects": run_effects}
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
         return fit_mixed(problem, np.append(values, switch), factors=factors, settled=SETTLED, **settings)
 
@@ -366,10 +363,10 @@ class Study:
         if id(fit) not in self._covariances:
             try:
                 exact = isinstance(fit, MixedFit) and learned_term(model) is None
-                found = run_covariance(fit, self.problem(model) if exact else None)
+                covariance = run_covariance(fit, self.problem(model) if exact else None)
             except (FitError, np.linalg.LinAlgError):
-                found = run_covariance(fit)
-            self._covariances[id(fit)] = (fit, found)  # the fit is kept, or another could have its id
+                covariance = run_covariance(fit)
+            self._covariances[id(fit)] = (fit, covariance)  # the fit is kept, or another could have its id
         return self._covariances[id(fit)][1]
 
     @cached_property
@@ -381,11 +378,11 @@ class Study:
         other runs."""
         if id(fit) not in self._predictions:
             noises = self.driven_problem(model).noises(fit.theta[None])
-            found = predict(model, self.course, fit.of_model, noises)
-            self._predictions[id(fit)] = (fit, found)
+            predicted = predict(model, self.course, fit.of_model, noises)
+            self._predictions[id(fit)] = (fit, predicted)
         return self._predictions[id(fit)][1]
 
-    def told(self, model: YawModel, fit: Fit) -> YawModel:
+    def with_fitted_values(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
         model = model.with_theta(fit.of_model)
         for name in varying_terms(model):
@@ -398,7 +395,7 @@ class Study:
 
 def study_of(
     runs: Sequence[Run], base: YawModel, driven: bool | None = None, channels: tuple[str, ...] | None = None
-) -> Study:
+) -> DiagnosisProblem:
     """A study of `runs`; whether they are driven, the evidence says unless asked otherwise."""
     if driven is None:
         at_rest = np.array([starts_at_rest(run) for run in runs])
@@ -406,18 +403,18 @@ def study_of(
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
     needed |= {name for term in base.terms for name in effects.get(term.name).needs}
-    return Study(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)
+    return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)
 
 
-def missed(study: Study, model: YawModel, fit: InnovationsFit) -> Floats:
-    """Measured less predicted positions (R, N) of driven runs, predicted JUDGED seconds before; zero where none was."""
-    found = next(one for one in study.predictions(model, fit) if one.horizon == JUDGED)
-    each = [found.run == r for r in range(len(study.runs))]
-    when = [study.course.time[r, found.target[own]] for r, own in enumerate(each)]
-    return _at_samples(study, [found.error[own] for own in each], when)
+def missed(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> Floats:
+    """Measured less predicted positions (R, N) of driven runs, predicted HORIZON seconds before; zero where none."""
+    prediction = next(prediction for prediction in study.predictions(model, fit) if prediction.horizon == HORIZON)
+    of_runs = [prediction.run == r for r in range(len(study.runs))]
+    when = [study.course.time[r, prediction.target[of_run]] for r, of_run in enumerate(of_runs)]
+    return _at_samples(study, [prediction.error[of_run] for of_run in of_runs], when)
 
 
-def disturbance(study: Study, model: YawModel, fit: InnovationsFit) -> Floats:
+def disturbance(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> Floats:
     """The disturbing moment or force that the filter sees at each sample of driven runs, (R, N)."""
     followed = study.driven_problem(model).follow(fit.phi[None], keep=True)
     assert followed.states is not None
@@ -427,7 +424,7 @@ def disturbance(study: Study, model: YawModel, fit: InnovationsFit) -> Floats:
     return fit.theta[0] * _at_samples(study, [row[:end] for row, end in zip(pushed, ends)], times)
 
 
-def _at_samples(study: Study, values: Sequence[Floats], at: Sequence[Floats]) -> Floats:
+def _at_samples(study: DiagnosisProblem, values: Sequence[Floats], at: Sequence[Floats]) -> Floats:
     """What is known of each run at some times [s since its first sample], at all its samples (R, N): straight lines
     between, zero before the first and in the padding."""
     out = np.zeros(study.batch.seen.shape)
@@ -438,7 +435,7 @@ def _at_samples(study: Study, values: Sequence[Floats], at: Sequence[Floats]) ->
     return out
 
 
-def log_density(study: Study, model: YawModel, fit: Fit) -> Floats:
+def log_density(study: DiagnosisProblem, model: YawModel, fit: Fit) -> Floats:
     """Log density of each run of `study` (R,) under a fit to others; of runs that are simulated whole linearised at the
     run effects' posterior means as fits are."""
     if isinstance(fit, InnovationsFit):
@@ -462,8 +459,8 @@ def run_effects_given(problem: Problem, phi: Floats, variances: Floats, rounds: 
 
     def costs(fitted: Floats, b: Floats) -> Floats:
         penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
-        found = problem.squares(problem.residual(fitted), variances) + penalty.sum(axis=-1)
-        return np.where(np.isfinite(found), found, np.inf)
+        cost = problem.squares(problem.residual(fitted), variances) + penalty.sum(axis=-1)
+        return np.where(np.isfinite(cost), cost, np.inf)
 
     b = np.zeros_like(problem.effects.scale)
     fitted, by_phi, by_run = derivatives(problem, phi, b)
@@ -473,9 +470,9 @@ def run_effects_given(problem: Problem, phi: Floats, variances: Floats, rounds: 
         step = linear_mixed.posterior_mean(gram, problem.effects, variances, phi) - b
         trials = b + shares * step
         tried = problem.response(np.tile(problem.natural(phi), (len(trials), 1)), trials)
-        found = np.stack([costs(h, e) for h, e in zip(tried, trials)])
-        best, now = found.argmin(axis=0), costs(fitted, b)
-        better = found.min(axis=0) < now * (1.0 - 1e-6)
+        trial_costs = np.stack([costs(h, e) for h, e in zip(tried, trials)])
+        best, now = trial_costs.argmin(axis=0), costs(fitted, b)
+        better = trial_costs.min(axis=0) < now * (1.0 - 1e-6)
         if not better.any():
             break
         runs = np.arange(len(b))

@@ -18,7 +18,7 @@ from automarine_cli.diagnosis.diagnose import (
     listed_rivals,
     stretch,
 )
-from automarine_cli.diagnosis.residual_regions import Column, Gap, Looked, look
+from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.models.store import DIAGNOSIS
@@ -87,7 +87,7 @@ class ThrusterDiagnosis(Shown):
     search: family.MapSearch
     final: family.Fitted
     effects: tuple[NamedEffect, ...]
-    where: Looked
+    where: ResidualRegions
     faults: tuple[Fault, ...]
     gap: GapSizes
     held_out_gap: GapSizes | None
@@ -220,8 +220,8 @@ def _rms(data: family.BollardData, thrust: Floats) -> float:
 
 
 def _verdict(
-    search: family.MapSearch, effects: tuple[NamedEffect, ...], where: Looked, held_out: GapSizes | None, floor: float,
-    seed: int,
+    search: family.MapSearch, effects: tuple[NamedEffect, ...], where: ResidualRegions, held_out: GapSizes | None,
+    floor: float, seed: int,
 ) -> tuple[str, str]:  # fmt: skip
     """What may be said, and why no more: the rules of the diagnosis of a motion, with levels for runs."""
     scale = search.base.data.full_scale
@@ -338,12 +338,12 @@ def _stderr(fit: family.Fitted, column: Floats, steps: Ints | None) -> float:
     return float(most / (weight @ column**2))
 
 
-def _regions(fit: family.Fitted, floor: float, seed: int) -> Looked:
+def _regions(fit: family.Fitted, floor: float, seed: int) -> ResidualRegions:
     """Regions in which the residuals of a fit stand out against dealing the points in another order."""
     data = fit.data
     points, count = data.points, len(data.points)
     if not np.any(np.abs(fit.residual) > 1e-9 * data.full_scale):
-        return Looked()
+        return ResidualRegions()
     columns = [Column("n", data.n_unit, points.n)]
     if data.step is not None:
         columns.append(Column("voltage", "V", points.voltage))
@@ -351,11 +351,11 @@ def _regions(fit: family.Fitted, floor: float, seed: int) -> Looked:
         columns.append(Column("run-order", "", np.arange(1.0, count + 1.0)))
     rest = (np.sqrt(points.weight) * fit.residual)[:, None]
     sign = np.sign(points.n)[:, None]
-    gap = Gap(
+    gap = ResidualGrid(
         names=tuple(data.place(i) for i in range(count)), residual=rest, raw=rest, sign=sign,
-        seen=np.ones((count, 1), bool), gain=rest[:, 0], floor=floor, gain_unit="N",
+        observed=np.ones((count, 1), bool), gain=rest[:, 0], floor=floor, gain_unit="N",
     )  # fmt: skip
-    return look(columns, {}, gap, seed)
+    return find_regions(columns, {}, gap, seed)
 
 
 def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[Fault, ...]:

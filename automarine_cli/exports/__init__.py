@@ -27,7 +27,7 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> Target:
     """The target of that name; raises SettingError with the names that there are."""
     if name not in _targets():
-        near = difflib.get_close_matches(name.lower(), names(), n=1, cutoff=0.5)
-        meant = f". Did you mean {near[0]}?" if near else ""
+        matches = difflib.get_close_matches(name.lower(), names(), n=1, cutoff=0.5)
+        meant = f". Did you mean {matches[0]}?" if matches else ""
         raise SettingError(f"--to {name}: no such target; known are {', '.join(names())}{meant}")
     return _targets()[name]

@@ -49,7 +49,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class Unsupported:
     name: str
     why: str
 
@@ -82,7 +82,7 @@ class YawSubject:
     frame: str
     form: str
     settings: Settings
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[Unsupported, ...] = ()
     file: ModelFile | None = None
     logs: tuple[tuple[str, str], ...] | None = None
 

@@ -43,15 +43,15 @@ def write(subject: YawSubject) -> Written:
         _logs(subject, file),
     ]
     if file.warnings:
-        parts += ["## Warnings\n", "".join(f"- {printable(one)}\n" for one in file.warnings)]
+        parts += ["## Warnings\n", "".join(f"- {printable(warning)}\n" for warning in file.warnings)]
     return Written("\n".join(parts))
 
 
 def _signs(subject: YawSubject) -> str:
-    own, words = subject.dof.symbols, subject.dof.words
+    symbols, words, r = subject.dof.symbols, subject.dof.words, subject.dof.symbols.velocity
     return (
-        f"Signs: {own.inertia} {own.velocity}' = {subject.force} + the {words.force}s of the effects; drag "
-        f"coefficients are positive and act against the {words.speed} {own.velocity}. {own.inertia} is the sum of "
+        f"Signs: {symbols.inertia} {r}' = {subject.force} + the {words.force}s of the effects; drag "
+        f"coefficients are positive and act against the {words.speed} {r}. {symbols.inertia} is the sum of "
         f"rigid and added {words.inertia}."
     )
 
@@ -62,19 +62,19 @@ def _rows(subject: YawSubject, entry: ModelEntry, added: Sequence[AddedEffect]) 
     inertia = [x * factor for x in _told(entry.inertia)]
     unit = dof.unit_of("inertia", subject.model.moment_unit)
     yield _row(dof.symbols.inertia, "rigid and added together", inertia, unit)
-    found = {one.name: one.parameters for one in added}
+    parameters = {effect.name: effect.parameters for effect in added}
     for term in subject.model.terms:
         effect = effects.get(term.name)
         names, base = effect.names_in(dof), getattr(entry, effect.role) if effect.role else None
-        given = {names[0]: base} if base else found.get(term.name, {})
-        columns = [_told(given.get(name), value) for name, value in zip(names, term.values)]
-        told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
+        estimates = {names[0]: base} if base else parameters.get(term.name, {})
+        columns = [_told(estimates.get(name), value) for name, value in zip(names, term.values)]
+        turned = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
         card = effect.card(dof, subject.model.moment_unit)
         for i, (p, told_of) in enumerate(zip(effect.parameters, card.parameters)):
             if not effect.counts(p, term.values):
                 continue
             value = term.values[i]
-            spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
+            spread, ends = abs(turned[1][i]), sorted((turned[2][i], turned[3][i]))
             law = f": {p.choices[int(value)]}" if p.choices else ""
             yield _row(f"{term.name} {told_of.name}", told_of.meaning + law, [value, spread, *ends], told_of.unit)
 
@@ -86,22 +86,22 @@ def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float
     return (in_enu(model) if subject.frame == "ENU" else model).terms[0].values
 
 
-def _told(given: Given | None, value: float = 0.0) -> list[float]:
+def _told(estimate: Given | None, value: float = 0.0) -> list[float]:
     """Value, standard error and both ends of an estimate; NaN for what the file does not tell."""
-    given = given or Given(value)
-    told = (given.value, given.stderr, *(given.ci95 or (None, None)))
-    return [float("nan") if x is None else x for x in told]
+    estimate = estimate or Given(value)
+    figures = (estimate.value, estimate.stderr, *(estimate.ci95 or (None, None)))
+    return [float("nan") if x is None else x for x in figures]
 
 
-def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ...]:
-    value, spread, low, high = told
+def _row(name: str, meaning: str, figures: list[float], unit: str) -> tuple[str, ...]:
+    value, spread, low, high = figures
     ends = MISSING if low != low or high != high else f"{number(low)} to {number(high)}"
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
 
 
-def _covariance(subject: YawSubject, told: Covariance | None) -> str:
+def _covariance(subject: YawSubject, covariance: Covariance | None) -> str:
     """The matrix of the file, in its own frame and unit, with the run as the unit of the data."""
-    names, lines = (told.parameters, told.matrix) if told else ((), ())
+    names, lines = (covariance.parameters, covariance.matrix) if covariance else ((), ())
     if not lines or any(len(line) != len(names) for line in lines):
         return "The file does not tell it; fit again with this version of automarine.\n"
     rows = tuple((name, *map(number, line)) for name, line in zip(names, lines))
@@ -126,9 +126,9 @@ def _range(subject: YawSubject, file: ModelFile) -> str:
 
 
 def _effects(subject: YawSubject) -> str:
-    said = {name: effects.get(name).card(subject.dof).says for name in subject.values}
-    lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in said.items()]
-    lines += [f"- left out: {one.name}: {one.why}" for one in subject.left_out]
+    descriptions = {name: effects.get(name).card(subject.dof).says for name in subject.values}
+    lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in descriptions.items()]
+    lines += [f"- left out: {effect.name}: {effect.why}" for effect in subject.left_out]
     return "\n".join(lines) + "\n"
 
 

@@ -13,7 +13,7 @@ from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
-from automarine_cli.exports.base import DRAG, LeftOut, MapSubject, Origin, Settings, Target, Written, YawSubject
+from automarine_cli.exports.base import DRAG, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, motion_of, planar_from_json
 from automarine_cli.models.yaw_model import Term, YawModel
@@ -56,7 +56,7 @@ class Exported:
     origin: Origin
     moment_unit: str | None
     carried: tuple[str, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[Unsupported, ...]
     written: Written
     place: Path | None = None
 
@@ -84,8 +84,8 @@ class Exported:
 def _(result: Exported) -> Sections:
     if result.place is None:
         return Sections(())  # the text itself is printed
-    held = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
-    return Sections((held, *map(str, result.left_out), *result.written.notes))
+    summary = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
+    return Sections((summary, *map(str, result.left_out), *result.written.notes))
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def export_model(
     frame = _one_of(takes.frames, (frame or takes.frames[0]).upper(), f"--frame of {target.name}")
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
-    unit, left_out = None, tuple[LeftOut, ...]()
+    unit, left_out = None, tuple[Unsupported, ...]()
     subject: PlanarSubject | MapSubject | YawSubject
     if takes is not target:
         planar = planar_from_json(data, origin.file).model
@@ -228,12 +228,12 @@ def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin)
     return model if factor is None else in_newton_metres(model, factor)
 
 
-def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
+def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Term, ...], tuple[Unsupported, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     dof = model.dof
     live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
     reasons = [(term, _why_not(target, term, dof, settings)) for term in live]
-    left_out = tuple(LeftOut(term.name, why) for term, why in reasons if why)
+    left_out = tuple(Unsupported(term.name, why) for term, why in reasons if why)
     return tuple(term for term, why in reasons if not why), left_out
 
 
@@ -255,12 +255,12 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
 
 def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     """Drag that a model has twice, once of its own and once found by a diagnosis, as one term."""
-    found: dict[str, Term] = {}
+    merged: dict[str, Term] = {}
     for term in terms:
-        twin = found.get(term.name) if term.name in DRAG else None
-        key = f"{term.name} {len(found)}" if term.name in found and twin is None else term.name
-        found[key] = term if twin is None else replace(twin, values=(twin.values[0] + term.values[0],))
-    return tuple(found.values())
+        twin = merged.get(term.name) if term.name in DRAG else None
+        key = f"{term.name} {len(merged)}" if term.name in merged and twin is None else term.name
+        merged[key] = term if twin is None else replace(twin, values=(twin.values[0] + term.values[0],))
+    return tuple(merged.values())
 
 
 def _matters(term: Term) -> bool:
@@ -268,7 +268,7 @@ def _matters(term: Term) -> bool:
     return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
 
 
-def _cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str:
+def _cannot(target: Target, left_out: tuple[Unsupported, ...], origin: Origin) -> str:
     missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
     python = targets.get("python")
     has = target is not python and all(effect.name in python.carries for effect in left_out)
@@ -310,7 +310,7 @@ def _refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:
 def _refuse_unused(target: Target, settings: Settings) -> None:
     for name, value in vars(settings).items():
         if value not in (None, False) and name not in target.uses and name != "allow_partial":
-            users = [one for one in targets.names() if name in targets.get(one).uses]
+            users = [other for other in targets.names() if name in targets.get(other).uses]
             option = f"--{name.replace('_', '-')}"
             raise SettingError(f"{option} means nothing to {target.name}; it is for {listed(users)}, so leave it out")
 

@@ -30,7 +30,7 @@ def write(subject: YawSubject) -> Written:
     """The SDF text. Raises SettingError where the added inertia would make the simulation unstable."""
     rigid, added = subject.inertias
     dof, r = subject.dof, subject.dof.symbols.velocity
-    letter, rate, own = subject.force.lower(), r.upper(), "izz" if dof.wraps else "mass"
+    letter, rate, rigid_entry = subject.force.lower(), r.upper(), "izz" if dof.wraps else "mass"
     linear, dot, entry = f"{letter}{rate}", f"{letter}Dot{rate}", 2 * AXES[dof.number]
     if subject.form == DERIVATIVE and added >= rigid:
         raise SettingError(
@@ -50,7 +50,7 @@ def write(subject: YawSubject) -> Written:
         "engine.",
     )
     drag = f"{linear} {r} + {linear}abs{rate} |{r}| {r} + {linear}{rate} {r}^2 + {dot} {r}'"
-    equation = f"({own} + {entry}) {r}' = {subject.force} + {drag}"
+    equation = f"({rigid_entry} + {entry}) {r}' = {subject.force} + {drag}"
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
     fluid = {entry: added} if added and subject.form == FLUID else {}
     system = {"disable_added_mass": "false" if tags[dot] else "true"}
@@ -62,8 +62,8 @@ def _sdf(lines: list[str], mass: float, moment: float, fluid: Mapping[str, float
     """The file: the link's own inertia, that of the fluid with it, and what the system is told."""
     entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in fluid.items())
     added = f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" if fluid else ""
-    told = "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in system.items())
-    fields = {"head": comment(lines), "mass": number(mass), "moment": number(moment), "added": added, "told": told}
+    settings = "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in system.items())
+    fields = {"head": comment(lines), "mass": number(mass), "moment": number(moment), "added": added, "told": settings}
     return filled("gz-sim", fields)
 
 

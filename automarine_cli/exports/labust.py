@@ -12,8 +12,8 @@ def write(subject: YawSubject) -> Written:
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
     linear, quadratic = subject.value("linear-drag"), subject.value("quadratic-drag")
-    own = "inertia_matrix" if turns else "mass"
-    equation = f"({own} + added_mass) {r}' = {subject.force} - linear_damping {r} - quadratic_damping |{r}| {r}"
+    rigid_entry = "inertia_matrix" if turns else "mass"
+    equation = f"({rigid_entry} + added_mass) {r}' = {subject.force} - linear_damping {r} - quadratic_damping |{r}| {r}"
     first = f"inertia_matrix: [{row([1.0, 1.0, rigid], ', ')}]" if turns else f"mass: {number(rigid)}"
     text = f"""{first}
 added_mass: [{row(at_place(added, index), ", ")}]

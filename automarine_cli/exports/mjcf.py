@@ -86,8 +86,8 @@ def _actuator(subject: YawSubject) -> dict[str, str]:
     return attributes | ({"biastype": "affine", "biasprm": row([constant, 0.0, 0.0])} if constant else {})
 
 
-def _attributes(given: Mapping[str, str]) -> str:
-    return "".join(f' {name}="{value}"' for name, value in given.items() if value)
+def _attributes(attributes: Mapping[str, str]) -> str:
+    return "".join(f' {name}="{value}"' for name, value in attributes.items() if value)
 
 
 TARGET = Target(

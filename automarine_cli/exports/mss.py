@@ -20,7 +20,7 @@ MORE = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 def write(subject: YawSubject) -> Written:
     force, r, words = subject.force, subject.dof.symbols.velocity, subject.dof.words
     rigid, added = subject.inertias
-    own = "I_z" if subject.dof.wraps else "m"
+    rigid_symbol = "I_z" if subject.dof.wraps else "m"
     terms = {
         "linear-drag": (f"{force}_{r}", r, "linear damping"),
         "quadratic-drag": (f"{force}_{r}{r}", f"|{r}| {r}", "quadratic damping"),
@@ -29,20 +29,20 @@ def write(subject: YawSubject) -> Written:
         "linear-drag-asymmetry": (f"{force}_abs{r}", f"|{r}|", "asymmetric damping"),
         "bias-moment": (f"{force}_0", "", "constant"),
     }
-    rows = [(own, rigid, subject.unit, "rigid"), (f"{force}_{r}dot", -added, subject.unit, "added")]
+    rows = [(rigid_symbol, rigid, subject.unit, "rigid"), (f"{force}_{r}dot", -added, subject.unit, "added")]
     letter = subject.dof.symbols.force
     applied = force if letter == force else f"{letter}_{force}"
-    equation = f"({own} - {force}_{r}dot) {r}' = {applied}"
-    for effect, (name, factor, told) in terms.items():
+    equation = f"({rigid_symbol} - {force}_{r}dot) {r}' = {applied}"
+    for effect, (name, factor, meaning) in terms.items():
         if effect in DRAG or effect in subject.values:
             value = subject.value(effect) if effect == "bias-moment" else -subject.value(effect)
             unit = subject.dof.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
-            rows.append((name, value, plain(unit), told))
+            rows.append((name, value, plain(unit), meaning))
             equation += f" + {name} {factor}".rstrip()
     signs = f"Signs: derivatives of the hydrodynamic {words.force}; damping and added {words.inertia} are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
-    lines = "".join(f"{name} = {number(value)}{end}  {sign} {unit}, {told}\n" for name, value, unit, told in rows)
+    lines = "".join(f"{name} = {number(value)}{end}  {sign} {unit}, {meaning}\n" for name, value, unit, meaning in rows)
     return Written(comment(head(subject, equation, notes), sign) + lines, notes)
 
 
@@ -53,12 +53,12 @@ def write_planar(subject: PlanarSubject) -> Written:
         size = f" * abs({VELOCITIES[places[1]]})" if len(places) == 3 else ""
         entry = f"D({i + 1},{j + 1})"
         lines.append(f"{entry} = {entry} + {number(value)}{size};  % {name}, positive where it resists\n")
-    rows = "; ".join(" ".join(number(one) for one in line) for line in subject.inertia)
+    rows = "; ".join(" ".join(number(value) for value in line) for line in subject.inertia)
     text = {
         "head": comment(subject.head(), "%"),
         "inertia": rows,
         "drag": "".join(lines),
-        "constant": " ".join(number(one) for one in subject.constant),
+        "constant": " ".join(number(value) for value in subject.constant),
     }
     return Written(filled("mss_planar", text), subject.about_water())
 

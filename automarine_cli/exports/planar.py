@@ -11,7 +11,7 @@ import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, LeftOut, Origin, Settings, headed, number
+from automarine_cli.exports.base import FRAMES, Origin, Settings, Unsupported, headed, number
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
 from automarine_cli.quantities import Floats
 
@@ -36,7 +36,7 @@ class PlanarSubject:
     quadratic: Floats
     constant: Floats
     water: tuple[float, float] | None
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[Unsupported, ...] = ()
 
     def drags(self) -> Iterator[tuple[str, tuple[int, ...], float]]:
         """Every drag: Fossen's letters (X_uu, N_vr), places (force, along) or (force, size, along), its value."""
@@ -56,7 +56,7 @@ class PlanarSubject:
     def about_water(self) -> tuple[str, ...]:
         if self.water is None:
             return ()
-        north, east = (number(one) for one in self.water)
+        north, east = (number(value) for value in self.water)
         return (f"The runs had a current of {north} m/s north and {east} m/s east; it is no part of the vehicle.",)
 
 
@@ -65,27 +65,27 @@ def planar_subject(
 ) -> PlanarSubject:
     """The model in matrices of the frame. Raises SettingError for terms they cannot hold, unless allowed."""
     linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
-    left: list[LeftOut] = []
+    left_out: list[Unsupported] = []
     for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
         places = {CONSTANT: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
         for term in terms:
             if term.name in places:
                 places[term.name][0] += term.values[0]
             else:
-                left.append(LeftOut(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
+                left_out.append(Unsupported(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
     for term in model.cross:
         force, _, letters = term.name.partition("_")
         along = tuple(VELOCITIES.index(letter) for letter in letters)
         (linear if len(along) == 1 else quadratic)[FORCES.index(force), *along] += term.values[0]
-    if left and not settings.allow_partial:
-        terms_left = "; ".join(f"{term.name} ({term.why})" for term in left)
+    if left_out and not settings.allow_partial:
+        terms_left = "; ".join(f"{term.name} ({term.why})" for term in left_out)
         remedy = "give --allow-partial to write the file without"
         raise SettingError(f"{origin.file}: {target} cannot represent {terms_left}; {remedy}")
     side = SIDES if frame == "ENU" else np.ones(3)
-    both = np.outer(side, side)
+    sides = np.outer(side, side)
     return PlanarSubject(
-        origin, frame, form, settings, both * model.inertia.matrix, both * linear, both[:, None] * quadratic,
-        side * constant, model.water, tuple(left),
+        origin, frame, form, settings, sides * model.inertia.matrix, sides * linear, sides[:, None] * quadratic,
+        side * constant, model.water, tuple(left_out),
     )  # fmt: skip
 
 
@@ -100,10 +100,10 @@ def rigid_of(subject: PlanarSubject) -> Inertia:
             "weigh on the vehicle: give the vehicle's with --rigid-mass and --rigid-inertia"
         )
     (m_u, m_v, inertia) = np.diag(subject.inertia)
-    for option, found, most in (("--rigid-mass", mass, min(m_u, m_v)), ("--rigid-inertia", turning, inertia)):
-        if not 0 < found <= most:
+    for option, value, most in (("--rigid-mass", mass, min(m_u, m_v)), ("--rigid-inertia", turning, inertia)):
+        if not 0 < value <= most:
             raise SettingError(
-                f"{option}: found {found:g}, expected more than 0 and no more than {most:.6g}, the total of rigid and "
+                f"{option}: found {value:g}, expected more than 0 and no more than {most:.6g}, the total of rigid and "
                 f"added inertia in {subject.origin.file}"
             )
     return Inertia(mass, mass, turning)

@@ -56,8 +56,8 @@ def write(subject: YawSubject) -> Written:
 def runtime(chosen: Iterable[Effect]) -> str:
     """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
     classes = [type(effect) for effect in chosen]
-    others = sorted({kind.__module__ for kind in classes} - {Learned.__module__})
-    modules: list[ModuleType] = [base, *(sys.modules[name] for name in (Learned.__module__, *others))]
+    effect_modules = sorted({kind.__module__ for kind in classes} - {Learned.__module__})
+    modules: list[ModuleType] = [base, *(sys.modules[name] for name in (Learned.__module__, *effect_modules))]
     defined = {name: part for module in modules for name, part in definitions(module).items()}
     needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}
     while new:
@@ -96,8 +96,8 @@ def maker(effect: Effect) -> str:
     if not isinstance(effect, Learned):
         return f"{type(effect).__name__}()"
     x = effect.variable
-    read = x.code or (f"state.position % {x.turn!r}" if x.turn else f"state.signals[{x.name!r}]")
-    variable = f"SimpleNamespace(read=lambda state: {read}, sized={x.sized}, turn={x.turn!r})"
+    source = x.code or (f"state.position % {x.turn!r}" if x.turn else f"state.signals[{x.name!r}]")
+    variable = f"SimpleNamespace(read=lambda state: {source}, sized={x.sized}, turn={x.turn!r})"
     return f'type("Curve", (Learned,), {{"variable": {variable}}})()'
 
 
@@ -144,7 +144,7 @@ MOVED = {
 
 
 def write_planar(subject: PlanarSubject) -> Written:
-    rows = [", ".join(number(one) for one in line) for line in subject.inertia]
+    rows = [", ".join(number(value) for value in line) for line in subject.inertia]
     sums: list[list[str]] = [[], [], []]
     constants = []
     for name, places, value in subject.drags():

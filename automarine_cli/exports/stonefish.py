@@ -46,8 +46,8 @@ def write(subject: YawSubject) -> Written:
         form = number(subject.value("quadratic-drag") / quadratic)
         friction = number(subject.value("linear-drag") / viscous)
         drag = f'  <hydrodynamics viscous_drag="1 1 {friction}" quadratic_drag="1 1 {form}"/>\n'
-        told = f"Mesh: Q = {number(quadratic)} N m, V = {number(viscous)} N m at 1 rad/s (given)."
-        notes = (ADDED, HEAVE, told, POWER, OTHERS)
+        mesh = f"Mesh: Q = {number(quadratic)} N m, V = {number(viscous)} N m at 1 rad/s (given)."
+        notes = (ADDED, HEAVE, mesh, POWER, OTHERS)
     return Written(
         f"""<?xml version="1.0"?>
 {comment(head(subject, EQUATION, notes))}<base_link name="base_link" physics="floating">

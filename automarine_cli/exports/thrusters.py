@@ -64,8 +64,8 @@ def write(subject: MapSubject) -> Written:
     curves, bands = (subject.map.forward, subject.map.backward), subject.form not in ("constants", "gz-thruster")
     ahead, astern = (square_side(curve, n_max, with_dead_band=bands) for curve in curves)
     if gazebo:
-        both = [side.k for side, curve in zip((ahead, astern), curves) if curve]
-        ahead = astern = Side(float(np.mean(both)), 0.0, n_max)
+        slopes = [side.k for side, curve in zip((ahead, astern), curves) if curve]
+        ahead = astern = Side(float(np.mean(slopes)), 0.0, n_max)
     notes += _error(subject, lambda n: ahead.thrust(np.maximum(n, 0)) - astern.thrust(np.maximum(-n, 0)), n_max)
     values = {
         "k_pos": number(ahead.k), "k_neg": number(astern.k), "upper": number(ahead.d), "lower": number(-astern.d),
@@ -107,13 +107,13 @@ def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_ma
         value = f'    <time_constant value="{number(lag)}"/>'
         fish = f'<rotor_dynamics type="first_order">\n{value}\n  </rotor_dynamics>'
         constant = f"T_n = {number(lag)}  # s\n"
-    own = {
+    fields = {
         **values, "limit": number(n_max), "minus": number(-n_max), "density": number(DENSITY),
         "diameter": number(DIAMETER), "uuv_lag": uuv, "fish_lag": fish, "T_n": constant,
     }  # fmt: skip
     lines = head(subject, EQUATIONS[subject.form], notes)
-    own["head"] = comment(lines, "#" if subject.form == "constants" else "")
-    return Written(filled(f"thrusters_{subject.form}", own), tuple(notes))
+    fields["head"] = comment(lines, "#" if subject.form == "constants" else "")
+    return Written(filled(f"thrusters_{subject.form}", fields), tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ def write(subject: YawSubject) -> Written:
     linear = at_place(-subject.value("linear-drag"), index)
     quadratic = at_place(-subject.value("quadratic-drag"), index)
     matrix = [at_place(added if line == index else 0.0, index) for line in range(6)]
-    own = "izz" if turns else "mass"
-    equation = f"({own} + Ma) {r}' = {subject.force} + linear_damping {r} + quadratic_damping |{r}| {r}"
+    rigid_entry = "izz" if turns else "mass"
+    equation = f"({rigid_entry} + Ma) {r}' = {subject.force} + linear_damping {r} + quadratic_damping |{r}| {r}"
     lines = head(subject, equation, notes)
     inertia, mass = number(rigid if turns else 1.0), number(1.0 if turns else rigid)
     fields = {"inertia": inertia, "mass": mass}

@@ -212,28 +212,28 @@ class Collector:
         that is not what it was closed as, OutputError for a folder that cannot be written."""
         with one_sentence(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-        going = [one.id for one in self._until_done(self.client.state).campaigns if not one.over]
+        going = [campaign.id for campaign in self._until_done(self.client.state).campaigns if not campaign.over]
         if stop and going and not self._until_done(lambda: self.client.stop(going)):
             remedy = "check the vehicle, and stop it by hand"
             raise SettingError(f"the vehicle has stopped its campaigns but is not silent yet; {remedy}")
         if campaign is not None:
             content = campaign.text.encode()
             self._until_done(lambda: self.client.put_campaign(campaign.id, content))
-        ledger, here = self.ledger(), set[Log]()
+        ledger, fetched = self.ledger(), set[Log]()
         while True:
             state = self._until_done(self.client.state)
             logs = {log for log in self._until_done(self.client.listing).runs if log.closed}
-            for log in sorted(logs - here, key=lambda one: one.name):
+            for log in sorted(logs - fetched, key=lambda log: log.name):
                 self._fetch(log, ledger)
-            here |= logs
+            fetched |= logs
             if campaign is None:
                 return state
-            if (found := state.of(campaign.id)) is None:
+            if (answer := state.of(campaign.id)) is None:
                 why = "".join(f"; {trouble}" for trouble in state.troubles)
                 raise SettingError(
                     f"the vehicle does not know campaign {campaign.id[:SHORT]} any more; send it again{why}"
                 )
-            if found.over:
+            if answer.over:
                 return state
             time.sleep(self.poll_s)
 
@@ -245,29 +245,29 @@ class Collector:
         data = read_plain(file, "JSON", SettingError).get("runs")
         if not isinstance(data, Mapping):
             raise SettingError(f"{LEDGER}: no table of runs; rename the file, and the logs are looked at again")
-        return {str(name): str(found) for name, found in data.items()}
+        return {str(name): str(digest) for name, digest in data.items()}
 
     def _fetch(self, log: Log, ledger: dict[str, str]) -> None:
         """One log, whole and with its hash, under its name; nothing to do where it is here."""
-        name, wanted, target = log.name, str(log.sha256), self.folder / log.name
-        if ledger.get(name, wanted) != wanted:
+        name, digest, target = log.name, str(log.sha256), self.folder / log.name
+        if ledger.get(name, digest) != digest:
             why = "compare both, for logs never change"
             raise SettingError(f"{name} is another log now than when it was fetched; {why}")
-        changed = target.exists() and sha256(target) != wanted
+        changed = target.exists() and sha256(target) != digest
         if changed and not self.overwrite:
             raise SettingError(f"{name} was changed here since it was fetched; move it away, or give --overwrite")
         if changed or not target.exists():
-            self._fetch_whole(target, log.size, wanted)
+            self._fetch_whole(target, log.size, digest)
         if name not in ledger:
-            ledger[name] = wanted
+            ledger[name] = digest
             runs = dict(sorted(ledger.items()))
             write_whole(self.folder / LEDGER, json_text({"schema": LEDGER_SCHEMA, "runs": runs}))
 
-    def _fetch_whole(self, target: Path, size: int, wanted: str) -> None:
+    def _fetch_whole(self, target: Path, size: int, digest: str) -> None:
         part = self.folder / f".{target.name}.part"
         for _ in range(TRIES):
             self._fetch_rest(part, target.name, size)
-            if sha256(part) == wanted:
+            if sha256(part) == digest:
                 with one_sentence(self.folder):
                     part.replace(target)
                     sync_folder(self.folder)

@@ -129,7 +129,7 @@ class LinkCampaign:
     def begins(self, number: int) -> float:
         return round(sum(self.rest_s + run.driven + run.wait_s for run in self.runs[:number]), 3)
 
-    def left(self, number: int) -> float:
+    def charge(self, number: int) -> float:
         """Charge [Ah] of a battery that was full, after so many runs and the waits between them."""
         supply = self.battery.supply
         drawn = sum(supply.drawn(run.candidate, self.rest_s) for run in self.runs[:number])
@@ -137,13 +137,13 @@ class LinkCampaign:
 
     def refuse_beyond_reserve(self) -> None:
         """Raise SettingError with the run at which the reserve of the battery would be reached."""
-        kept = self.battery.charge_Ah * self.battery.reserve_percent / 100.0
+        reserve = self.battery.charge_Ah * self.battery.reserve_percent / 100.0
         for number, run in enumerate(self.runs, 1):
-            if (left := self.left(number)) < kept:
+            if (charge := self.charge(number)) < reserve:
                 raise SettingError(
                     f"the battery does not carry this campaign: in run {number} of {len(self.runs)}, {run.name}, it "
-                    f"falls to {left:.3g} Ah of {self.battery.charge_Ah:g}, below the reserve of {kept:.3g} Ah; plan "
-                    "fewer or shorter runs"
+                    f"falls to {charge:.3g} Ah of {self.battery.charge_Ah:g}, below the reserve of {reserve:.3g} Ah; "
+                    "plan fewer or shorter runs"
                 )
 
 
@@ -179,7 +179,7 @@ class State:
     troubles: tuple[str, ...] = ()
 
     def of(self, campaign_id: str) -> CampaignState | None:
-        return next((one for one in self.campaigns if one.id == campaign_id), None)
+        return next((campaign for campaign in self.campaigns if campaign.id == campaign_id), None)
 
 
 @dataclass(frozen=True)

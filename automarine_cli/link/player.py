@@ -64,10 +64,10 @@ class Player:
 
     def _waited(self, campaign: LinkCampaign, number: int) -> bool:
         """Let the water come to rest after the run before; False where the campaign is to go no further."""
-        left = campaign.runs[number - 1].wait_s / self.speed if number else 0.0
-        ends = time.monotonic() + left
-        while not (over := self._over(campaign)) and (left := ends - time.monotonic()) > 0:
-            time.sleep(min(TICK_S, left))
+        pause = campaign.runs[number - 1].wait_s / self.speed if number else 0.0
+        ends = time.monotonic() + pause
+        while not (over := self._over(campaign)) and (pause := ends - time.monotonic()) > 0:
+            time.sleep(min(TICK_S, pause))
         return not over
 
     def _over(self, campaign: LinkCampaign) -> bool:

@@ -90,8 +90,8 @@ class Handler(BaseHTTPRequestHandler):
         """`/stop`, or `/stop/ID,ID`: neutral, silence, the run closed; answered when that is so."""
         if not self._is_allowed():
             return
-        if found := STOP.fullmatch(self.path):
-            only = None if found[1] is None else found[1].split(",")
+        if match := STOP.fullmatch(self.path):
+            only = None if match[1] is None else match[1].split(",")
             self._answer(HTTPStatus.OK, {"stopped": True, "quiet": self.server.stop(only)})
         else:
             self._refuse(HTTPStatus.NOT_FOUND, "only /stop and /stop/ID are posted to")
@@ -100,8 +100,8 @@ class Handler(BaseHTTPRequestHandler):
         """Nothing: who asked is nobody's business."""
 
     def _is_allowed(self) -> bool:
-        given = self.headers.get("Authorization", "").encode("utf-8", "replace")
-        if hmac.compare_digest(given, f"Bearer {self.server.token}".encode()) and self.server.token:
+        header = self.headers.get("Authorization", "").encode("utf-8", "replace")
+        if hmac.compare_digest(header, f"Bearer {self.server.token}".encode()) and self.server.token:
             self.server.know(self.connection)
             return True
         self._refuse(HTTPStatus.UNAUTHORIZED, "the token is missing or wrong")
@@ -113,26 +113,26 @@ class Handler(BaseHTTPRequestHandler):
             status = HTTPStatus.NOT_FOUND if log is None else HTTPStatus.CONFLICT
             self._refuse(status, "there is no such log" if log is None else "this run is still driven; ask later")
             return
-        asked = RANGE.fullmatch(self.headers.get("Range", ""))
-        first = int(asked[1]) if asked else 0
-        last = min(int(asked[2]), log.size - 1) if asked and asked[2] else log.size - 1
-        if asked and (first >= log.size or last < first):
+        byte_range = RANGE.fullmatch(self.headers.get("Range", ""))
+        first = int(byte_range[1]) if byte_range else 0
+        last = min(int(byte_range[2]), log.size - 1) if byte_range and byte_range[2] else log.size - 1
+        if byte_range and (first >= log.size or last < first):
             self._refuse(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, f"the log has {log.size} bytes")
             return
         with self.server.store.open_log(name) as file:
-            self.send_response(HTTPStatus.PARTIAL_CONTENT if asked else HTTPStatus.OK)
+            self.send_response(HTTPStatus.PARTIAL_CONTENT if byte_range else HTTPStatus.OK)
             self.send_header("Content-Type", "text/csv; charset=utf-8")
             self.send_header("Accept-Ranges", "bytes")
             self.send_header("ETag", f'"{log.sha256}"')
-            if asked:
+            if byte_range:
                 self.send_header("Content-Range", f"bytes {first}-{last}/{log.size}")
             self.send_header("Content-Length", str(last + 1 - first))
             self.end_headers()
             file.seek(first)
-            left = last + 1 - first
-            while left and (block := file.read(min(BLOCK, left))):
+            remaining = last + 1 - first
+            while remaining and (block := file.read(min(BLOCK, remaining))):
                 self.wfile.write(block)
-                left -= len(block)
+                remaining -= len(block)
 
     def _refuse(self, status: HTTPStatus, why: str) -> None:
         self.close_connection = True
@@ -175,9 +175,9 @@ class LinkServer(ThreadingHTTPServer):
                     raise SettingError(self.silenced)
                 is_new = self.store.accept(content, name, self.vehicle.refuse)
             except AutomarineError as problem:
-                if self._refused != (said := f"campaign {name[:SHORT]} is refused: {problem}"):  # it is sent again
-                    self._tell(said)
-                self._refused = said
+                if self._refused != (refusal := f"campaign {name[:SHORT]} is refused: {problem}"):  # it is sent again
+                    self._tell(refusal)
+                self._refused = refusal
                 raise
             if is_new:
                 self._tell(f"campaign {name[:SHORT]} is accepted")
@@ -202,8 +202,8 @@ class LinkServer(ThreadingHTTPServer):
             self.store.lease.unlink(missing_ok=True)
 
     def state(self) -> State:
-        found = self.store.state()
-        return replace(found, troubles=(*found.troubles, self.silenced)) if self.silenced else found
+        state = self.store.state()
+        return replace(state, troubles=(*state.troubles, self.silenced)) if self.silenced else state
 
     def know(self, connection: socket.socket) -> None:
         with self._door:
@@ -221,8 +221,8 @@ class LinkServer(ThreadingHTTPServer):
         """Hang up on who takes too long to show the token."""
         with self._door:
             latest = time.monotonic() - HEADER_S
-            for one in [one for one, since in self._strangers.items() if since < latest]:
-                self._hang_up(one)
+            for connection in [connection for connection, since in self._strangers.items() if since < latest]:
+                self._hang_up(connection)
 
     def shutdown_request(self, request: Any) -> None:
         self.know(request)
@@ -297,7 +297,7 @@ def _serve(
         raise SettingError(f"cannot listen on {where} ({problem.strerror}); give another --address") from None
     threading.Thread(target=server.serve_forever, daemon=True).start()
     host = f"[{address[0]}]" if ":" in address[0] else address[0]
-    old = {one.id for one in server.state().campaigns if one.over}
+    old = {campaign.id for campaign in server.state().campaigns if campaign.over}
     tell(Serving(f"http://{host}:{server.server_address[1]}", token))
     threading.Thread(target=_tell_news, args=(server, tell, old), daemon=True).start()  # the lease waits for no disk
     # without what the store remembers: that would cross to the process
@@ -330,7 +330,7 @@ def _tell_news(server: LinkServer, tell: Callable[[Serving | str], object], old:
     while True:
         with contextlib.suppress(OSError):
             state = server.state()
-            news = {one.id: one.says for one in state.campaigns if one.over} | {one: one for one in state.troubles}
+            news = {c.id: c.says for c in state.campaigns if c.over} | {trouble: trouble for trouble in state.troubles}
             for key in sorted(set(news) - old):
                 tell(news[key])
             old = old | set(news)

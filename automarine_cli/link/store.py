@@ -60,15 +60,15 @@ class Store:
             raise OutputError(f"{self.folder} cannot be written to ({problem.strerror}); give another folder") from None
 
     def accepted(self) -> list[LinkCampaign]:
-        return [one for one in self._documents() if isinstance(one, LinkCampaign)]
+        return [document for document in self._documents() if isinstance(document, LinkCampaign)]
 
     def accept(self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None) -> bool:
         """Keep a campaign whose document has the hash `name`; False where it is here already.
 
         For one caller at a time. Raises SettingError for another hash, a document that is none, a campaign that
         the battery does not carry, and what `refuse` does; OutputError where there is no room for it."""
-        if (found := hashlib.sha256(content).hexdigest()) != name:
-            raise SettingError(f"the campaign has the SHA-256 {found[:12]}..., not {name[:12]}...; try again")
+        if (digest := hashlib.sha256(content).hexdigest()) != name:
+            raise SettingError(f"the campaign has the SHA-256 {digest[:12]}..., not {name[:12]}...; try again")
         there = [path.stem.rpartition("_")[2] for path in self.campaigns.glob("*.json")]
         if name in there:
             return False
@@ -153,14 +153,14 @@ class Store:
         part, log = self.part(name), self.runs / f"{name}{mark}.csv"
         with _opened(part, os.O_RDWR) as file:
             content = file.read()
-            whole = content[: content.rfind(b"\n") + 1]  # a power cut may leave half a line
-            file.truncate(len(whole))  # also gives back the room that was not needed
+            complete = content[: content.rfind(b"\n") + 1]  # a power cut may leave half a line
+            file.truncate(len(complete))  # also gives back the room that was not needed
             os.fsync(file.fileno())
         if mark and not content:
             part.unlink()
         else:
             with suppress(OutputError):  # without room for it the hash is worked out when it is asked for
-                write_whole(_hash_file(log), f"{hashlib.sha256(whole).hexdigest()}  {log.name}\n")
+                write_whole(_hash_file(log), f"{hashlib.sha256(complete).hexdigest()}  {log.name}\n")
             part.replace(log)
         sync_folder(self.runs)
 
@@ -178,9 +178,9 @@ class Store:
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
         with suppress(OSError, SettingError):  # also a file that is too large for a log
-            if wire.LOG_NAME.fullmatch(name) and stat.S_ISREG((found := (self.runs / name).lstat()).st_mode):
+            if wire.LOG_NAME.fullmatch(name) and stat.S_ISREG((status := (self.runs / name).lstat()).st_mode):
                 closed = name.endswith(".csv")
-                return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
+                return Log(name, status.st_size, closed, self._hash_of(self.runs / name, status) if closed else None)
         return None
 
     def listing(self) -> Listing:
@@ -195,33 +195,33 @@ class Store:
 
     def state(self) -> State:
         documents, names = self._documents(), self._names()
-        campaigns = (self._state_of(one) if isinstance(one, LinkCampaign) else one for one in documents)
-        odd = [one for one in documents if isinstance(one, str)]
+        campaigns = (self._state_of(item) if isinstance(item, LinkCampaign) else item for item in documents)
+        odd = [item for item in documents if isinstance(item, str)]
         for name, is_file in sorted(names.items()):
             if name.endswith((".csv", ".part")) and not (is_file and wire.LOG_NAME.fullmatch(name)):
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
-        found = tuple(one for one in campaigns if isinstance(one, CampaignState))
-        return State(wire.STATE_SCHEMA, found, _playing(names), tuple(odd))
+        states = tuple(state for state in campaigns if isinstance(state, CampaignState))
+        return State(wire.STATE_SCHEMA, states, _playing(names), tuple(odd))
 
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
-        found = list[LinkCampaign | CampaignState | str]()
+        documents = list[LinkCampaign | CampaignState | str]()
         with os.scandir(self.campaigns) as entries:
-            documents = sorted((one for one in entries if one.name.endswith(".json")), key=lambda one: one.name)
-        for entry in documents:
+            files = sorted((file for file in entries if file.name.endswith(".json")), key=lambda file: file.name)
+        for entry in files:
             try:
                 status = entry.stat(follow_symlinks=False)
                 key = _key(entry.name, status)
-                known = self._memory.get(key) or _campaign_at(Path(entry), status)
-                if isinstance(known, LinkCampaign) and (state := self._state_of(known)).over:
-                    known = state
-                self._memory[key] = known
+                document = self._memory.get(key) or _campaign_at(Path(entry), status)
+                if isinstance(document, LinkCampaign) and (state := self._state_of(document)).over:
+                    document = state
+                self._memory[key] = document
             except FileNotFoundError:
                 continue
             except OSError as problem:  # may be over soon
-                known = f"campaigns/{printable(entry.name)} cannot be read ({problem.strerror or problem})"
-            found.append(known)
-        return found
+                document = f"campaigns/{printable(entry.name)} cannot be read ({problem.strerror or problem})"
+            documents.append(document)
+        return documents
 
     def _state_of(self, campaign: LinkCampaign) -> CampaignState:
         why = None
@@ -234,7 +234,7 @@ class Store:
         ends = [_end_of(log, names) for log in logs]
         played = sum(end is not None for end in ends)
         over = played == len(ends) or (why is not None and not any(f"{log}.part" in names for log in logs))
-        battery = round(campaign.left(played), 3) if played else campaign.battery.charge_Ah
+        battery = round(campaign.charge(played), 3) if played else campaign.battery.charge_Ah
         return CampaignState(campaign.id, len(ends), played, ends.count(wire.INTERRUPTED), over, battery, why)
 
     def _names(self) -> dict[str, bool]:
@@ -248,8 +248,8 @@ class Store:
         """What becomes the mark, with room for a reason."""
         return self.campaigns / f"{campaign.id}.ready"
 
-    def _hash_of(self, log: Path, found: os.stat_result) -> str:
-        key = _key(log.name, found)
+    def _hash_of(self, log: Path, status: os.stat_result) -> str:
+        key = _key(log.name, status)
         if key not in self._memory:
             text = ""
             with suppress(OSError), _opened(_hash_file(log)) as file:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import DiagnosisProblem
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError
@@ -355,10 +355,10 @@ class Fitting:
 
 
 @lru_cache(maxsize=64)
-def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> Study:
+def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> DiagnosisProblem:
     base = YawModel(*drag, logger.unit, logger.dof)
     runs = tuple(logger.run(one) for one in candidates)
-    return Study(runs, base, False, logger.signals, channels=logger.channels)
+    return DiagnosisProblem(runs, base, False, logger.signals, channels=logger.channels)
 
 
 def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:

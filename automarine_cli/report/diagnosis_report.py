@@ -13,7 +13,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, NamedE
 from automarine_cli.diagnosis.planar import PlanarDiagnosis, PlanarSearch, judged
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
 from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import JUDGED, Study
+from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -222,23 +222,23 @@ def _misses(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> str:
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
     dof, said, driven, counted = (
-        diagnosis.study.base.dof, diagnosis.said, diagnosis.study.driven, diagnosis.found.final.counted,
+        diagnosis.study.base.dof, diagnosis.conclusion, diagnosis.study.driven, diagnosis.result.final.counted,
     )  # fmt: skip
     gap, outlook, of = diagnosis.gap, diagnosis.outlook, ""
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
         gap, outlook, held_out = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
         of = f" of the {held_out} run{'s' * (held_out > 1)} held out"
     sizes, judged = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)], outlook and outlook.judged
-    beside = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
+    noise = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
     if judged:
-        sizes, beside = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {beside}"
+        sizes, noise = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {noise}"
     names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    what = (f"error of predictions {JUDGED:g} s ahead" if driven else "gap") + of
+    what = (f"error of predictions {HORIZON:g} s ahead" if driven else "gap") + of
     data = "runs could show" + " beside their disturbances" * driven
     return _verdict(
-        said.word, names, said.why, what, sizes, dof.units.shown, beside, data, _gains_instead(diagnosis), said.left
+        said.word, names, said.why, what, sizes, dof.units.shown, noise, data, _gains_instead(diagnosis), said.remainder
     )
 
 
@@ -251,7 +251,7 @@ def _or_rivals(effect: NamedEffect) -> str:
 def _gains_instead(diagnosis: Diagnosis) -> str:
     """What was gained where no gap could fall because each run's own gain had followed what was missing: the scatter of
     the thrust; empty elsewhere."""
-    gap, found, dof = diagnosis.gap, diagnosis.found, diagnosis.study.base.dof
+    gap, found, dof = diagnosis.gap, diagnosis.result, diagnosis.study.base.dof
     before, after = (100.0 * trial.fit.factor(GAIN) for trial in (found.base, found.final))
     if diagnosis.study.driven or gap.before - gap.after > FALLS * gap.floor or after > 0.7 * before:
         return ""
@@ -264,7 +264,7 @@ def _gains_instead(diagnosis: Diagnosis) -> str:
 @sections.register
 def _(result: MotionDiagnosis) -> Sections:
     diagnosis, dof = result.diagnosis, result.stored.dof
-    study, found, where = diagnosis.study, diagnosis.found, diagnosis.where
+    study, found, where = diagnosis.study, diagnosis.result, diagnosis.where
     below = [PLANNED] * any(effect.rivals for effect in diagnosis.effects)
     below += [study.cycle.sentence(dof)] if study.cycle is not None else []
     before, after = (100.0 * trial.fit.factor(GAIN) for trial in (found.base, found.final))
@@ -322,7 +322,7 @@ def _next(diagnosis: Diagnosis) -> str:
     return bullets((*better, *general_advice(diagnosis.study)))
 
 
-def general_advice(study: Study) -> tuple[str, ...]:
+def general_advice(study: DiagnosisProblem) -> tuple[str, ...]:
     """List the kinds of runs that the campaign lacks, a sentence each."""
     pushes = [(run, np.sign(run.command), np.flatnonzero(run.command)) for run in study.runs if np.any(run.command)]
     coasts = sum(
@@ -363,7 +363,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 @sections.register
 def _(result: PlanarDiagnosis) -> Sections:
     search, where = result.search, result.search.where
-    less = f"predicted {judged(search.foretold[0][YAW.position]).horizon:g} s ahead"
+    less = f"predicted {judged(search.forecasts[0][YAW.position]).horizon:g} s ahead"
     return _sections(
         result, result.extended_model(), search, "Diagnosis of the planar model", search.words, planar_verdict(search),
         _planar_effects(result), where.regions if where else (),

@@ -152,7 +152,7 @@ def _(check: TuningCheck) -> Sections:
             flown, low, high = (_or_never(in_print(name, x, dof)) for x in (figure.value, *figure.band))
             rows.append({
                 "step": f"{step.run}, {step.begins:.1f} s, {size}", "": words[name], "flown": flown,
-                "promised": f"{low} to {high}", "held": "yes" if figure.held else "no",
+                "promised": f"{low} to {high}", "held": "yes" if figure.in_band else "no",
             })  # fmt: skip
     table = Table.of("Flown and promised", rows)
     failed = sum(not step.held for step in steps)

@@ -9,7 +9,7 @@ from specified import make_runs, specified
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import base_estimates, parameter_estimates
-from automarine_cli.diagnosis.search import Trial as Explained
+from automarine_cli.diagnosis.search import CandidateFit as Explained
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
@@ -72,10 +72,10 @@ def run_trial(item: tuple[int, str]) -> Trial:
     )
     model = YawModel(base.inertia, (*base.terms, Term(name, values)), base.moment_unit, base.dof)
     try:
-        fit = study.fit(model, near=study.fit(base))
+        fit = study.fit(model, warm_start=study.fit(base))
     except FitError as refusal:
         return Trial({}, refused=str(refusal))
-    found = Explained((name,), study.told(model, fit), fit, 0.0)
+    found = Explained((name,), study.with_fitted_values(model, fit), fit, 0.0)
     truth = {parameter: value for parameter, value in PLANTED[name].items() if not parameter.endswith("_ref")}
     estimates = parameter_estimates(study, found, name)
     out = {f"{name} {one}": Outcome.of(estimates[one], value) for one, value in truth.items()}

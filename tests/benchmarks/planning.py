@@ -212,7 +212,7 @@ def lead(item: tuple[str, bool, int]) -> float:
     costs, base = [], study.fit(MODEL)
     for model in (true, other):
         own = model.terms[-1]
-        fit = study.fit(model, near=base)
+        fit = study.fit(model, warm_start=base)
         cost = penalty(fitted_parameters(own.name, own.values), len(study.runs))
         costs.append(cost - 2.0 * fit.log_likelihood)
     return float(costs[1] - costs[0])

@@ -15,7 +15,7 @@ from specified import make_runs, specified
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import base_estimates, parameter_estimates
-from automarine_cli.diagnosis.search import Trial as Explained
+from automarine_cli.diagnosis.search import CandidateFit as Explained
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.half_turns import half_turn_data
@@ -159,8 +159,8 @@ def _with_effect(runs: Any, name: str, values: dict[str, float], channels: tuple
     study = study_of(runs, base, driven=False, channels=channels)
     defaults = {one.name: one.start for one in effects.get(name).parameters}
     model = base.with_effect(name, tuple({**defaults, **values}.values()))
-    fit = study.fit(model, near=study.fit(base))
-    found = Explained((name,), study.told(model, fit), fit, 0.0)
+    fit = study.fit(model, warm_start=study.fit(base))
+    found = Explained((name,), study.with_fitted_values(model, fit), fit, 0.0)
     own = parameter_estimates(study, found, name)
     widths = {f"{name} {key}": _half(own[key]) for key in values}
     return widths | {f"I_r beside {name}": _half(base_estimates(study, found)["I_r"])}

@@ -26,7 +26,16 @@ import numpy as np
 from tuning_truth import STEP, Floats, Truth, Vehicle, write_logs
 
 import automarine_cli as am
-from automarine_cli.control.design import FINE, Crowd, Flight, Scores, all_margins, grid_for, scores, step_and_load
+from automarine_cli.control.design import (
+    FINE,
+    ClosedLoopRun,
+    Ensemble,
+    Scores,
+    all_margins,
+    grid_for,
+    scores,
+    step_and_load,
+)
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.vehicles import Vehicles
@@ -103,7 +112,7 @@ def corners(name: str, beyond: bool = False) -> dict[str, Any]:
         own: Gains = {key: np.full((1, 1), value) for key, value in gains.items()}
         flight = step_and_load(target, own, vehicles, np.pi / 2, 0.1, 40.0)
         one = scores(flight, np.pi / 2, np.deg2rad(2.0))
-        disk = all_margins(target, own, vehicles, grid_for(target, [Crowd("", vehicles)], FINE)).disk
+        disk = all_margins(target, own, vehicles, grid_for(target, [Ensemble("", vehicles)], FINE)).disk
         rows[kind] = {
             "disk_margin": float(disk.min()), "overshoot_percent": 100.0 * float(one.overshoot.max()),
             "settled": int(one.settles.sum()), "settling_s": float(one.settling.max()),
@@ -204,7 +213,7 @@ def flown(truth: Truth, target: Target, gains: dict[str, float], seconds: float,
             left -= STEP
     position = np.stack(parts, axis=1)[None]
     time = 0.1 * np.arange(position.shape[2], dtype=float)
-    return scores(Flight(time, position, 0.0 * position), np.pi / 2, np.deg2rad(2.0))
+    return scores(ClosedLoopRun(time, position, 0.0 * position), np.pi / 2, np.deg2rad(2.0))
 
 
 def main() -> None:

@@ -7,9 +7,9 @@ import pytest
 from made_vehicles import vehicle
 
 from automarine_cli.control import vehicles as plant
-from automarine_cli.control.design import Crowd, all_margins, fly, frequencies, grid_for, margins, stable_along
+from automarine_cli.control.design import Ensemble, all_margins, fly, frequencies, grid_for, margins, stable_along
 from automarine_cli.control.targets import TARGETS, get
-from automarine_cli.control.targets.base import Gains, Nominal, Target
+from automarine_cli.control.targets.base import Gains, NominalPlant, Target
 from automarine_cli.dofs import YAW
 
 control: Any = pytest.importorskip("control", reason="the oracle of margins is in the dev group")
@@ -83,7 +83,7 @@ def test_an_open_loop_that_runs_away_counts() -> None:
 
 def tuned(target: Target) -> Gains:
     """Gains of some target, neither the boldest nor the most careful."""
-    nominal = Nominal(YAW, 0.59 / 30, 0.0, 1.5 / 30, 0.15, (30 / 1.5) ** 0.5, np.pi / 2, 30.0, "N m")
+    nominal = NominalPlant(YAW, 0.59 / 30, 0.0, 1.5 / 30, 0.15, (30 / 1.5) ** 0.5, np.pi / 2, 30.0, "N m")
     target.beyond = True
     return {key: value[:, None] for key, value in target.propose(np.full((1, target.numbers), 0.5), nominal).items()}
 
@@ -94,7 +94,7 @@ def test_flights_begin_to_swing_where_the_delay_margin_says(name: str) -> None:
     target = get(name)
     own = tuned(target)
     base = vehicle(drag=0.0, linear=0.6)
-    omega = grid_for(target, [Crowd("", base)], 2000)
+    omega = grid_for(target, [Ensemble("", base)], 2000)
     margin = all_margins(target, own, base, omega).delay[0]
     assert 0.02 < margin < 5.0
     loops = round(max(20.0, (25.0 if target.period < 0.01 else 60.0) * margin) / target.period)
@@ -126,7 +126,7 @@ def test_margins_are_those_of_the_loop_at_rest() -> None:
     target = get("ardusub")
     own = tuned(target)
     bare, dragged = vehicle(drag=0.0, linear=0.05), vehicle(drag=3.0, linear=0.05)
-    omega = grid_for(target, [Crowd("", bare)], 1000)
+    omega = grid_for(target, [Ensemble("", bare)], 1000)
     first, second = (all_margins(target, own, one, omega).disk[0] for one in (bare, dragged))
     assert second == pytest.approx(first, abs=1e-4)
 

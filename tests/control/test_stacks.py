@@ -17,7 +17,7 @@ from automarine_cli.control.targets.ardupilot import RootLaw, distance_to, gyro,
 from automarine_cli.control.targets.base import Design
 from automarine_cli.control.targets.loops import low_pass, share
 from automarine_cli.control.targets.pid import series_form
-from automarine_cli.control.vehicles import Bend, Spread, crowd
+from automarine_cli.control.vehicles import Spread, ThrustCurve, crowd
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.thrusters.map import Curve, ThrusterMap
@@ -221,21 +221,21 @@ def test_an_unknown_target_is_answered_with_the_names() -> None:
 
 
 def test_scores_of_a_known_response() -> None:
-    from automarine_cli.control.design import Flight
+    from automarine_cli.control.design import ClosedLoopRun
 
     time = np.arange(0.0, 20.0, 0.1)
     step = 1.0 - np.exp(-time) * np.cos(2.0 * time)
     load = -0.2 * (1.0 - np.exp(-time))
-    found = scores(Flight(time, np.stack([step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
+    found = scores(ClosedLoopRun(time, np.stack([step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
     assert found.overshoot[0] == pytest.approx(step.max() - 1.0)
     assert found.error[0] == pytest.approx(0.2, rel=1e-6)
     assert found.settling[0] == pytest.approx(time[np.flatnonzero(np.abs(step - 1.0) > 0.02)[-1] + 1])
-    never = scores(Flight(time, np.stack([0.5 * step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
+    never = scores(ClosedLoopRun(time, np.stack([0.5 * step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
     assert not never.settles[0]
 
 
 def test_a_yaw_vehicle_with_a_bend_answers_by_its_map() -> None:
-    bend = Bend(np.array([0.0, 0.1, 1.0]), np.array([0.0, 0.0, 1.0]))
+    bend = ThrustCurve(np.array([0.0, 0.1, 1.0]), np.array([0.0, 0.0, 1.0]))
     assert bend.of(np.array([0.05, 0.55, -1.0])) == pytest.approx([0.0, 0.5, -1.0])
     assert bend.slope(np.array([0.05, 0.5])) == pytest.approx([0.0, 1.0 / 0.9])
     assert YAW.wraps

@@ -10,7 +10,14 @@ from few_candidates import few_candidates
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import base_estimates, diagnose_runs
 from automarine_cli.diagnosis.scores import law_of
-from automarine_cli.diagnosis.search import STANDS, Trial, add_effect, drag_right, trial_of, without_idle_drag
+from automarine_cli.diagnosis.search import (
+    STANDS,
+    CandidateFit,
+    add_effect,
+    candidate_fit,
+    drag_right,
+    without_idle_drag,
+)
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
@@ -30,7 +37,7 @@ def test_an_effect_beside_a_wrong_drag_is_named_and_the_drag_counts_for_nothing(
         found = diagnose_runs(campaign("tether-spring"), LINEAR, hold_out=[])
     assert found.verdict == "named"
     assert {one.name for one in found.effects} == {"tether-spring", "quadratic-drag"}
-    assert found.found.final.counted == ("tether-spring",)
+    assert found.result.final.counted == ("tether-spring",)
     assert found.gap.after < 1.05 * found.gap.floor
     assert "drag of the base" in verdict_sentence(found)
 
@@ -45,14 +52,14 @@ def test_a_drag_that_is_missing_alone_has_its_name() -> None:
 def test_drag_that_nothing_asks_for_is_dropped_and_what_is_lacking_added() -> None:
     study = study_of(campaign("bias-moment"), base_for(""))
     model = base_for("").with_effect("bias-moment", [0.05])
-    right = trial_of(study, model, ("bias-moment",), study.fit(model))
+    right = candidate_fit(study, model, ("bias-moment",), study.fit(model))
     assert drag_right(study, right) is right
     wide = model.with_effect("linear-drag", [0.01])
-    both = trial_of(study, wide, ("bias-moment", "linear-drag"), study.fit(wide))
+    both = candidate_fit(study, wide, ("bias-moment", "linear-drag"), study.fit(wide))
     assert drag_right(study, both).added == ("bias-moment",)
     wrong = study_of(campaign("bias-moment"), LINEAR)
     model = LINEAR.with_effect("bias-moment", [0.05])
-    bare = trial_of(wrong, model, ("bias-moment",), wrong.fit(model))
+    bare = candidate_fit(wrong, model, ("bias-moment",), wrong.fit(model))
     mended = drag_right(wrong, bare)
     assert mended.added == ("bias-moment", "quadratic-drag") and mended.counted == ("bias-moment",)
     assert without_idle_drag(wrong, bare) is bare
@@ -67,15 +74,15 @@ def test_drag_of_the_base_that_has_something_to_do_stays() -> None:
     truth = LINEAR.with_effect("quadratic-drag", [0.8])
     study = study_of(planted(truth, "bias-moment", seed=1, plans=short_plans()), LINEAR)
     model = truth.with_effect("bias-moment", [0.05])
-    both = trial_of(study, model, ("quadratic-drag", "bias-moment"), study.fit(model))
+    both = candidate_fit(study, model, ("quadratic-drag", "bias-moment"), study.fit(model))
     assert without_idle_drag(study, both) is both
 
 
 def test_only_drag_is_what_counts_where_nothing_else_was_added() -> None:
     study = study_of(campaign(), LINEAR)
     fit = study.fit(LINEAR)
-    assert Trial(("quadratic-drag",), LINEAR, fit, 0.0).counted == ("quadratic-drag",)
-    assert Trial((), LINEAR, fit, 0.0).counted == ()
+    assert CandidateFit(("quadratic-drag",), LINEAR, fit, 0.0).counted == ("quadratic-drag",)
+    assert CandidateFit((), LINEAR, fit, 0.0).counted == ()
 
 
 @pytest.mark.slow
@@ -93,7 +100,7 @@ def test_runs_held_out_place_an_edge_that_no_fitted_command_lies_near() -> None:
     assert found.verdict == "named" and [one.name for one in found.effects] == ["dead-band"]
     assert found.held_out_gap is not None and found.held_out_gap.after < 1.1 * found.held_out_gap.floor
     assert 0.2 < found.effects[0].parameters["width"].value < 0.3
-    assert "runs held out" in found.said.left and not np.isnan(found.gap.after)
+    assert "runs held out" in found.conclusion.remainder and not np.isnan(found.gap.after)
 
 
 @pytest.mark.slow
@@ -102,7 +109,7 @@ def test_a_fit_that_stopped_in_a_valley_is_begun_from_many_starts(monkeypatch: p
     plans = [[(side * size, 8.0), (0.0, 4.0)] for size in (0.3, 1.0) for side in (1.0, -1.0) for _ in range(2)]
     runs = measured(truth, [unmeasured(plan, i) for i, plan in enumerate(plans)], seed=3)
     study = study_of(runs, base_for(""), driven=False)
-    base = trial_of(study, study.base, (), study.fit(study.base))
+    base = candidate_fit(study, study.base, (), study.fit(study.base))
     stopped = add_effect(study, base, ("water-swirl", np.array([0.02, 150.0, 0.0, 1.2, 1.0])), iterations=4)
     assert stopped is not None and stopped.fit.noise > STANDS * study.sensor_floor
     done = {law_of("water-swirl", stopped.model.terms[-1].values): stopped}

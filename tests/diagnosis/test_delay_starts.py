@@ -4,7 +4,7 @@ import numpy as np
 from tank import pool_campaign
 
 from automarine_cli.diagnosis.diagnose import parameter_estimates
-from automarine_cli.diagnosis.search import add_effect, trial_of
+from automarine_cli.diagnosis.search import add_effect, candidate_fit
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
@@ -17,7 +17,7 @@ def test_a_delay_is_found_from_every_start() -> None:
         seed=3, noise_deg=2.0, gain=0.05, repeats=1, turn_deg=400.0, effects=[{"name": "input-delay", "t_d": DELAY}]
     )
     study = study_of(runs, YawModel.base("3", 1.0, [1.2], runs[0].moment_unit, YAW))
-    base = trial_of(study, study.base, (), study.fit(study.base))
+    base = candidate_fit(study, study.base, (), study.fit(study.base))
     trials = [add_effect(study, base, ("input-delay", np.array([start, 0.0, 0.1]))) for start in (0.05, 0.1, 0.2, 0.4)]
     evidence = []
     for trial in trials:

@@ -14,13 +14,13 @@ from made_planar import HIDDEN, campaign, log
 
 from automarine_cli.commands import automarine
 from automarine_cli.diagnosis.planar import (
-    Contender,
+    FittedCandidate,
     PlanarDiagnosis,
     PlanarSearch,
     base_of,
     find_missing,
     find_planar_where,
-    foretold,
+    forecasts,
 )
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood
@@ -79,7 +79,7 @@ def test_a_gap_that_stands_out_and_has_no_name_is_unexplained() -> None:
     open_gap = replace(found, where=where)
     assert open_gap.verdict == "unexplained"
     assert "where sway is 0.1 to 0.2 m/s" in open_gap.why and "No candidate gains" in open_gap.why
-    most = Contender(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
+    most = FittedCandidate(found.rounds[0].promised[0][0], found.before, 163.0, False, 16.0)
     passed = replace(open_gap, rounds=(replace(found.rounds[0], tried=(most,)),))
     assert "gains 163 in deviance, but not in the mean of runs" in planar_verdict(passed)
     doubted = replace(open_gap, rounds=(replace(found.rounds[0], tried=(replace(most, steady=True),)),))
@@ -101,7 +101,7 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
     near = Estimated(base_of(bare, every.seen), np.zeros((0, 0)), 0.0, 0, random={"yaw.disturbance": 0.5})
     before = every.estimate(near.model, near, brief=True)
-    search = PlanarSearch(before, (), every, 6, (foretold(every, before),) * 2, (np.zeros(6),) * 2)
+    search = PlanarSearch(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)
     assert where is not None
     best = min(where.variables, key=lambda one: one.p_value)

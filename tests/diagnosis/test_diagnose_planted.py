@@ -133,6 +133,6 @@ def test_the_same_data_told_otherwise_give_the_same(name: str, telling: str, as_
         one, other = (found.effects[0].parameters[parameter.name] for found in (there, back))
         assert other.value == pytest.approx(sign * parameter.scaled(one.value, ten), rel=1e-6)
         assert other.stderr == pytest.approx(parameter.scaled(one.stderr, ten), rel=1e-4)
-    models = [found.found.final.model.theta[:2] for found in (there, back)]
+    models = [found.result.final.model.theta[:2] for found in (there, back)]
     np.testing.assert_allclose(models[1], ten * models[0], rtol=1e-6)
     assert back.effects[0].confidence == pytest.approx(there.effects[0].confidence, abs=1e-3)

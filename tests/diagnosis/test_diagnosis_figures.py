@@ -130,9 +130,9 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
     figure = told(diagnosis).figures["why"]()
     bars = max(figure.axes, key=lambda axes: len(axes.patches))
     lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
-    assert lengths == sorted(lengths) and len(lengths) == len(diagnosis.found.rounds[0].trials)
+    assert lengths == sorted(lengths) and len(lengths) == len(diagnosis.result.rounds[0].trials)
     bold = [label.get_text() for label in bars.get_yticklabels() if label.get_fontweight() == "bold"]
-    assert set(bold) == set(diagnosis.found.final.added) & {t.added[-1] for t in diagnosis.found.rounds[0].trials}
+    assert set(bold) == set(diagnosis.result.final.added) & {t.added[-1] for t in diagnosis.result.rounds[0].trials}
 
 
 def test_before_and_after_share_their_axes(lag: Diagnosis) -> None:

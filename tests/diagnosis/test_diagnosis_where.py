@@ -17,8 +17,8 @@ from automarine_cli.diagnosis.residual_regions import (
     of_samples,
     over_variables,
 )
-from automarine_cli.diagnosis.search import Trial
-from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.search import CandidateFit
+from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import general_advice
@@ -49,27 +49,27 @@ def campaign(model: YawModel, seed: int, runs: int = 20, scatter: float = 0.02, 
     ]
 
 
-def fitted(study: Study, model: YawModel) -> Trial:
+def fitted(study: DiagnosisProblem, model: YawModel) -> CandidateFit:
     """A trial of `model` refitted to the study's runs."""
     fit = study.fit(model)
-    return Trial((), model.with_theta(fit.theta[:-1]), fit, -2.0 * fit.log_likelihood)
+    return CandidateFit((), model.with_theta(fit.theta[:-1]), fit, -2.0 * fit.log_likelihood)
 
 
 @pytest.fixture(scope="module")
-def compass() -> tuple[Study, Trial]:
+def compass() -> tuple[DiagnosisProblem, CandidateFit]:
     """A campaign whose compass is 3 degrees off, and the base model fitted to it."""
     study = study_of(campaign(TRUTH.with_effect("compass-deviation", [np.radians(3), 0, 0, 0]), 1), TRUTH)
     return study, fitted(study, TRUTH)
 
 
 @pytest.fixture(scope="module")
-def dead() -> tuple[Study, Trial]:
+def dead() -> tuple[DiagnosisProblem, CandidateFit]:
     """A campaign with a dead-band, and the base model fitted to it."""
     study = study_of(campaign(TRUTH.with_effect("dead-band", [0.04]), 2), TRUTH)
     return study, fitted(study, TRUTH)
 
 
-def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[Study, Trial]) -> None:
+def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[DiagnosisProblem, CandidateFit]) -> None:
     where = find_where(*compass, seed=0)
     assert {region.variable for region in where.regions} == {"heading"}
     for region in where.regions:
@@ -79,7 +79,7 @@ def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[S
     assert sum(region.share for region in where.regions) > 0.7
 
 
-def test_the_result_has_the_form_of_the_contract(compass: tuple[Study, Trial]) -> None:
+def test_the_result_has_the_form_of_the_contract(compass: tuple[DiagnosisProblem, CandidateFit]) -> None:
     for region in find_where(*compass, seed=0).regions:
         data = region.to_json(YAW.units.key)
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(data)
@@ -87,11 +87,11 @@ def test_the_result_has_the_form_of_the_contract(compass: tuple[Study, Trial]) -
         assert data["runs"] and set(data["runs"]) <= {run.name for run in compass[0].runs}  # type: ignore[call-overload]
 
 
-def test_the_same_seed_gives_the_same_regions(compass: tuple[Study, Trial]) -> None:
+def test_the_same_seed_gives_the_same_regions(compass: tuple[DiagnosisProblem, CandidateFit]) -> None:
     assert find_where(*compass, seed=3).regions == find_where(*compass, seed=3).regions
 
 
-def test_a_dead_band_stands_out_where_moments_are_small(dead: tuple[Study, Trial]) -> None:
+def test_a_dead_band_stands_out_where_moments_are_small(dead: tuple[DiagnosisProblem, CandidateFit]) -> None:
     study, base = dead
     regions = [region for region in find_where(study, base, 0).regions if region.variable == "moment-size"]
     assert regions and min(region.low for region in regions) < 0.2
@@ -102,7 +102,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
     assert find_where(study, fitted(study, TRUTH), 0).regions == ()
 
 
-def test_mirrored_runs_show_the_same_gap(dead: tuple[Study, Trial]) -> None:
+def test_mirrored_runs_show_the_same_gap(dead: tuple[DiagnosisProblem, CandidateFit]) -> None:
     study, base = dead
     other = study_of([replace(r, position=-r.position, moment=-r.command) for r in study.runs], TRUTH)
     ours, mirrored = (find_where(s, t, 0) for s, t in ((study, base), (other, fitted(other, TRUTH))))

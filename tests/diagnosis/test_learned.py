@@ -19,8 +19,8 @@ from automarine_cli.commands import automarine
 from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
 from automarine_cli.diagnosis.learned_curve import ties
-from automarine_cli.diagnosis.search import Found, Trial
-from automarine_cli.diagnosis.study import Study, places, precision, smoothed
+from automarine_cli.diagnosis.search import CandidateFit, SearchResult
+from automarine_cli.diagnosis.study import DiagnosisProblem, places, precision, smoothed
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.effects import State
 from automarine_cli.effects.learned import KNOTS, basis, roughness
@@ -102,7 +102,7 @@ def test_a_name_without_a_variable_is_refused() -> None:
 def test_the_prior_holds_what_the_data_do_not_show() -> None:
     """Without any such effect a stiff curve is nothing, and a free one costs what it can follow."""
     runs = campaign("nothing", repeats=1)
-    study = Study(tuple(runs), BASE, False, ("water_temp_C",))
+    study = DiagnosisProblem(tuple(runs), BASE, False, ("water_temp_C",))
     base = study.fit(BASE)
     count = []
     for spread in (1e-4, 1.0):
@@ -154,8 +154,8 @@ def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
 
 def test_the_right_variable_is_named(found: tuple[str, Diagnosis]) -> None:
     name, diagnosis = found
-    assert (diagnosis.verdict, diagnosis.found.final.added) == ("named", (f"learned:{LAWS[name][0]}",))
-    assert diagnosis.held_out_gap is not None and diagnosis.found.rivals == ()
+    assert (diagnosis.verdict, diagnosis.result.final.added) == ("named", (f"learned:{LAWS[name][0]}",))
+    assert diagnosis.held_out_gap is not None and diagnosis.result.rivals == ()
     assert diagnosis.held_out_gap.after < 1.1 * true_gap(name, diagnosis)
 
 
@@ -172,7 +172,7 @@ def test_the_band_holds_the_truth(found: tuple[str, Diagnosis]) -> None:
 def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few: None) -> None:
     runs = steered(6, sea=Sea(warmth=0.4), length=40.0)
     diagnosis = diagnose_runs(runs, YawModel.base("3", 1.0, (1.2,), "nu", YAW))
-    assert diagnosis.study.driven and diagnosis.found.final.added == ("learned:water_temp_C",)
+    assert diagnosis.study.driven and diagnosis.result.final.added == ("learned:water_temp_C",)
     curve = diagnosis.effects[0].learned
     truth = 0.2 * np.tanh((curve.x - 14.0) / 4.0)
     miss = truth - truth.mean() - (curve.y - curve.y.mean())
@@ -180,9 +180,9 @@ def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few: None) -> None:
 
 
 def test_a_curve_that_does_as_well_as_an_effect_is_its_rival() -> None:
-    base = Trial((), BASE, cast(MixedFit, None), 100.0)
+    base = CandidateFit((), BASE, cast(MixedFit, None), 100.0)
     named = replace(base, added=("battery-sag",), evidence=40.0)
-    found = Found(cast(Study, None), base, named, (), {}, ())
+    found = SearchResult(cast(DiagnosisProblem, None), base, named, (), {}, ())
     for evidence, rivals in ((45.0, [("battery-sag", "learned:campaign-clock", 5.0)]), (60.0, [])):
         curve = replace(base, added=("learned:campaign-clock",), evidence=evidence)
         assert [(one.replaces, one.name, one.behind) for one in ties(found, curve)] == rivals

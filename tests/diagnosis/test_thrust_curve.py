@@ -10,15 +10,15 @@ import pytest
 
 import automarine_cli as am
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.search import curved, gain_exponent, trial_of
-from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.search import candidate_fit, curved, gain_exponent
+from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
 
-def steps(power: float, idle: float, scatter: float = 0.02) -> Study:
+def steps(power: float, idle: float, scatter: float = 0.02) -> DiagnosisProblem:
     """Steps of six sizes to both sides of a vehicle of 0.08 and 0.15, whose thrust is a power of the command beyond a
     dead-band: the closed form of a step, ln cosh."""
     random, runs = np.random.default_rng(3), []
@@ -37,7 +37,7 @@ def steps(power: float, idle: float, scatter: float = 0.02) -> Study:
 def test_both_are_found_together(power: float, idle: float) -> None:
     """The base hides them in gains that scatter by 0.3, the most that a fit takes."""
     study = steps(power, idle)
-    base = trial_of(study, study.base, (), study.fit(study.base))
+    base = candidate_fit(study, study.base, (), study.fit(study.base))
     steep = gain_exponent(study, base.fit)
     assert base.fit.factor(GAIN) > 0.29 and steep is not None and steep.value > power - 1.0
     found = curved(study, base)
@@ -51,7 +51,7 @@ def test_both_are_found_together(power: float, idle: float) -> None:
 
 def test_nothing_is_looked_for_where_gains_scatter_by_chance() -> None:
     study = steps(1.0, 0.0, scatter=0.15)
-    base = trial_of(study, study.base, (), study.fit(study.base))
+    base = candidate_fit(study, study.base, (), study.fit(study.base))
     assert base.fit.factor(GAIN) > 0.1 and curved(study, base) is None
 
 
@@ -67,7 +67,7 @@ def test_it_goes_first_only_where_no_residual_shows_more(
     before = SimpleNamespace(evidence=0.0, fit=SimpleNamespace(noise=noise, factor=lambda _: 0.3))
     spring, curve = trial("spring", -2500.0), trial("curve", -150.0)
     monkeypatch.setattr(search, "curved", lambda *of: curve)
-    monkeypatch.setattr(search, "may_stand", lambda *of: True)
+    monkeypatch.setattr(search, "is_admissible", lambda *of: True)
     look: Any = SimpleNamespace(
         before=before, trials=(spring,), threshold=9.0, gain=lambda trial: before.evidence - trial.evidence
     )

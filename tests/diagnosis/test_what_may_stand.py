@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
-from automarine_cli.diagnosis.diagnose import Outlook, apart
+from automarine_cli.diagnosis.diagnose import ForecastGain, apart
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
-from automarine_cli.diagnosis.search import Trial, may_stand, obstacle
-from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.search import CandidateFit, is_admissible, obstacle
+from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.runs.run import Run
@@ -36,9 +36,9 @@ def test_a_lag_of_less_than_a_sample_is_a_shift_of_the_switches(name: str, value
     assert study.logger_delay == pytest.approx(0.05)
     fit: Any = SimpleNamespace(predictive=np.zeros(3), at_bound=())
     gained: Any = SimpleNamespace(predictive=np.ones(3), at_bound=())
-    before = Trial((), BASE, fit, 0.0)
-    trial = Trial((name,), BASE.with_effect(name, values), gained, -50.0)
-    assert may_stand(study, trial, before) == stands
+    before = CandidateFit((), BASE, fit, 0.0)
+    trial = CandidateFit((name,), BASE.with_effect(name, values), gained, -50.0)
+    assert is_admissible(study, trial, before) == stands
     assert ("less than a sample" in obstacle(study, trial, before)) != stands
     assert "predicted better" in obstacle(study, replace(trial, fit=fit), before)
 
@@ -54,7 +54,7 @@ def in_water(count: int, column: str = "water_temp_C") -> list[Run]:
 
 
 def follows(runs: list[Run], gains: np.ndarray) -> str:
-    study = Study(tuple(runs), BASE, False, ())
+    study = DiagnosisProblem(tuple(runs), BASE, False, ())
     trial: Any = SimpleNamespace(fit=SimpleNamespace(own=lambda name: gains[:, None]))
     return gains_follow(study, trial, 0)
 
@@ -92,7 +92,7 @@ def test_over_a_few_runs_no_curve_runs_over_what_only_stands_for_time() -> None:
         count: [replace(run, extras={**run.extras, "row": 3.0 + 0.1 * run.time}) for run in in_water(count)]
         for count in (9, 10)
     }
-    few, many = (set(ranges(Study(tuple(runs), BASE, False, ()))) for runs in clocked.values())
+    few, many = (set(ranges(DiagnosisProblem(tuple(runs), BASE, False, ()))) for runs in clocked.values())
     assert many - few == {"campaign-clock", "row"} and "water_temp_C" in few
 
 
@@ -103,14 +103,14 @@ def test_only_runs_that_turn_back_by_half_a_turn_show_moving_water() -> None:
         replace(run, position=np.interp(np.linspace(0.0, 1.0, len(run)), np.linspace(0.0, 1.0, len(way)), way))
         for run, way in zip(runs, ways)
     ]
-    assert Study(tuple(runs), BASE, True, ()).turns_back.tolist() == [True, True, False, False]
+    assert DiagnosisProblem(tuple(runs), BASE, True, ()).turns_back.tolist() == [True, True, False, False]
 
 
 def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
-    def outlook(after: float) -> Outlook:
+    def outlook(after: float) -> ForecastGain:
         errors = {2.0: after, 5.0: after, 15.0: 0.2}
         pairs = [[ForecastScore(h, x, 0.3, 0.3, 10) for x in (0.1, error)] for h, error in errors.items()]
-        return Outlook(tuple((first, last) for first, last in pairs), 3.0)
+        return ForecastGain(tuple((first, last) for first, last in pairs), 3.0)
 
     assert "5 s ahead" in outlook(0.101).doubt(YAW) and outlook(0.099).doubt(YAW) == ""
 

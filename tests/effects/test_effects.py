@@ -31,7 +31,7 @@ from effect_contract import (
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import parameter_estimates
-from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.effects import Effect, Place, State
@@ -278,7 +278,7 @@ def test_recovered_from_data_made_with_it(name: str) -> None:
     study = study_of(planted(base, name, seed=1), base)
     model = base.with_theta(1.1 * base.theta).with_effect(effect.name, _off_the_truth(effect, truth))
     fit = study.fit(model)
-    trial = Trial((effect.name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
+    trial = CandidateFit((effect.name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
     found = parameter_estimates(study, trial, effect.name)
     every = zip(effect.parameters, effect.card(YAW, "nu").parameters, truth, effect.held(truth))
     for parameter, filled, value, held in every:
@@ -311,7 +311,7 @@ def test_several_together_are_recovered() -> None:
     fit = study.fit(truth.with_theta(1.1 * truth.theta))
     model = truth.with_theta(fit.theta[:-1])
     for name in names:
-        found = parameter_estimates(study, Trial(names, model, fit, 0.0), name)
+        found = parameter_estimates(study, CandidateFit(names, model, fit, 0.0), name)
         truly = sizes_of(effects.get(name))
         every = zip(found.values(), truly, effects.get(name).held(truly), strict=True)
         for estimate, value in ((e, v) for e, v, held in every if not held):

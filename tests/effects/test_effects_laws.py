@@ -11,8 +11,8 @@ from specified import make_runs
 
 from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
-from automarine_cli.diagnosis.search import Trial, add_effect, trial_of
-from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.search import CandidateFit, add_effect, candidate_fit
+from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.effects.history_force import SHARES, TIMES
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
@@ -217,11 +217,11 @@ def test_the_current_pulls_the_compass_at_once() -> None:
     np.testing.assert_allclose(pull, 0.06 * run.command / 0.8 + 0.02 * np.abs(run.command) / 0.8, atol=1e-12)
 
 
-def fitted(study: Study, name: str, start: Sequence[float]) -> Trial:
+def fitted(study: DiagnosisProblem, name: str, start: Sequence[float]) -> CandidateFit:
     """The effect fitted from `start`."""
     model = BASE.with_effect(name, start)
     fit = study.fit(model)
-    return Trial((name,), study.told(model, fit), fit, -2.0 * fit.log_likelihood)
+    return CandidateFit((name,), study.with_fitted_values(model, fit), fit, -2.0 * fit.log_likelihood)
 
 
 @BY_LAW
@@ -325,7 +325,7 @@ def test_friction_near_rest_ends_alike_from_every_start() -> None:
     """Where it stands for another law, the speed at which it fades goes to its bound, and it may not stand."""
     base = base_for("cubic-drag")
     study = study_of(planted(base, "cubic-drag", seed=1, plans=short_plans()), base)
-    alone, fits = trial_of(study, base, (), study.fit(base)), []
+    alone, fits = candidate_fit(study, base, (), study.fit(base)), []
     for fades in (0.05, 0.3, 0.5):
         trial = add_effect(study, alone, ("coulomb-drag", np.array([0.0, 1.0, 0.03, fades])))
         assert trial is not None and trial.fit.converged and trial.evidence < alone.evidence

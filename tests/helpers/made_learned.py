@@ -11,7 +11,7 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, gap
-from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import elsewhere, learned_term
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
@@ -82,7 +82,7 @@ def true_model(name: str) -> Truth:
 
 def true_curve(name: str, diagnosis: Diagnosis) -> Floats:
     """The curve of a law where the learned one has points, less what inertia and drag have of it."""
-    model, x = diagnosis.found.final.model, diagnosis.effects[0].learned.x
+    model, x = diagnosis.result.final.model, diagnosis.effects[0].learned.x
     at = learned_term(model)
     assert at is not None
     other = elsewhere(model, model.terms[at])
@@ -95,7 +95,7 @@ def true_gap(name: str, diagnosis: Diagnosis) -> float:
     study, held_out = replace(diagnosis.study, signals=COLUMNS), diagnosis.held_out
     assert held_out is not None
     fit = study.fit(true_model(name))
-    trial = Trial((), true_model(name).with_theta(fit.of_model), fit, 0.0)
+    trial = CandidateFit((), true_model(name).with_theta(fit.of_model), fit, 0.0)
     return gap(replace(held_out, signals=COLUMNS), trial, trial).after
 
 

@@ -150,7 +150,7 @@ def test_two_thrusters_get_pulses(tmp_path: Path) -> None:
     n = (0.4 / 0.1 / 2 / 1e-3) ** 0.5  # each pulls half of moment / arm
     pulse = round(1500 + 4 * n)
     still, driven = ("0", "0"), (f"{(pulse - 1500) / 4:g}", f"{(1500 - pulse) / 4:g}")
-    assert [one.shown for one in found] == [still, driven, still, still]
+    assert [one.readings for one in found] == [still, driven, still, still]
     ports = [int.from_bytes(one.frames[0].data[:2], "little") for one in found]
     assert ports == [1500, pulse, 1500, 1500]
 

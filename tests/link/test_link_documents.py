@@ -58,7 +58,7 @@ def test_the_paper_s_battery_carries_an_hour_and_a_half_at_a_quarter_of_the_thru
     spent = replace(BATTERY, full_A=full, reserve_percent=0.0)
     runs = tuple(PlannedRun(f"{i:02d}", ((0.25 * (-1) ** i, 600.0),)) for i in range(10))
     carried = replace(made_campaign(), battery=spent, rest_s=0.0, runs=runs[:9])  # nine times ten minutes
-    assert carried.left(9) == pytest.approx(0.0, abs=1e-9)
+    assert carried.charge(9) == pytest.approx(0.0, abs=1e-9)
     replace(carried, battery=replace(spent, charge_Ah=2.9001)).refuse_beyond_reserve()
     with pytest.raises(SettingError, match=r"in run 10 of 10, 09, it falls to -0.322 Ah of 2.9001, below the reserve"):
         replace(carried, battery=replace(spent, charge_Ah=2.9001), runs=runs).refuse_beyond_reserve()

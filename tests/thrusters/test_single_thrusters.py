@@ -16,7 +16,7 @@ from repository import DATA
 from automarine_cli import effects
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
-from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -69,7 +69,7 @@ def test_gains_are_recovered_and_their_mirror_is_mirrored(seed: int, truth: tupl
         study = study_of(driven(told), BASE)
         model = BASE.with_effect(NAME, (0.0, 0.0, 0.0))
         fit = study.fit(model)
-        found = parameter_estimates(study, Trial((NAME,), model.with_theta(fit.theta[:-1]), fit, 0.0), NAME)
+        found = parameter_estimates(study, CandidateFit((NAME,), model.with_theta(fit.theta[:-1]), fit, 0.0), NAME)
         for name, sign, value in zip(NAMES, signs, truth):
             assert 0 < found[name].stderr < 0.01
             assert abs(found[name].value - sign * value) < 3.5 * found[name].stderr, f"{name}: {found[name]}"
@@ -82,7 +82,9 @@ def test_dead_band_and_limit_of_each_are_recovered(name: str, parameter: str, tr
     study = study_of(driven(twin(plans(12, 6), seed=6, **{parameter: truth})), BASE)
     model = BASE.with_effect(name, (0.8 * truth,))
     fit = study.fit(model)
-    found = parameter_estimates(study, Trial((name,), model.with_theta(fit.theta[:-1]), fit, 0.0), name)[parameter]
+    found = parameter_estimates(study, CandidateFit((name,), model.with_theta(fit.theta[:-1]), fit, 0.0), name)[
+        parameter
+    ]
     assert 0 < found.stderr < 0.05 * truth and abs(found.value - truth) < 3.5 * found.stderr
 
 

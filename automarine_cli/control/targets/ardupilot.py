@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.base import Design, Gains, NominalPlant, Parameter, State, Stepped, Target
 from automarine_cli.control.targets.loops import hold, leads, low_pass, share, spread, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -38,7 +38,7 @@ class RootLaw:
     still stop, in loops of `step` [s] never beyond the target; in proportion everywhere where the limit is 0."""
 
     gain: Floats
-    near: Floats
+    linear_range: Floats
     twice: Floats
     step: float
 
@@ -49,18 +49,18 @@ class RootLaw:
 
     def __call__(self, error: Floats) -> Floats:
         size = np.abs(error)
-        far = size > self.near
+        far = size > self.linear_range
         wish = self.gain * size
         if far.any():
-            wish = np.where(far, np.sqrt(self.twice * np.maximum(size - 0.5 * self.near, 0.0)), wish)
+            wish = np.where(far, np.sqrt(self.twice * np.maximum(size - 0.5 * self.linear_range, 0.0)), wish)
         return np.copysign(np.minimum(wish, size / self.step), error)
 
 
 def distance_to(velocity: Floats, gain: Floats, limit: Floats) -> Floats:
     """Return what is left where `RootLaw` asks for a velocity."""
-    near = limit / np.maximum(gain, 1e-6)
+    linear_to = limit / np.maximum(gain, 1e-6)
     far = 0.5 * limit / np.maximum(gain, 1e-6) ** 2 + velocity**2 / (2.0 * limit)
-    return np.asarray(np.where(velocity < near, velocity / np.maximum(gain, 1e-6), far))
+    return np.asarray(np.where(velocity < linear_to, velocity / np.maximum(gain, 1e-6), far))
 
 
 class ParameterFile(Target):
@@ -116,7 +116,7 @@ class ArduSub(ParameterFile):
         Parameter("ATC_INPUT_TC", "time in which a step of it is smoothed", "s", 0.15, 0.0, 1.0),
     )  # fmt: skip
 
-    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+    def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """A crossover of the rate loop in shares of what the delays allow, the other loops in shares of it, and a
         reference in shares of what the thrusters can follow."""
         inner, outer, summed, rate, speed_up, lead = numbers.T
@@ -125,7 +125,7 @@ class ArduSub(ParameterFile):
         p = crossover * nominal.inertia
         reach = 1.0 / nominal.inertia
         fastest = spread(rate, 0.25, 2.5) * min(nominal.fastest, 20.0 * nominal.step)
-        found = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
+        gains = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
             "ATC_ANG_YAW_P": crossover * spread(outer, 0.04, 0.7),
             "ATC_RAT_YAW_P": p,
             "ATC_RAT_YAW_I": p * crossover * spread(summed, 0.002, 0.5),
@@ -135,7 +135,7 @@ class ArduSub(ParameterFile):
             "ATC_SLEW_YAW": fastest / CDEG,
             "ATC_ACCEL_Y_MAX": spread(speed_up, 0.1, 4.0) * reach / CDEG,
         }
-        return self.clipped(found)
+        return self.clipped(gains)
 
     @property
     def own_lag(self) -> float:
@@ -152,31 +152,31 @@ class ArduSub(ParameterFile):
         dt, limit = self.period, gains["ATC_ACCEL_Y_MAX"] * CDEG
         pull = np.clip(0.5 * limit, 10.0 * RAD, 120.0 * RAD)
         gain, p = gains["ATC_ANG_YAW_P"], np.maximum(gains["ATC_RAT_YAW_P"], 1e-6)
-        own = Prepared({**gains, **{name[-4:]: share(dt, gains[name]) for name in gains if "FLT" in name}})
-        own.speed_up, own.slew = np.where(limit > 0, limit * dt, np.inf), gains["ATC_SLEW_YAW"] * CDEG
-        own.furthest = np.minimum(MOST_ERROR, distance_to(1.0 / p, gain, pull))
-        own.to_reference = RootLaw.of(1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt)
-        own.to_target = RootLaw.of(gain, pull, dt)
-        return own
+        prepared = Prepared({**gains, **{name[-4:]: share(dt, gains[name]) for name in gains if "FLT" in name}})
+        prepared.speed_up, prepared.slew = np.where(limit > 0, limit * dt, np.inf), gains["ATC_SLEW_YAW"] * CDEG
+        prepared.furthest = np.minimum(MOST_ERROR, distance_to(1.0 / p, gain, pull))
+        prepared.to_reference = RootLaw.of(1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt)
+        prepared.to_target = RootLaw.of(gain, pull, dt)
+        return prepared
 
     def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
-        own = gains if isinstance(gains, Prepared) else self.prepared(gains)
-        assert isinstance(own, Prepared)
+        prepared = gains if isinstance(gains, Prepared) else self.prepared(gains)
+        assert isinstance(prepared, Prepared)
         dt = self.period
-        slow, slower, target, turn, asked, demand, error, change, integral, last = state
+        slow, slower, target, turn, rate, demand, error, change, integral, last = state
         slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
-        demand = demand + own["FLTT"] * (asked - demand)
-        now = error + own["FLTE"] * (demand - slower - error)
-        change = change + own["FLTD"] * ((now - error) / dt - change)
+        demand = demand + prepared["FLTT"] * (rate - demand)
+        now = error + prepared["FLTE"] * (demand - slower - error)
+        change = change + prepared["FLTD"] * ((now - error) / dt - change)
         free = (np.abs(last) < 1.0) | (integral * now < 0)
-        grown = integral + own["ATC_RAT_YAW_I"] * dt * np.where(free, now, 0.0)
-        integral = within(grown, own["ATC_RAT_YAW_IMAX"])
-        wanted = own["ATC_RAT_YAW_P"] * now + integral + own["ATC_RAT_YAW_D"] * change
+        grown = integral + prepared["ATC_RAT_YAW_I"] * dt * np.where(free, now, 0.0)
+        integral = within(grown, prepared["ATC_RAT_YAW_IMAX"])
+        output = prepared["ATC_RAT_YAW_P"] * now + integral + prepared["ATC_RAT_YAW_D"] * change
         # the angle loop: target heading and its rate on the way to the reference, and the rate asked for
-        turn = turn + within(within(own.to_reference(reference - target), own.slew) - turn, own.speed_up)
-        left = within(target + turn * dt - position, own.furthest)
-        asked = own.to_target(left) + turn
-        return (slow, slower, position + left, turn, asked, demand, now, change, integral, wanted), within(wanted, 1.0)
+        turn = turn + within(within(prepared.to_reference(reference - target), prepared.slew) - turn, prepared.speed_up)
+        to_go = within(target + turn * dt - position, prepared.furthest)
+        rate = prepared.to_target(to_go) + turn
+        return (slow, slower, position + to_go, turn, rate, demand, now, change, integral, output), within(output, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
         dt = self.period
@@ -216,13 +216,13 @@ class ArduRover(ParameterFile):
         Parameter("ATC_STR_ACC_MAX", "largest acceleration of the turn", "deg/s²", 120.0, 0.0, 1000.0, True),
     )  # fmt: skip
 
-    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+    def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """As for Sub; feed-forward is one over the steady rate at the whole output."""
         inner, outer, summed, rate, speed_up, lead = numbers.T
         lag = nominal.lag + self.own_lag
         crossover = spread(inner, 0.04, 0.9) / lag
         p = crossover * nominal.inertia
-        found = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
+        gains = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
             "ATC_STR_ANG_P": crossover * spread(outer, 0.04, 0.7),
             "ATC_STR_RAT_FF": np.full(len(numbers), 1.0 / nominal.fastest),
             "ATC_STR_RAT_P": p,
@@ -231,7 +231,7 @@ class ArduRover(ParameterFile):
             "ATC_STR_RAT_MAX": spread(rate, 0.25, 1.0) * nominal.fastest / RAD,
             "ATC_STR_ACC_MAX": spread(speed_up, 0.1, 1.5) / nominal.inertia / RAD,
         }
-        return self.clipped(found)
+        return self.clipped(gains)
 
     @property
     def own_lag(self) -> float:
@@ -245,21 +245,21 @@ class ArduRover(ParameterFile):
 
     def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
         dt = self.period
-        slow, slower, asked, error, integral, last = state
+        slow, slower, rate, error, integral, last = state
         slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
-        left = reference - position
+        to_go = reference - position
         limit = gains["ATC_STR_ACC_MAX"] * RAD
-        wish = within(gains["ATC_STR_ANG_P"] * left, np.where(limit > 0, np.sqrt(2.0 * np.abs(left) * limit), np.inf))
-        asked = asked + within(wish - asked, np.where(limit > 0, limit * dt, np.inf))
+        wish = within(gains["ATC_STR_ANG_P"] * to_go, np.where(limit > 0, np.sqrt(2.0 * np.abs(to_go) * limit), np.inf))
+        rate = rate + within(wish - rate, np.where(limit > 0, limit * dt, np.inf))
         most = gains["ATC_STR_RAT_MAX"] * RAD
-        asked = within(asked, np.where(most > 0, most, np.inf))
-        now = error + share(dt, gains["ATC_STR_RAT_FLTE"]) * (asked - slower - error)
+        rate = within(rate, np.where(most > 0, most, np.inf))
+        now = error + share(dt, gains["ATC_STR_RAT_FLTE"]) * (rate - slower - error)
         free = (np.abs(last) < 1.0) | (integral * now < 0)
         grown = integral + np.where(free, gains["ATC_STR_RAT_I"] * dt * now, 0.0)
         integral = within(grown, gains["ATC_STR_RAT_IMAX"])
         change = gains["ATC_STR_RAT_D"] * (now - error) / dt
-        wanted = gains["ATC_STR_RAT_FF"] * asked + gains["ATC_STR_RAT_P"] * now + integral + change
-        return (slow, slower, asked, now, integral, wanted), within(wanted, 1.0)
+        output = gains["ATC_STR_RAT_FF"] * rate + gains["ATC_STR_RAT_P"] * now + integral + change
+        return (slow, slower, rate, now, integral, output), within(output, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
         dt = self.period

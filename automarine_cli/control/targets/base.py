@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.vehicles import Bend, Vehicles
+from automarine_cli.control.vehicles import ThrustCurve, Vehicles
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Source
@@ -46,7 +46,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Nominal:
+class NominalPlant:
     """The vehicle as a designer sees it: `inertia`, `linear` and `quadratic` drag per moment at the whole output, all
     lags and delays of the vehicle together [s], the `fastest` steady velocity, and the step of the reference."""
 
@@ -59,7 +59,7 @@ class Nominal:
     step: float
     full: float
     force_unit: str
-    bend: Bend | None = None
+    bend: ThrustCurve | None = None
 
     def model(self, count: int) -> dict[str, Floats]:
         values = {"inertia": self.inertia, "drag": self.linear, "squared": self.quadratic}
@@ -72,7 +72,7 @@ class Design:
 
     gains: Mapping[str, float]
     before: Mapping[str, float]
-    nominal: Nominal
+    nominal: NominalPlant
     notes: Sequence[str] = field(default_factory=tuple)
 
 
@@ -109,7 +109,7 @@ class Target(ABC):
         return len(self.defaults) == len(self.parameters)
 
     @abstractmethod
-    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+    def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """Make gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
 
     def straightened(self, vehicles: Vehicles) -> Vehicles:

@@ -10,7 +10,7 @@ import json
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.base import Design, Gains, NominalPlant, Parameter, State, Stepped, Target
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -32,7 +32,7 @@ class Pid(Target):
         Parameter("T_f", "time constant of the low-pass of the derivative", "s", None, searched=True),
     )
 
-    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+    def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """Crossover in shares of what the delays allow; damping, sum and set-point weight beside it."""
         speed, damping, summed, weight = numbers.T
         w = spread(speed, 0.03, 0.8) / (nominal.lag + self.own_lag)
@@ -65,14 +65,14 @@ class Pid(Target):
         z = np.exp(s * dt)
         weight = dt / (dt + gains["T_f"])
         slope = weight / (1.0 - (1.0 - weight) / z) * (1.0 - 1.0 / z) / dt
-        whole = gains["K_p"] + gains["K_i"] * dt / (1.0 - 1.0 / z) + gains["K_d"] * slope
-        return whole * hold(s, dt), np.zeros_like(whole)
+        controller = gains["K_p"] + gains["K_i"] * dt / (1.0 - 1.0 / z) + gains["K_d"] * slope
+        return controller * hold(s, dt), np.zeros_like(controller)
 
     def text(self, design: Design) -> str:
-        own, unit = design.gains, design.nominal.dof.units.base
+        gains, unit = design.gains, design.nominal.dof.units.base
         units = {p.name: p.unit.replace("{x}", unit) for p in self.parameters}
-        numbers = {name: {"value": own[name], "unit": units[name]} for name in own}
-        series = series_form(own["K_p"], own["K_i"], own["K_d"])
+        numbers = {name: {"value": gains[name], "unit": units[name]} for name in gains}
+        series = series_form(gains["K_p"], gains["K_i"], gains["K_d"])
         content = {
             "schema": "automarine/pid/1",
             "motion": design.nominal.dof.name,

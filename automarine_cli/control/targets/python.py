@@ -13,7 +13,7 @@ from importlib.resources import files
 import numpy as np
 
 from automarine_cli import __version__
-from automarine_cli.control.targets.base import MODEL, Design, Gains, Nominal, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.base import MODEL, Design, Gains, NominalPlant, Parameter, State, Stepped, Target
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -40,7 +40,7 @@ class Python(Target):
         *MODEL,
     )
 
-    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+    def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """Frequencies in shares of what the delays allow, the reference in shares of what the thrusters can follow."""
         inner, outer, ahead, rate, speed_up = numbers.T
         w = spread(inner, 0.04, 0.6) / (nominal.lag + self.own_lag)
@@ -81,7 +81,7 @@ class Python(Target):
 
     def text(self, design: Design) -> str:
         """Write the same law as `step` for one vehicle, without libraries; numbers to eight digits."""
-        own, model, dof = design.gains, design.nominal, design.nominal.dof
+        gains, model, dof = design.gains, design.nominal, design.nominal.dof
         bend, turns = model.bend, dof.wraps
         if bend is None:
             outputs, shares = [0.0, 1.0], [0.0, 1.0]
@@ -90,8 +90,8 @@ class Python(Target):
             outputs, shares = bend.output[first:].tolist(), bend.share[first:].tolist()
         wrapped = WRAPPED if turns else ""
         lines = [f"Written by automarine {__version__}.", *design.notes]
-        scaled = {name: f"{own[name] * model.full:.8g}" for name in ("inertia", "drag", "squared")}
-        plain = {name: f"{own[name]:.8g}" for name in ("velocity", "position", "reference", "rate", "acceleration")}
+        scaled = {name: f"{gains[name] * model.full:.8g}" for name in ("inertia", "drag", "squared")}
+        plain = {name: f"{gains[name]:.8g}" for name in ("velocity", "position", "reference", "rate", "acceleration")}
         template = files("automarine_cli.control.targets").joinpath("controller.txt").read_text(encoding="utf-8")
         return template.format(
             motion=dof.name, period=f"{self.period:g}", notes="\n".join(lines), pi=", pi" if turns else "",

@@ -30,9 +30,9 @@ class Vehicle(Protocol):
 def refuse_beyond(campaign: LinkCampaign, full: float) -> None:
     """Raise SettingError for a campaign with a moment that is larger than the vehicle's whole output, `full`."""
     for run in campaign.runs:
-        if not (asked := max(abs(moment) for moment, _ in run.commands)) <= full * (1.0 + 1e-9):
+        if not (largest := max(abs(moment) for moment, _ in run.commands)) <= full * (1.0 + 1e-9):
             raise SettingError(
-                f"run {run.name} asks for a moment of {asked:g} {campaign.moment_unit}, and the whole output gives "
+                f"run {run.name} asks for a moment of {largest:g} {campaign.moment_unit}, and the whole output gives "
                 f"{full:g}; plan with moments.largest = {full:g} in the limits, or correct --full"
             )
 
@@ -52,5 +52,5 @@ class Pace:
         return self._begun + seconds / self._speed - time.monotonic()
 
     def until(self, seconds: float) -> None:
-        if (left := self.left(seconds)) > 0:
-            time.sleep(left)
+        if (wait := self.left(seconds)) > 0:
+            time.sleep(wait)

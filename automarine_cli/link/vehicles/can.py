@@ -29,16 +29,16 @@ SILENT_S = 2.0
 """A compass that has not been heard of for so long is gone."""
 NEUTRALS = 3
 """Frames of neutral that end a run which is cut short."""
-HEADINGS = tuple(name for name, one in CANONICAL.items() if one.quantity == YAW.position)
+HEADINGS = tuple(name for name, column in CANONICAL.items() if column.quantity == YAW.position)
 
 
 @dataclass(frozen=True)
 class Step:
-    """From `at` [s since the log's start] on these frames are sent, which say `shown` in the log's columns."""
+    """From `at` [s since the log's start] on these frames are sent, which say `readings` in the log's columns."""
 
     at: float
     frames: tuple[Any, ...]
-    shown: tuple[str, ...]
+    readings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -65,22 +65,22 @@ class CanBus:
         if not self.names.dbc:
             remedy = 'give a column map with [can] dbc = "vehicle.dbc" (--columns)'
             raise SettingError(f"a CAN bus is driven by the DBC that describes it; {remedy}")
-        return {one.name: one for one in messages_of(self.names)}
+        return {message.name: message for message in messages_of(self.names)}
 
     def received(self) -> dict[str, ColumnRule]:
         """Our columns that come from the bus, a heading among them. Raises SettingError, LogError."""
-        known = {f"{one.name}.{signal.name}" for one in self.messages.values() for signal in one.signals}
-        commanded = {name for name, one in CANONICAL.items() if one.quantity in (YAW.command, *YAW.thrusters)}
-        found = {
+        signals = {f"{message.name}.{signal.name}" for message in self.messages.values() for signal in message.signals}
+        commanded = {name for name, column in CANONICAL.items() if column.quantity in (YAW.command, *YAW.thrusters)}
+        rules = {
             name: rule for name, rule in self.names.columns.items()
-            if name not in (*LABELS, *commanded) and rule.source in known and rule.sign_from is None
+            if name not in (*LABELS, *commanded) and rule.source in signals and rule.sign_from is None
         }  # fmt: skip
-        if not any(name in HEADINGS for name in found):
+        if not any(name in HEADINGS for name in rules):
             raise SettingError(
                 "the column map names no signal of the DBC for the heading; write a line such as "
                 'heading_deg = "Compass.Heading" under [columns]'
             )
-        return found
+        return rules
 
     def refuse(self, campaign: LinkCampaign) -> None:
         """Raise SettingError for commands that the frames cannot hold, and for a bus that cannot be opened."""
@@ -90,8 +90,8 @@ class CanBus:
                 "or leave --thrusters out and name the signal of the moment, tau, in the column map"
             )
         if self.drive_by is not None and campaign.battery.at_moment > (most := self.drive_by.largest):
-            both = f"the campaign goes up to {campaign.battery.at_moment:g} N m, the thrusters give {most:.4g} N m"
-            raise SettingError(f"{both}; make the plan with the same --thrusters and --arm")
+            mismatch = f"the campaign goes up to {campaign.battery.at_moment:g} N m, the thrusters give {most:.4g} N m"
+            raise SettingError(f"{mismatch}; make the plan with the same --thrusters and --arm")
         self.received()
         for run in campaign.runs:
             self.steps(campaign, run)
@@ -120,23 +120,23 @@ class CanBus:
                     now = next(step for step in reversed(steps) if step.at <= since + 1e-9)
                     _send(bus, now)
                     tick += 1
-                    while (left := pace.left(min(tick / campaign.rate_hz, ends + 1e-9))) > 0:
-                        if (heard := ear.heard(left)) is not None:
-                            yield f"{begins + pace.passed:.3f},{heard},{','.join(now.shown)}\n"
+                    while (wait := pace.left(min(tick / campaign.rate_hz, ends + 1e-9))) > 0:
+                        if (heard := ear.heard(wait)) is not None:
+                            yield f"{begins + pace.passed:.3f},{heard},{','.join(now.readings)}\n"
                     ear.refuse_silence(SILENT_S / self.speed)
             finally:
                 for _ in range(NEUTRALS):
                     _send(bus, steps[0])
             if halted() and ear.last:
-                yield f"{begins + pace.passed:.3f},{ear.last},{','.join(steps[0].shown)}\n"
+                yield f"{begins + pace.passed:.3f},{ear.last},{','.join(steps[0].readings)}\n"
 
     def _table(self, campaign: LinkCampaign, run: PlannedRun) -> CommandTable:
         return command_table(run.candidate, campaign.rest_s, campaign.moment_unit, self.drive_by, self.names)
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[Any]:
-        kind, _, rest = self.place.partition(":")
-        channel, _, bitrate = rest.partition("@")
+        kind, _, address = self.place.partition(":")
+        channel, _, bitrate = address.partition("@")
         if not kind or not channel or (bitrate and not bitrate.isdigit()):
             such = "such as socketcan:can0 or slcan:/dev/ttyACM0@500000"
             raise SettingError(f"found the bus {self.place!r}; give python-can's INTERFACE:CHANNEL, {such}")
@@ -160,23 +160,23 @@ def _step(messages: Mapping[str, Any], table: CommandTable, at: float, values: l
     frames, sent = [], dict[str, float]()
     for name, signals in by_message.items():
         message = _message(messages, name, signals)
-        whole = {one.name: one.initial for one in message.signals} | signals
+        initialised = {signal.name: signal.initial for signal in message.signals} | signals
         try:
-            data = message.encode(whole)
+            data = message.encode(initialised)
         except Exception as problem:  # cantools raises errors of its own and of bitstruct
             raise SettingError(f"run {run}: {problem}; plan smaller moments, or correct the column map") from None
         decoded, wide = message.decode(data, False), message.is_extended_frame
         sent |= {f"{name}.{signal}": float(decoded[signal]) for signal in signals}
         frames.append(_library().Message(arbitration_id=message.frame_id, is_extended_id=wide, data=data))
-    shown = (f"{rule.read(sent[rule.source], factor):.6g}" for rule, factor in zip(table.rules, table.factors))
-    return Step(at, tuple(frames), tuple(shown))
+    readings = (f"{rule.read(sent[rule.source], factor):.6g}" for rule, factor in zip(table.rules, table.factors))
+    return Step(at, tuple(frames), tuple(readings))
 
 
 def _message(messages: Mapping[str, Any], name: str, signals: Mapping[str, float]) -> Any:
     """The message that holds the signals. Raises SettingError where the DBC leaves open what else it says."""
     message = messages.get(name)
-    known = [] if message is None else [one.name for one in message.signals]
-    if missing := [signal for signal in signals if signal not in known]:
+    names = [] if message is None else [signal.name for signal in message.signals]
+    if missing := [signal for signal in signals if signal not in names]:
         raise SettingError(
             f"the DBC holds no signal {f'{name}.{missing[0]}'.rstrip('.')}; name the signal of each command in the "
             'column map, such as tau = "Thrusters.Moment" under [columns]'
@@ -185,22 +185,22 @@ def _message(messages: Mapping[str, Any], name: str, signals: Mapping[str, float
     if message.is_multiplexed():
         remedy = "name a signal of another message in the column map"
         raise SettingError(f"{name} is multiplexed, and such commands are not sent; {remedy}")
-    if still := [one.name for one in message.signals if one.name not in signals and one.initial is None]:
+    if unset := [signal.name for signal in message.signals if signal.name not in signals and signal.initial is None]:
         remedy = "add it to the DBC (GenSigStartValue), so that it is known what is sent"
-        raise SettingError(f"{name} also holds {still[0]}, for which the DBC gives no start value; {remedy}")
+        raise SettingError(f"{name} also holds {unset[0]}, for which the DBC gives no start value; {remedy}")
     return message
 
 
 class _Ear:
-    def __init__(self, vehicle: CanBus, bus: Any, ours: set[int]) -> None:
-        self._bus, self._ours, self._rules = bus, ours, vehicle.received()
+    def __init__(self, vehicle: CanBus, bus: Any, driven_ids: set[int]) -> None:
+        self._bus, self._driven_ids, self._rules = bus, driven_ids, vehicle.received()
         self._values = dict.fromkeys(self._rules, "")
         self._by_id: dict[int, tuple[Any, dict[str, str]]] = {}
         columns = {rule.source: name for name, rule in self._rules.items()}
         for message in vehicle.messages.values():
             sources = {signal.name: f"{message.name}.{signal.name}" for signal in message.signals}
-            if named := {signal: columns[source] for signal, source in sources.items() if source in columns}:
-                self._by_id[message.frame_id] = message, named
+            if names := {signal: columns[source] for signal, source in sources.items() if source in columns}:
+                self._by_id[message.frame_id] = message, names
         self._when = time.monotonic()
 
     @property
@@ -211,8 +211,8 @@ class _Ear:
     def listen(self, seconds: float, patience: float) -> None:
         """Hear for `seconds`, longer for a first heading. Raises SettingError for a second sender, a mute compass."""
         begun = time.monotonic()
-        while (left := begun + (seconds if self.last else max(seconds, patience)) - time.monotonic()) > 0:
-            self.heard(left)
+        while (wait := begun + (seconds if self.last else max(seconds, patience)) - time.monotonic()) > 0:
+            self.heard(wait)
         if not self.last:
             raise SettingError("no heading came from the bus; look at the compass, the bit rate and the column map")
 
@@ -221,20 +221,20 @@ class _Ear:
         frame = self._bus.recv(seconds)
         if frame is None:
             return None
-        if frame.arbitration_id in self._ours:
+        if frame.arbitration_id in self._driven_ids:
             raise SettingError(
                 f"somebody else sends 0x{frame.arbitration_id:x}, by which the run is driven; make that sender stop"
             )
-        message, named = self._by_id.get(frame.arbitration_id, (None, {}))
+        message, columns = self._by_id.get(frame.arbitration_id, (None, {}))
         if message is None or frame.is_error_frame or len(frame.data) < message.length:
             return None
         values = message.decode(frame.data, False)
-        for signal, name in named.items():
+        for signal, name in columns.items():
             if signal in values:
                 rule = self._rules[name]
                 factor = CANONICAL[name].factor(rule.unit) / CANONICAL[name].factor()
                 self._values[name] = f"{rule.read(float(values[signal]), factor):.6g}"
-        if not any(name in named.values() for name in self._headings):
+        if not any(name in columns.values() for name in self._headings):
             return None
         self._when = time.monotonic()
         return self.last

@@ -38,15 +38,15 @@ class Replay:
 
     def _lines(self, run: PlannedRun) -> tuple[list[str], int, list[str]]:
         """Head of the recorded log, the place of its column time_s, and its rows."""
-        found = sorted(path for path in self.folder.glob("*.csv") if f"_{path.stem}".endswith(f"_{run.name}"))
-        if len(found) != 1:
+        logs = sorted(path for path in self.folder.glob("*.csv") if f"_{path.stem}".endswith(f"_{run.name}"))
+        if len(logs) != 1:
             raise SettingError(
-                f"{self.folder.name} holds {len(found) or 'no'} logs of the run {run.name}; give a folder with one "
+                f"{self.folder.name} holds {len(logs) or 'no'} logs of the run {run.name}; give a folder with one "
                 f"NAME.csv for each run of the campaign"
             )
-        lines = found[0].read_text(encoding="utf-8").splitlines(keepends=True)
+        lines = logs[0].read_text(encoding="utf-8").splitlines(keepends=True)
         first = next((i for i, line in enumerate(lines) if not line.startswith("#")), 0)
         columns = next(csv.reader(lines[first : first + 1]), [])
         if "time_s" not in columns:
-            raise SettingError(f"{found[0].name}: no column time_s, by which it would be played; name it so")
+            raise SettingError(f"{logs[0].name}: no column time_s, by which it would be played; name it so")
         return lines[: first + 1], columns.index("time_s"), lines[first + 1 :]

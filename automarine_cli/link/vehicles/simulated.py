@@ -57,8 +57,8 @@ class Simulated:
             remedy = "which a simulated vehicle does not log; choose a model without it"
             raise SettingError(f"the vehicle's model needs {listed(needed)}, {remedy}")
         if campaign.moment_unit != (unit := self.model.moment_unit):
-            both = f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in {unit}"
-            raise SettingError(f"{both}; make the plan from the vehicle's model")
+            mismatch = f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in {unit}"
+            raise SettingError(f"{mismatch}; make the plan from the vehicle's model")
         refuse_beyond(campaign, self.full)
 
     def track(self, campaign: LinkCampaign, run: PlannedRun) -> tuple[Floats, Floats, Floats]:
@@ -69,8 +69,8 @@ class Simulated:
         assert moment is not None
         step = step_for(self.model, float(np.max(np.abs(moment))))
         start = Start(position=np.deg2rad([[run.start_heading_deg]]))
-        found = simulate(self.model, make_batch([on_paper], step), start=start)
-        return on_paper.time, found.position[0, 0], moment
+        simulated = simulate(self.model, make_batch([on_paper], step), start=start)
+        return on_paper.time, simulated.position[0, 0], moment
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log: time on the campaign's clock, heading and the moment as commanded."""
@@ -123,6 +123,6 @@ def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progre
         if vehicle is not None:
             _, heading, _ = vehicle.track(campaign, run)
             turned = float(np.rad2deg(heading[-1] - heading[0]))
-        runs.append(RehearsedRun(run.name, campaign.begins(number), run.driven, turned, campaign.left(number + 1)))
+        runs.append(RehearsedRun(run.name, campaign.begins(number), run.driven, turned, campaign.charge(number + 1)))
         progress("simulating", number + 1, len(campaign.runs))
     return Rehearsal(campaign, tuple(runs))

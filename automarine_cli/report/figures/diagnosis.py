@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.diagnose import NAMED, Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.planar import PlanarSearch, judged
-from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Looked, Row, Variable, Where
-from automarine_cli.diagnosis.study import JUDGED
+from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, ResidualRegions, Row, Variable, Where
+from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import GAIN
@@ -48,7 +48,7 @@ def in_words(variable: Variable) -> str:
 
 
 @style.house_style
-def where_figure(looked: Looked, words: str, units: str = "runs", less: str = "simulated") -> Figure:
+def where_figure(looked: ResidualRegions, words: str, units: str = "runs", less: str = "simulated") -> Figure:
     """Draw small multiples, one a variable, most significant first, above a heat map of runs by time where there are
     runs; `words` are the verdict, `units` are what chance turns, `less` is what the measured is compared with."""
     dof = looked.dof if isinstance(looked, Where) else None
@@ -122,11 +122,11 @@ def _gap_of(row: Row, dof: Dof | None) -> str:
 def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
     dof = where.dof
     order = np.argsort(where.mean_moment, kind="stable")
-    ends = np.where(where.seen, where.time, 0.0).max(axis=1)
+    ends = np.where(where.observed, where.time, 0.0).max(axis=1)
     grid = np.linspace(0.0, float(ends.max()), 240)
     image = np.full((len(order), len(grid)), np.nan)
     for line, i in enumerate(order):
-        time, gap = where.time[i][where.seen[i]], dof.shown(where.residual[i][where.seen[i]])
+        time, gap = where.time[i][where.observed[i]], dof.shown(where.residual[i][where.observed[i]])
         width = max(1, round(len(time) / 60))
         smooth = np.convolve(gap, np.ones(width), "same") / np.convolve(np.ones(len(gap)), np.ones(width), "same")
         image[line] = np.where(grid <= time[-1], np.interp(grid, time, smooth, left=np.nan), np.nan)
@@ -289,10 +289,10 @@ def _(diagnosis: Diagnosis) -> Figure:
             # of driven runs nothing is predicted before the first filtered state
             errors = [(time[have], error[have]) for error in off for have in [(error != 0.0) | (not driven)]]
             cases.append(Case(_titled(run.name, word), time, dof.shown(run.position - run.position[0]), errors))
-    floor, ahead = float(dof.shown(diagnosis.gap.floor)), f", {JUDGED:g} s ahead" * driven
-    first = f"Predictions {JUDGED:g} s ahead from filtered states" if driven else "Gap"
-    added = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
-    names = f"{added}: {' and '.join(diagnosis.found.final.added)}" if diagnosis.found.final.added else "Nothing added"
+    floor, ahead = float(dof.shown(diagnosis.gap.floor)), f", {HORIZON:g} s ahead" * driven
+    first = f"Predictions {HORIZON:g} s ahead from filtered states" if driven else "Gap"
+    word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
+    names = f"{word}: {' and '.join(diagnosis.result.final.added)}" if diagnosis.result.final.added else "Nothing added"
     return _before_after(
         cases[:MOST_RUNS_SHOWN], f"{first}: {', '.join(gaps)} (noise {floor:.2f} {dof.units.shown}). {names}",
         dof.words.moved, (f"base model{ahead}", f"after{ahead}"), dof.units.shown, floor, sizes=sizes,
@@ -304,7 +304,7 @@ def _(diagnosis: Diagnosis) -> Figure:
 def _(search: PlanarSearch) -> Figure:
     """The heading, and the track where places are logged, as both models predict them some seconds ahead."""
     runs, course = search.every.runs, search.every.course
-    ahead = [judged(forecast[YAW.position]) for forecast in search.foretold]
+    ahead = [judged(forecast[YAW.position]) for forecast in search.forecasts]
     sizes = [np.asarray(YAW.shown(np.sqrt(each.by_run(each.error, len(runs))))) for each in ahead]
     values = {channel.quantity: channel.values for channel in course.channels}
     known = np.flatnonzero(np.isfinite(sizes[0]))
@@ -317,7 +317,7 @@ def _(search: PlanarSearch) -> Figure:
         )
         for r, word in picks.items()
     ]  # fmt: skip
-    placed = set(PLACES) <= search.foretold[0].keys()
+    placed = set(PLACES) <= search.forecasts[0].keys()
     return _before_after(
         cases,
         f"Predictions {ahead[0].horizon:g} s ahead, from filtered states, by the commands as they were logged.\n"
@@ -334,7 +334,7 @@ def _track_of(search: PlanarSearch, values: Mapping[str, Floats], r: int, axes: 
     track(axes, search.every.runs[r], 1.5)
     axes.autoscale_view()  # now: it waits until something is drawn, and would then be off
     axes.autoscale(False)
-    for forecast, colour in zip(search.foretold, (BEFORE, AFTER)):
+    for forecast, colour in zip(search.forecasts, (BEFORE, AFTER)):
         places = {name: judged(forecast[name]) for name in PLACES}
         of_run = places["north"].run == r
         line = {name: values[name][r, at.target[of_run]] - at.error[of_run] for name, at in places.items()}
@@ -367,7 +367,7 @@ def _by_variable(diagnosis: Diagnosis, axes: Axes) -> None:
     variable, column = min(zip(where.variables, where.columns), key=lambda pair: _by_significance(pair[0]))
     row = variable.telling
     if column.of_the_run:
-        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
+        pairs = [where.gain, 100.0 * diagnosis.result.final.fit.own(GAIN)[:, 0]]
         axes.set_ylabel("own thrust [%]")
     else:
         gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)

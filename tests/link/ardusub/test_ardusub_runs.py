@@ -25,7 +25,7 @@ TOLD = [
 def test_a_stick_makes_the_output_that_was_asked_for(changed: dict[str, float], gain: float) -> None:
     """By the firmware's own steps, written down a second time in the fake."""
     vehicle = FakeSub(gain=gain, parameters=changed)
-    stick = Stick.of(Heard(parameters=vehicle.parameters, named={"PilotGain": gain}))
+    stick = Stick.of(Heard(parameters=vehicle.parameters, named_values={"PilotGain": gain}))
     for yaw in range(-1000, 1001, 50):
         assert stick.output(yaw) == vehicle.manual_output(yaw)
     for output in np.linspace(-stick.reach, stick.reach, 21):

@@ -51,7 +51,7 @@ class Heard:
     armed: bool = False
     mode: int = -1
     parameters: dict[str, float] = field(default_factory=dict)
-    named: dict[str, float] = field(default_factory=dict)
+    named_values: dict[str, float] = field(default_factory=dict)
     pulses: dict[int, float] = field(default_factory=dict)
     heading: float | None = None
     rate: float = 0.0
@@ -173,13 +173,13 @@ class Link:
         elif name == "PARAM_VALUE":
             heard.parameters[message.param_id] = message.param_value
         elif name == "NAMED_VALUE_FLOAT":
-            heard.named[message.name] = message.value
+            heard.named_values[message.name] = message.value
         elif name in ("VFR_HUD", "GLOBAL_POSITION_INT"):
             heard.depths[name] = -message.alt if name == "VFR_HUD" else -message.relative_alt / 1e3
         elif name == "SYS_STATUS":
-            volts, left = message.voltage_battery, message.battery_remaining
+            volts, percent = message.voltage_battery, message.battery_remaining
             heard.volts = None if volts == NO_VOLTAGE else volts / 1e3
-            heard.remaining_percent = None if left < 0 else float(left)
+            heard.remaining_percent = None if percent < 0 else float(percent)
         elif name == "STATUSTEXT":
             heard.text = printable(message.text)
         elif name == "COMMAND_ACK":
@@ -188,21 +188,21 @@ class Link:
 
 def reached_by(address: str) -> re.Match[str]:
     """The parts of an address. Raises SettingError for one that is none, LogError where a library is not installed."""
-    found = ADDRESS.fullmatch(address)
-    _library("serial" if found and found["device"] else "pymavlink")
-    if not found:
+    parts = ADDRESS.fullmatch(address)
+    _library("serial" if parts and parts["device"] else "pymavlink")
+    if not parts:
         raise SettingError(
             f"found the address {printable(address)!r}, expected udpin:0.0.0.0:PORT, udpout:HOST:PORT, "
             "tcp:HOST:PORT or serial:DEVICE:BAUD"
         )
-    return found
+    return parts
 
 
 def _opened(address: str) -> Any:
-    found, connect = reached_by(address), _library("pymavlink.mavutil").mavlink_connection
+    parts, connect = reached_by(address), _library("pymavlink.mavutil").mavlink_connection
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # it tells of every try
-            return connect(address) if found["way"] else connect(found["device"], baud=int(found["baud"]))
+            return connect(address) if parts["way"] else connect(parts["device"], baud=int(parts["baud"]))
     except (OSError, ValueError, OverflowError) as problem:
         raise SettingError(f"{address} cannot be opened ({problem}); check --mavlink, and what else has it") from None
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from automarine_cli.control.knowledge import turning
-from automarine_cli.control.vehicles import Bend
+from automarine_cli.control.vehicles import ThrustCurve
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import OURS, Heard, Link
@@ -39,15 +39,15 @@ class Stick:
     @classmethod
     def of(cls, heard: Heard) -> "Stick":
         """As the vehicle tells; what it does not tell is as delivered."""
-        told = heard.parameters
-        centre = told.get("RC4_TRIM", CENTRE)
+        parameters = heard.parameters
+        centre = parameters.get("RC4_TRIM", CENTRE)
         return cls(
-            heard.named.get("PilotGain", told.get("JS_GAIN_DEFAULT", 0.5)),
-            told.get("ACRO_YAW_P", USUAL),
-            centre - told.get("RC4_MIN", 1100.0),
-            told.get("RC4_MAX", 1900.0) - centre,
-            -1.0 if told.get("RC4_REVERSED", 0.0) else 1.0,
-            told.get("RC4_DZ", 40.0),
+            heard.named_values.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5)),
+            parameters.get("ACRO_YAW_P", USUAL),
+            centre - parameters.get("RC4_MIN", 1100.0),
+            parameters.get("RC4_MAX", 1900.0) - centre,
+            -1.0 if parameters.get("RC4_REVERSED", 0.0) else 1.0,
+            parameters.get("RC4_DZ", 40.0),
         )
 
     @property
@@ -79,7 +79,7 @@ class Authority:
     """What the whole output gives, `full` in the campaign's unit, and how the moment grows with the output."""
 
     full: float
-    bend: Bend | None = None
+    bend: ThrustCurve | None = None
 
     def output(self, moment: float) -> float:
         share = moment / self.full
@@ -134,10 +134,10 @@ class Need:
 
     @classmethod
     def of(cls, campaign: LinkCampaign, number: int, authority: Authority, depth_limit: float) -> "Need":
-        asked = (abs(authority.output(moment)) for run in campaign.runs[number:] for moment, _ in run.commands)
+        outputs = (abs(authority.output(moment)) for run in campaign.runs[number:] for moment, _ in run.commands)
         charge = campaign.battery.charge_Ah
-        drawn = campaign.left(number) - campaign.left(len(campaign.runs))
-        return cls(max(asked), drawn, charge, charge * campaign.battery.reserve_percent / 100.0, depth_limit)
+        drawn = campaign.charge(number) - campaign.charge(len(campaign.runs))
+        return cls(max(outputs), drawn, charge, charge * campaign.battery.reserve_percent / 100.0, depth_limit)
 
 
 def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
@@ -156,7 +156,7 @@ def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
     for _ in range(ROUNDS):
         link.ask(name for name in PARAMETERS if name not in heard.parameters)
         link.wait(LISTEN_S / ROUNDS)
-    link.wait(NAMED_S, lambda: "PilotGain" in heard.named)
+    link.wait(NAMED_S, lambda: "PilotGain" in heard.named_values)
     for why in complaints(heard, need, link.now() - begun):
         raise SettingError(why)
     return Stick.of(heard), outputs_are_known(heard)
@@ -164,33 +164,33 @@ def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
 
 def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
     """Yield a sentence for each rule broken in so many seconds. Raises SettingError where its frame is unclear."""
-    known = heard.parameters
+    parameters = heard.parameters
     if heard.armed:
         yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
     # one that takes sticks from other ground stations only would pass ours over in silence
-    name = "MAV_GCS_SYSID" if "MAV_GCS_SYSID" in known else "SYSID_MYGCS"
-    if name not in known:
+    name = "MAV_GCS_SYSID" if "MAV_GCS_SYSID" in parameters else "SYSID_MYGCS"
+    if name not in parameters:
         yield "the vehicle tells no parameters, without which it is not driven; check the link, and start it again"
-    elif not known[name] <= OURS[0] <= max(known[name], known.get("MAV_GCS_SYSID_HI", 0.0)):
-        yield f"{name} is {known[name]:g}, and sticks are taken from that system only; set it to {OURS[0]}, ours"
+    elif not parameters[name] <= OURS[0] <= max(parameters[name], parameters.get("MAV_GCS_SYSID_HI", 0.0)):
+        yield f"{name} is {parameters[name]:g}, and sticks are taken from that system only; set it to {OURS[0]}, ours"
     for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE"):
-        if known.get(name) != DISARMS:
-            value = f"{known[name]:g}" if name in known else "unknown"
+        if parameters.get(name) != DISARMS:
+            value = f"{parameters[name]:g}" if name in parameters else "unknown"
             yield f"{name} is {value}, so that the vehicle would drive on in our silence; set it to {DISARMS:g}, disarm"
-    if not 0.0 < known.get(name := "FS_PILOT_TIMEOUT", math.inf) <= LONGEST_PILOT_S:
-        value = f"{known[name]:g} s" if name in known else "unknown"
+    if not 0.0 < parameters.get(name := "FS_PILOT_TIMEOUT", math.inf) <= LONGEST_PILOT_S:
+        value = f"{parameters[name]:g} s" if name in parameters else "unknown"
         yield f"{name} is {value}, so long would the vehicle drive on unled; set it to {LONGEST_PILOT_S:g} or less"
     if other := another_pilot(heard):
         yield other
-    if heard.named.get("InputHold"):  # sticks in the middle would not be neutral
+    if heard.named_values.get("InputHold"):  # sticks in the middle would not be neutral
         yield "the vehicle holds an input of its pilot (InputHold); ask for its release at the joystick"
-    if (trim := known.get("RC4_TRIM", CENTRE)) != CENTRE:
+    if (trim := parameters.get("RC4_TRIM", CENTRE)) != CENTRE:
         yield f"RC4_TRIM is {trim:g}, so that a stick in the middle turns the vehicle; set it to {CENTRE:g}"
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
-        rate, wanted = heard.count[name] / seconds, RATES[name][1]
-        if rate < 0.4 * wanted:
+        rate, expected = heard.count[name] / seconds, RATES[name][1]
+        if rate < 0.4 * expected:
             remedy = "use a link that carries more, and check that the vehicle's estimator runs"
-            yield f"{name} came {rate:.1f} times a second, and {wanted:g} were asked for; {remedy}"
+            yield f"{name} came {rate:.1f} times a second, and {expected:g} were asked for; {remedy}"
     outputs_are_known(heard)
     stick = Stick.of(heard)
     if stick.reach < need.output - 1.0 / CENTRE:
@@ -204,9 +204,9 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
         )
     if heard.remaining_percent is None:
         yield "the vehicle does not tell how much its battery holds; set BATT_MONITOR and BATT_CAPACITY"
-    elif (left := need.charge * heard.remaining_percent / 100.0) - need.drawn < need.reserve:
+    elif (stock := need.charge * heard.remaining_percent / 100.0) - need.drawn < need.reserve:
         yield (
-            f"the battery holds {heard.remaining_percent:.0f} % or {left:.2f} Ah by its own count; the campaign needs "
+            f"the battery holds {heard.remaining_percent:.0f} % or {stock:.2f} Ah by its own count; the campaign needs "
             f"{need.drawn:.2f} Ah, and {need.reserve:.2f} Ah must stay; charge it, and make a plan of what is left"
         )
     if need.depth_limit < math.inf and not heard.depth:  # who has no sensor says 0
@@ -220,9 +220,9 @@ def another_pilot(heard: Heard) -> str:
     """Return a sentence where somebody else sends sticks, or is a ground station under our number; else nothing.
 
     The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone."""
-    for (system, component), what in heard.senders.items():
+    for (system, component), packet in heard.senders.items():
         return (
-            f"somebody else sends {what} (system {system}, component {component}), and the last one wins; switch off "
+            f"somebody else sends {packet} (system {system}, component {component}), and the last one wins; switch off "
             "the joystick there, or close that ground station, and try again"
         )
     for system, component in sorted(heard.stations):

@@ -43,11 +43,11 @@ class Limits:
         between(self, 0.1, math.inf, "depth", "heading")
 
 
-class Ride:
+class RunSession:
     def __init__(self, link: Link, stick: Stick, part: Part, authority: Authority, limits: Limits) -> None:
         self._link, self._stick, self._part, self._authority, self._limits = link, stick, part, authority, limits
         self._mode, self._is_armed = STABILIZE, False
-        self._untwisted = self._heading - 360.0 * link.heard.named.get("TetherTrn", 0.0)
+        self._untwisted = self._heading - 360.0 * link.heard.named_values.get("TetherTrn", 0.0)
 
     @property
     def _heading(self) -> float:
@@ -89,11 +89,11 @@ class Ride:
         due = begun
         while (since := link.now() - begun) < edges[-1] + 2.0 / STICK_HZ:
             self._send(yaw := self._stick.manual(outputs[np.searchsorted(edges, since, side="right")]))
-            found, sent = self._output(link.heard.pulses), self._stick.output(yaw)
-            agreed = link.now() if abs(found - sent) < FOLLOWS else agreed
+            output, sent = self._output(link.heard.pulses), self._stick.output(yaw)
+            agreed = link.now() if abs(output - sent) < FOLLOWS else agreed
             if link.now() - agreed > FOLLOWS_S:
                 raise SettingError(
-                    f"the vehicle's yaw output is {found:+.2f}, and {sent:+.2f} was sent; check who else commands it, "
+                    f"the vehicle's yaw output is {output:+.2f}, and {sent:+.2f} was sent; check who else commands it, "
                     "and that nobody changed its gain"
                 )
             if abs(self._heading - start) > (most := self._limits.heading):
@@ -130,14 +130,14 @@ class Ride:
         short = (heading - self._heading + 180.0) % 360.0 - 180.0
         target = self._heading + short - 360.0 * round((self.twist + short) / 360.0)
         most = PATIENCE_S + abs(target - self._heading) / SLOWEST_DEG_S
-        ends, still = self._link.now() + most, 0.0
-        while still < STILL_S:
-            left = target - self._heading
-            rate = np.copysign(np.clip(PER_S * abs(left), SLOWEST_DEG_S, TURN_DEG_S), left)
-            near = abs(left) < NEAR_DEG
-            self._send(0 if near else self._stick.turn(float(rate)))
+        ends, still_s = self._link.now() + most, 0.0
+        while still_s < STILL_S:
+            error = target - self._heading
+            rate = np.copysign(np.clip(PER_S * abs(error), SLOWEST_DEG_S, TURN_DEG_S), error)
+            aligned = abs(error) < NEAR_DEG
+            self._send(0 if aligned else self._stick.turn(float(rate)))
             self._link.wait(1.0 / STICK_HZ)
-            still = still + 1.0 / STICK_HZ if near and abs(self._link.heard.rate) < STILL_DEG_S else 0.0
+            still_s = still_s + 1.0 / STICK_HZ if aligned and abs(self._link.heard.rate) < STILL_DEG_S else 0.0
             if self._link.now() > ends:
                 raise SettingError(
                     f"the vehicle did not come to the heading {heading:g} deg in {most:.0f} s; check its yaw gains, "
@@ -218,25 +218,25 @@ class ArduSub:
 
         Each run is a whole: the vehicle is checked, armed, driven, turned back and disarmed, then there is silence.
         Raises SettingError where the vehicle must not be driven, or not any further."""
-        run, known = campaign.runs[number], self._authority(campaign)
+        run, yaw_authority = campaign.runs[number], self._authority(campaign)
         after = campaign.runs[min(number + 1, len(campaign.runs) - 1)]
         with closing(Link(self.address, halted, self.clock)) as link, suppress(Halt):
-            stick, part = preflight(link, Need.of(campaign, number, known, self.limits.depth))
-            ride = Ride(link, stick, part, known, self.limits)
+            stick, part = preflight(link, Need.of(campaign, number, yaw_authority, self.limits.depth))
+            session = RunSession(link, stick, part, yaw_authority, self.limits)
             cut: Exception | None = None
             try:
-                ride.begin(run.start_heading_deg)
-                yield ride.head(campaign, campaign.log_name(run))
+                session.begin(run.start_heading_deg)
+                yield session.head(campaign, campaign.log_name(run))
                 try:
-                    yield from ride.lines(campaign, number)
+                    yield from session.lines(campaign, number)
                 except (Halt, SettingError) as problem:
                     cut = problem
                 else:
-                    ride.unwind(after.start_heading_deg)
+                    session.unwind(after.start_heading_deg)
             finally:
-                ride.end()
+                session.end()
             if cut is not None:
-                yield from ride.rows()  # they end in neutral
+                yield from session.rows()  # they end in neutral
                 raise cut
 
     def _authority(self, campaign: LinkCampaign) -> Authority:
