@@ -35,7 +35,7 @@ from automarine_cli.diagnosis.residual_regions import (
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
-from automarine_cli.diagnosis.study import HORIZON
+from automarine_cli.diagnosis.study import HORIZON, shortest
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -472,23 +472,19 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     all runs are too short for predictions."""
     every, before = search.every, search.before
     course, runs, fit = every.course, every.runs, fit_of(before)
-    prediction = judged(search.forecasts[0][YAW.position])
+    prediction = shortest(search.forecasts[0][YAW.position])
     if not len(prediction.error):
         return None
     residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
-    residual[prediction.run, prediction.target], observed[prediction.run, prediction.target] = prediction.error, True
+    begun = (prediction.run, prediction.origin)  # what is known then is independent of the error by chance
+    residual[begun], observed[begun] = prediction.error, True
     problem = every.problem(before.model)
     followed = problem.follow(problem.search(fit.theta)[None], keep=True)
     assert followed.states is not None
     places, states = followed.places, followed.states[:, 0]
-    (inertia,) = before.model.inertia_matrix(fit.of_model[None])
-    missing = np.einsum("ij,jrk->irk", inertia, states[list(places.pushed)])
     command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])
     sign: Floats = np.where(observed, last_side(command[-1]), 0.0)
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
-    for dof, force in zip(PLANAR.dofs, missing):
-        if dof in every.seen.dofs:
-            kinds[dof.words.full_force] = (dof.units.forces[1], np.where(observed, force, 0.0))
     floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, observed)
     gap = ResidualGrid(
         names=course.names, residual=residual, raw=residual, sign=sign, observed=observed,
@@ -506,7 +502,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     by_name = {column.name: column for column in columns}
     looked = replace(looked, columns=tuple(by_name[variable.name] for variable in looked.variables))
     return Where(
-        **vars(looked), **vars(gap), moment=np.where(observed, missing[-1], 0.0), time=course.time,
+        **vars(looked), **vars(gap), ahead=prediction.horizon, time=course.time,
         mean_moment=np.array([float(run.command.mean()) for run in runs]), moment_unit=course.moment_unit, dof=YAW,
     )  # fmt: skip
 

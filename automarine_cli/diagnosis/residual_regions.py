@@ -3,8 +3,9 @@
 Two gaps are looked at: the heading measured less simulated, and the disturbance moment, held over two seconds at a
 time, that would make the simulation follow the log. In bins of a variable their means are compared with chance by
 turning the sign of whole runs (a run is the unit: samples within it hang together), the largest mean of a variable
-against the largest that chance gives. Variables that belong to a whole run are compared with the run's own thrust
-gain and the size of its gap, by permuting the runs.
+against the largest that chance gives. Of driven runs the gap is the error of predictions against what was known as
+they began, for a controller answers what comes later. Variables that belong to a whole run are compared with the run's
+own thrust gain and the size of its gap, by permuting the runs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.search import CandidateFit
-from automarine_cli.diagnosis.study import DiagnosisProblem, disturbance, missed
+from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed, shortest
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -47,11 +48,13 @@ class Column:
         return self.values.ndim == 1
 
 
-def columns(study: DiagnosisProblem, fitted: Floats) -> list[Column]:
-    """Every variable of the runs of `study`; `fitted` (R, N) are headings smooth enough to differentiate [rad]."""
+def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None) -> list[Column]:
+    """Every variable of the runs of `study`; `fitted` (R, N) are headings [rad] and `rate` [rad/s] their rate, by
+    default the slope of headings smooth enough to differentiate."""
     batch, dof = study.batch, study.base.dof
     observed, time, words, force = batch.seen, study.time, dof.words, study.base.moment_unit
     position, turn = dof.units.shown, 360.0 if dof.wraps else np.inf  # headings within a turn
+    rate = rates(fitted, time, observed) if rate is None else rate
     moment, first = at_samples(study, [run.command for run in study.runs]), np.full(len(study.runs), np.nan)
     for i, run in enumerate(study.runs):
         pushed = run.command[run.command != 0]
@@ -64,7 +67,7 @@ def columns(study: DiagnosisProblem, fitted: Floats) -> list[Column]:
         Column("time-in-run", "s", time),
         Column(hyphened(words.travelled), position, dof.shown(fitted - fitted[:, :1])),
         Column(words.position, position, _within(dof.shown(batch.position), turn)),
-        Column(hyphened(words.rate), f"{position}/s", dof.shown(rates(fitted, time, observed))),
+        Column(hyphened(words.rate), f"{position}/s", dof.shown(rate)),
         Column(words.force, force, moment),
         Column(words.force, force, first),
         Column(f"{words.force}-size", force, np.abs(first)),
@@ -347,9 +350,10 @@ class ResidualRegions:
 
 @dataclass(frozen=True, kw_only=True)
 class Where(ResidualGrid, ResidualRegions):
-    """Everything that the figure and the result need; `moment` (R, N) is the disturbance at each sample."""
+    """Everything that the figure and the result need; the gap is that of predictions so many seconds `ahead` of the
+    times at which they began, or of whole simulated runs where that is 0."""
 
-    moment: Floats
+    ahead: float
     mean_moment: Floats
     time: Floats
     moment_unit: str
@@ -383,58 +387,61 @@ def find_regions(
 
 def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
-    residual, moment = gaps(study, base)
-    batch, dof = study.batch, study.base.dof
-    raw = without_gains(study, base)
-    fitted = np.where(batch.seen, batch.position - residual, 0.0)
+    batch, dof, fit = study.batch, study.base.dof, base.fit
     side = last_side(np.nan_to_num(at_samples(study, [run.command for run in study.runs])))
-    kinds = {
-        dof.words.position: (dof.units.shown, dof.shown(residual)),
-        THRUST: (dof.units.shown, dof.shown(raw)),
-        dof.words.force: (study.base.moment_unit, moment),
-    }
+    if isinstance(fit, InnovationsFit):  # what is known as a prediction begins is independent of its error by chance
+        residual = raw = missed(study, base.model, fit, begun=True)
+        ahead = shortest(study.predictions(base.model, fit)).horizon
+        variables = columns(study, *filtered(study, base.model, fit))
+        kinds = {dof.words.position: (dof.units.shown, dof.shown(residual))}
+    else:
+        (residual, moment), ahead = gaps(study, base), 0.0
+        raw = without_gains(study, base)
+        variables = columns(study, np.where(batch.seen, batch.position - residual, 0.0))
+        kinds = {
+            dof.words.position: (dof.units.shown, dof.shown(residual)),
+            THRUST: (dof.units.shown, dof.shown(raw)),
+            dof.words.force: (study.base.moment_unit, moment),
+        }
     gap = ResidualGrid(
         names=batch.names, residual=residual, raw=raw, sign=np.where(batch.seen, side, 0.0), observed=batch.seen,
         gain=100.0 * base.fit.own(GAIN)[:, 0], floor=study.floor, convert=dof.shown,
     )  # fmt: skip
-    looked = find_regions(columns(study, fitted), kinds, gap, seed)
+    looked = find_regions(variables, kinds, gap, seed)
     pushed = [run.command[run.command != 0] for run in study.runs]
     return Where(
-        **vars(looked), **vars(gap), moment=moment, time=study.time, moment_unit=study.base.moment_unit, dof=dof,
+        **vars(looked), **vars(gap), ahead=ahead, time=study.time, moment_unit=study.base.moment_unit, dof=dof,
         mean_moment=np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]),
     )  # fmt: skip
 
 
 def gaps(study: DiagnosisProblem, trial: CandidateFit) -> tuple[Floats, Floats]:
-    """Residual headings [rad] of a trial on the runs it was fitted to, and the disturbance moment, both (R, N).
+    """Residual headings [rad] of whole runs, by a fit to them, and the disturbance moment, both (R, N).
 
     The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit."""
-    if isinstance(trial.fit, InnovationsFit):
-        return missed(study, trial.model, trial.fit), disturbance(study, trial.model, trial.fit)
-    problem, batch = study.problem(trial.model), study.batch
-    residual = study.residual(trial.fit.fitted)
-    b = trial.fit.run_effects
+    problem, batch, fit = study.problem(trial.model), study.batch, trial.fit
+    assert not isinstance(fit, InnovationsFit)
+    residual, b = study.residual(fit.fitted), fit.run_effects
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
     windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
     problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
-    fitted, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
+    fitted, by_phi, by_run = derivatives(problem, fit.phi, b)
     gram = problem.gram(by_phi, by_run, fitted, b)
-    variances = choose_variances(gram, problem.effects, trial.fit.variances)
-    b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
+    variances = choose_variances(gram, problem.effects, fit.variances)
+    b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
     inertia = trial.model.index(trial.model.dof.parameter("inertia"))
-    pushing = np.take_along_axis(trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
-    return residual, np.where(batch.seen, trial.fit.theta[inertia] * pushing, 0.0)
+    pushing = np.take_along_axis(fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
+    return residual, np.where(batch.seen, fit.theta[inertia] * pushing, 0.0)
 
 
 def without_gains(study: DiagnosisProblem, trial: CandidateFit) -> Floats:
     """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
-    if isinstance(trial.fit, InnovationsFit):
-        return missed(study, trial.model, trial.fit)
-    problem = study.problem(trial.model)
-    b = trial.fit.run_effects.copy()
-    trial.fit.effects.of(b, GAIN)[...] = 0.0
-    return study.residual(problem.readings(trial.fit.phi, b))
+    problem, fit = study.problem(trial.model), trial.fit
+    assert not isinstance(fit, InnovationsFit)
+    b = fit.run_effects.copy()
+    fit.effects.of(b, GAIN)[...] = 0.0
+    return study.residual(problem.readings(fit.phi, b))
 
 
 def _regions(column: Column, variable: Variable, gap: ResidualGrid) -> list[Region]:

@@ -406,33 +406,37 @@ def study_of(
     return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)
 
 
-def missed(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> Floats:
-    """Measured less predicted positions (R, N) of driven runs, predicted HORIZON seconds before; zero where none."""
-    prediction = next(prediction for prediction in study.predictions(model, fit) if prediction.horizon == HORIZON)
-    of_runs = [prediction.run == r for r in range(len(study.runs))]
-    when = [study.course.time[r, prediction.target[of_run]] for r, of_run in enumerate(of_runs)]
-    return _at_samples(study, [prediction.error[of_run] for of_run in of_runs], when)
+def missed(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit, begun: bool = False) -> Floats:
+    """Measured less predicted positions (R, N) of driven runs, HORIZON seconds ahead, zero where none; or over the
+    shortest horizon that readings allow, at the times when predictions have `begun`.
+
+    What a controller commands and the vehicle does in between answer what made an error: by chance only what was before
+    is independent of it."""
+    predictions = study.predictions(model, fit)
+    prediction = shortest(predictions) if begun else next(p for p in predictions if p.horizon == HORIZON)
+    out = np.zeros(study.batch.seen.shape)
+    for r, (row, run) in enumerate(zip(out, study.runs)):
+        of_run = prediction.run == r
+        if of_run.any():
+            when = study.course.time[r, (prediction.origin if begun else prediction.target)[of_run]]
+            row[: len(run)] = np.interp(run.time - run.time[0], when, prediction.error[of_run], left=0.0, right=0.0)
+    return out
 
 
-def disturbance(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> Floats:
-    """The disturbing moment or force that the filter sees at each sample of driven runs, (R, N)."""
+def shortest(predictions: Sequence[Predicted]) -> Predicted:
+    """Return the predictions over the shortest horizon with any: what is missing shows before disturbances do."""
+    return next((prediction for prediction in predictions if len(prediction.error)), predictions[0])
+
+
+def filtered(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> tuple[Floats, Floats]:
+    """Positions and velocities (R, N) of driven runs, as the filter knows them from the readings until each sample."""
     followed = study.driven_problem(model).follow(fit.phi[None], keep=True)
     assert followed.states is not None
-    pushed = followed.states[followed.places.pushed[0], 0]
-    ends = [int((length > 0).sum()) + 1 for length in study.course.length]
-    times = [t[:end] for t, end in zip(study.course.time, ends)]
-    return fit.theta[0] * _at_samples(study, [row[:end] for row, end in zip(pushed, ends)], times)
-
-
-def _at_samples(study: DiagnosisProblem, values: Sequence[Floats], at: Sequence[Floats]) -> Floats:
-    """What is known of each run at some times [s since its first sample], at all its samples (R, N): straight lines
-    between, zero before the first and in the padding."""
-    out = np.zeros(study.batch.seen.shape)
-    for row, run, value, when in zip(out, study.runs, values, at):
-        if len(when):
-            time = run.time - run.time[0]
-            row[: len(run)] = np.where(time >= when[0] - 1e-9, np.interp(time, when, value), 0.0)
-    return out
+    places, out = followed.places, np.zeros((2, *study.batch.seen.shape))
+    for r, run in enumerate(study.runs):
+        at = np.searchsorted(study.course.time[r], run.time - run.time[0] + 1e-9, side="right") - 1
+        out[:, r, : len(run)] = followed.states[[places.position[0], places.velocity[0]], 0, r][:, at]
+    return out[0], out[1]
 
 
 def log_density(study: DiagnosisProblem, model: YawModel, fit: Fit) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, NamedEffect
-from automarine_cli.diagnosis.planar import PlanarDiagnosis, PlanarSearch, judged
+from automarine_cli.diagnosis.planar import PlanarDiagnosis, PlanarSearch
 from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem
@@ -363,11 +363,10 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 @sections.register
 def _(result: PlanarDiagnosis) -> Sections:
     search, where = result.search, result.search.where
-    less = f"predicted {judged(search.forecasts[0][YAW.position]).horizon:g} s ahead"
     return _sections(
         result, result.extended_model(), search, "Diagnosis of the planar model", search.words, planar_verdict(search),
         _planar_effects(result), where.regions if where else (),
-        None if where is None else partial(figures.where_figure, where, search.words, "stretches of runs", less),
+        None if where is None else partial(figures.where_figure, where, search.words, "stretches of runs"),
         notes=("", (
             " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than "
             "others, or less than the threshold."

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_driven import Sea, steered
 
 from automarine_cli.diagnosis.residual_regions import (
     STANDS_OUT,
     Column,
+    Where,
     columns,
     edges,
     find_where,
@@ -17,7 +19,7 @@ from automarine_cli.diagnosis.residual_regions import (
     of_samples,
     over_variables,
 )
-from automarine_cli.diagnosis.search import CandidateFit
+from automarine_cli.diagnosis.search import CandidateFit, candidate_fit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
@@ -100,6 +102,24 @@ def test_a_dead_band_stands_out_where_moments_are_small(dead: tuple[DiagnosisPro
 def test_nothing_stands_out_where_nothing_is_missing() -> None:
     study = study_of(campaign(TRUTH, 5), TRUTH)
     assert find_where(study, fitted(study, TRUTH), 0).regions == ()
+
+
+def driven_regions(seed: int, sea: Sea) -> Where:
+    study = study_of(steered(10, seed, sea, length=40.0), YawModel.base("3", 1.0, [1.2], "nu", YAW))
+    assert study.driven
+    return find_where(study, candidate_fit(study, study.base, (), study.fit(study.base)), 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_controller_answers_stands_out_nowhere(seed: int) -> None:
+    """In a loop the command and the rate at the end of a prediction answer the disturbance that made it miss."""
+    assert driven_regions(seed, Sea(size=0.2)).regions == ()
+
+
+def test_a_delay_stands_out_after_changes_of_the_command_in_a_loop() -> None:
+    found = driven_regions(1, Sea(delay=0.5))
+    assert "time-since-command-change" in {region.variable for region in found.regions}
+    assert found.ahead == 2.0
 
 
 def test_mirrored_runs_show_the_same_gap(dead: tuple[DiagnosisProblem, CandidateFit]) -> None:

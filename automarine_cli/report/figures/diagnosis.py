@@ -48,9 +48,9 @@ def in_words(variable: Variable) -> str:
 
 
 @style.house_style
-def where_figure(looked: ResidualRegions, words: str, units: str = "runs", less: str = "simulated") -> Figure:
+def where_figure(looked: ResidualRegions, words: str, units: str = "runs") -> Figure:
     """Draw small multiples, one a variable, most significant first, above a heat map of runs by time where there are
-    runs; `words` are the verdict, `units` are what chance turns, `less` is what the measured is compared with."""
+    runs; `words` are the verdict, `units` are what chance turns."""
     dof = looked.dof if isinstance(looked, Where) else None
     shown = sorted(looked.variables, key=_by_significance)[:MOST_PANELS]
     columns = COLUMNS if dof else max(min(len(shown), COLUMNS), 1)
@@ -65,7 +65,7 @@ def where_figure(looked: ResidualRegions, words: str, units: str = "runs", less:
         axes.set_axis_off()
     if isinstance(looked, Where):
         (heat,) = style.span(figure, grid[rows], slice(None))
-        _heat_map(figure, heat, looked, less)
+        _heat_map(figure, heat, looked)
     handles = [
         Patch(color=MARK, alpha=0.45, label="significant"),
         Patch(color=BEFORE, alpha=0.3, label=f"mean ± 2 standard errors ({units} as units)"),
@@ -119,8 +119,9 @@ def _gap_of(row: Row, dof: Dof | None) -> str:
     return f"{word} [{row.unit}]" + f"\nalong the {dof.words.force}" * row.directed
 
 
-def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
+def _heat_map(figure: Figure, axes: Axes, where: Where) -> None:
     dof = where.dof
+    less = f"predicted {where.ahead:g} s ahead" if where.ahead else "simulated"
     order = np.argsort(where.mean_moment, kind="stable")
     ends = np.where(where.observed, where.time, 0.0).max(axis=1)
     grid = np.linspace(0.0, float(ends.max()), 240)
