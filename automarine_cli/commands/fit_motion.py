@@ -15,7 +15,7 @@ from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
     from automarine_cli.fits.identify import YawFit
-    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.runs.half_turn import Trim
 
 WHOLE_RUNS = "whole-runs"

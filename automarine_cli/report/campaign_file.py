@@ -15,12 +15,12 @@ from automarine_cli.logs import LogFile
 from automarine_cli.logs.columns import BY, CANONICAL, RUN, names_of
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
-from automarine_cli.pipeline.records import Shown, everything, in_words, to_mapping, toml_line
-from automarine_cli.pipeline.words import listed, printable
-from automarine_cli.report.sections import Sections, sections
+from automarine_cli.pipeline.records import Shown, everything, to_mapping
+from automarine_cli.report.sections import Sections, sections, toml_line
 from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.look import Placed, RunKind, Survey
 from automarine_cli.runs.run import runs_json
+from automarine_cli.text import in_words, listed, printable
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
@@ -50,7 +50,6 @@ class NewCampaign(Shown):
         return tuple(open_questions(tomllib.loads(self.text)))
 
     def to_json(self) -> dict[str, object]:
-        """Give what was seen: schema automarine/init/1."""
         look = self.survey
         names = {
             motion: {kind: [file.name for file in files] for kind, files in kinds.items()}
@@ -97,7 +96,6 @@ def _as_toml(answer: str) -> str:
 
 
 def open_questions(data: object) -> list[str]:
-    """List the paths of the keys whose value is still a question mark."""
     return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
 
 
@@ -262,7 +260,6 @@ def _columns(look: Survey) -> Iterator[str]:
 
 
 def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[str]:
-    """The lines of layouts that share a map: each column once, then what is lacking."""
     order = dict.fromkeys(column.key for layout in layouts for column in layout.columns)
     every = {column.key: column for layout in reversed(layouts) for column in layout.columns}
     for key in order:
@@ -295,7 +292,6 @@ def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
 
 
 def _column(column: Recognised, look: Survey) -> str:
-    """One column: as named (a comment), mapped, or asked about."""
     key, seen, rule, question = column.key, column.seen, column.rule, column.open
     quantity, (followed, against) = CANONICAL[key].quantity, look.turns
     if quantity == YAW.position and followed + against:

@@ -26,7 +26,6 @@ class ResultComparison(Shown):
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of comparison.json: schema automarine/comparison/1."""
         return {
             "schema": "automarine/comparison/1",
             "kind": self.kind,
@@ -89,7 +88,6 @@ def difference_table(found: Sequence[Difference]) -> Table:
 
 
 def sentence(apart: Difference) -> str:
-    """Say one difference in words."""
     if apart.relative is not None:
         percent, low, high = apart.relative
         size, ends = f"{abs(percent):.1f} %", f"{low:+.1f} to {high:+.1f} %"
@@ -105,7 +103,6 @@ def sentence(apart: Difference) -> str:
 
 
 def summary(differences: Sequence[Difference]) -> str:
-    """Say how many of the parameters differ."""
     verdicts = [apart.verdict for apart in differences]
     count, doubtful = verdicts.count(DIFFERS), sum(verdict not in (DIFFERS, ALIKE) for verdict in verdicts)
     compared = f"{len(verdicts)} parameter{'s' * (len(verdicts) != 1)} compared"

@@ -220,7 +220,6 @@ def _misses(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> str:
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
     dof, said, driven, counted = (
         diagnosis.study.base.dof, diagnosis.said, diagnosis.study.driven, diagnosis.found.final.counted,
     )  # fmt: skip
@@ -323,7 +322,6 @@ def _next(diagnosis: Diagnosis) -> str:
 
 
 def general_advice(study: Study) -> tuple[str, ...]:
-    """List the kinds of runs that the campaign lacks, a sentence each."""
     pushes = [(run, np.sign(run.command), np.flatnonzero(run.command)) for run in study.runs if np.any(run.command)]
     coasts = sum(
         bool(np.any(push[at[0] :] == 0) and len(run) - at[-1] > 3.0 / run.sample_period) for run, push, at in pushes
@@ -388,7 +386,6 @@ def _planar_effects(result: PlanarDiagnosis) -> list[NamedEffect]:
 
 
 def planar_verdict(search: PlanarSearch) -> str:
-    """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
     sizes, what, beside = [MISSING, MISSING], "error of the heading", "no run is long enough for predictions"
     for held_out in (False, True):
         if (outlook := search.outlook(held_out)) is not None:
@@ -424,7 +421,6 @@ def _(result: ThrusterDiagnosis) -> Sections:
 
 
 def map_verdict(result: ThrusterDiagnosis) -> str:
-    """Say the verdict in one sentence with its numbers."""
     sizes = [number(result.percent(size), 3) for size in (result.cross.before, result.cross.after)]
     beside = f"full scale {number(result.data.full_scale)} N, noise {number(result.gap.floor, 3)} N"
     names = " and ".join(effect.name for effect in result.effects)

@@ -3,9 +3,9 @@
 from automarine_cli.link.collector import Collected
 from automarine_cli.link.document import SHORT
 from automarine_cli.link.vehicles.simulated import Rehearsal
-from automarine_cli.pipeline.words import printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
+from automarine_cli.text import printable
 
 
 @sections.register

@@ -23,7 +23,6 @@ LONG = 36  # letters from which on a cell may be broken
 
 
 def to_html(text: str, picture: Picture) -> str:
-    """The document as HTML, its headings with ids to link to."""
     ids, groups = set[str](), groupby(map(str.strip, text.splitlines()), _mark)
     return "\n".join(_block(block, picture, ids) for _, group in groups if (block := list(group))[0])
 

@@ -9,12 +9,11 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.estimate import Estimate
-from automarine_cli.pipeline.records import toml_text
 from automarine_cli.planning.campaign import Campaign, Plan, command_path, specification
 from automarine_cli.planning.candidates import PLAN
 from automarine_cli.planning.vehicle import command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 CERTAIN = 1000.0
@@ -138,7 +137,6 @@ def _compared_table(campaign: Campaign) -> Table:
 
 
 def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
-    """Write plan.md; `rehearsal` is a sentence on plan.toml."""
     campaign, pool = plan.campaign, plan.campaign.limits.pool
     sheet, *others = tables
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)

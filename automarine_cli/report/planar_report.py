@@ -67,7 +67,6 @@ def prediction_table(use: PlanarUse) -> Table:
 
 
 def parameter_table(fit: PlanarFit) -> Table:
-    """Lay out the parameters that were identified."""
     rows = [
         {"parameter": name, "meaning": WORDS.get(name, ""), "value [95 % interval]": estimate, "unit": estimate.unit}
         for name, estimate in fit.estimates.items()
@@ -79,7 +78,6 @@ def parameter_table(fit: PlanarFit) -> Table:
 
 
 def structure_table(fit: PlanarFit) -> Table:
-    """Lay out the structures that were tried, the best first."""
     best = fit.tried[0].found.criterion
     return Table.of("Structures", [
         {"structure": str(tried.structure), "parameters": len(tried.found.model.free),

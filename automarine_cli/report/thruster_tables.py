@@ -68,7 +68,6 @@ def tables(result: ThrusterFit) -> tuple[Table, ...]:
 
 
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
-    """Say why this form, the tare, and what was left out."""
     said, reduction = [result.analysis.because, result.tare.says], result.reduction
     if reduction.plateaus:
         parts = [f"{count} {name.replace('_', ' ')}" for name, count in reduction.dropped.items() if count]
@@ -130,7 +129,6 @@ def forms(result: ThrusterFit) -> Table:
 
 
 def parameters(result: ThrusterFit) -> Table:
-    """Lay out the chosen form's parameters, and how well it fits."""
     analysis, chosen = result.analysis, result.analysis.chosen
     rows = [
         {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value), "unit": value.unit}
@@ -157,7 +155,6 @@ def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
 
 
 def voltages(result: ThrusterFit) -> Table:
-    """Lay out the square law's coefficients and error at each voltage, the chosen form and its error."""
     unit = next(iter(result.analysis.square.values())).unit
     return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", [
         {

@@ -7,11 +7,10 @@ import numpy as np
 
 from automarine_cli.control.design import Designed
 from automarine_cli.control.tuning import LIMITS, SETTLES, TUNING, Tuning, TuningCheck, in_print, margins_of, promises
-from automarine_cli.pipeline.records import toml_text
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
+from automarine_cli.report.figures.plan import flown_figure, tuning_figure
 from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
 from automarine_cli.report.tables import Table, number
 
 VERDICTS = {

@@ -7,10 +7,9 @@ from automarine_cli.comparison.validation import Ahead, Validation
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.innovations import channel_sentences, measured_noises
 from automarine_cli.models.store import StoredPlanar
-from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.figures.runs import planar_figure, validation_figure
 from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.sections import Content, Sections, document, forms_of, sections
+from automarine_cli.report.sections import Content, Sections, document, file_stems, forms_of, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.run import command_warnings
 
@@ -43,7 +42,6 @@ def _(result: Validation) -> Sections:
 
 
 def planar_table(result: Validation) -> Table:
-    """Lay out each run, and all of them."""
     (scored,), headings = result.models.values(), [score.heading for score in result.scores.values()]
     overall = {name: score.value for name, score in scored.overall.items()}
     names = [*(run.name for run in result.runs), "all runs"]
@@ -77,7 +75,6 @@ def overall_table(result: Validation) -> Table:
 
 
 def run_table(result: Validation) -> Table:
-    """Lay out each run: noise level, then free-run and restarted rmse of each model."""
     rows, dof = list[dict[str, str]](), result.dof
     for i, (run, floor, restarts) in enumerate(zip(result.runs, result.floors, result.restarts)):
         scores = {model: scored.scores[i] for model, scored in result.models.items()}
@@ -96,7 +93,6 @@ def run_table(result: Validation) -> Table:
 
 
 def _starts(result: Validation) -> list[str]:
-    """How the starts of the runs were found, under the first model."""
     return [free.start.how for free in next(iter(result.models.values())).free]
 
 

@@ -18,8 +18,7 @@ from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit
 from automarine_cli.fits.paper import DragFit, nested_test
 from automarine_cli.fits.whole_runs import OutputErrorFit, Ways
-from automarine_cli.report.figures import runs
-from automarine_cli.report.figures import yaw as figures
+from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Content, Sections, forms_of, numbers, sections
 from automarine_cli.report.tables import Cell, Math, Table, interval, number
@@ -80,7 +79,6 @@ def _named(name: str, fits: Mapping[str, DragFit | OutputErrorFit]) -> dict[str,
 
 
 def _added(fit: OutputErrorFit) -> dict[str, Estimate]:
-    """Estimates of the effects beside drag, by both names."""
     return {f"{effect} {name}": e for effect, group in effect_estimates(fit).items() for name, e in group.items()}
 
 
@@ -216,8 +214,8 @@ def _(fit: YawFit) -> Sections:
 def _drawings(fit: YawFit) -> dict[str, Draw]:
     seed, data, use = fit.seed_method, fit.data, fit.use
     if seed is None or data is None:
-        driven = partial(runs.driven_runs_figure, fit, use) if isinstance(use, Use) else None
-        return {"whole_runs": driven or partial(runs.whole_runs_figure, fit)}
+        driven = partial(figures.driven_runs_figure, fit, use) if isinstance(use, Use) else None
+        return {"whole_runs": driven or partial(figures.whole_runs_figure, fit)}
     return {
         fit.dof.steps_key: partial(figures.half_turns_figure, fit),
         "drag": partial(figures.drag_figure, fit, seed),

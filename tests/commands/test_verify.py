@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from automarine_cli.pipeline.manifest import Input
-from automarine_cli.pipeline.results_folder import result_folder
+from automarine_cli.pipeline.results_folder import Input, result_folder
 
 Run = Callable[..., Result]
 

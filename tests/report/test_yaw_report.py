@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import yaw_report
-from automarine_cli.report.figures import runs
-from automarine_cli.report.figures import yaw as figures
+from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import FORMATS
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -171,7 +170,7 @@ def test_collapse_figure_puts_every_run_on_one_curve(fit: YawFit) -> None:
 
 
 def test_whole_runs_are_drawn_with_their_fit(whole: YawFit) -> None:
-    figure = runs.whole_runs_figure(whole)
+    figure = figures.whole_runs_figure(whole)
     is_complete(figure)
     shown = [ax for ax in figure.axes if ax.axison]
     titles = [ax.get_title() for ax in shown]
@@ -190,7 +189,7 @@ def test_whole_runs_that_only_their_own_thrust_saves_stand_first_and_look_wrong(
     """A run with thrust of its own is followed well and predicted badly: the figure shows both."""
     late = whole.runs[1]
     run = replace(late, moment=1.3 * late.command, position=late.position.copy())
-    figure = runs.whole_runs_figure(replace(whole, runs=(whole.runs[0], run)))
+    figure = figures.whole_runs_figure(replace(whole, runs=(whole.runs[0], run)))
     first = next(ax for ax in figure.axes if ax.axison)
     assert first.get_title().startswith(run.name)
     fitted, free = (np.sqrt(np.mean(np.asarray(line.get_ydata(), float) ** 2)) for line in first.lines)

@@ -386,7 +386,6 @@ def _by_variable(diagnosis: Diagnosis, axes: Axes) -> None:
 
 @style.house_style
 def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
-    """Draw the curve over its variable, with its 95 % band."""
     figure, grid = style.new_figure(1, 1, 0.62 * style.PAGE_IN, 2.9)
     axes, gain = grid[0, 0], curve.kind == "gain"
     scale, word = (100.0, "change of thrust [%]") if gain else (1.0, f"change of linear drag [{curve.y_unit}]")

@@ -38,7 +38,6 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     _measured(thrust, result, groups)
 
     def draw(analysis: Analysis, square: bool, drawn: NDArray[np.bool_] | None, form: str, **look: Any) -> None:
-        """Draw the chosen map or the square law, and the residuals of the points `drawn`."""
         line: dict[str, Any] = {"ls": DASHES, "lw": 0.7} if square else {}
         hollow: dict[str, Any] = {"mfc": "none", "mew": 0.7} if square else {}
         measured = analysis.points.n
