@@ -133,7 +133,7 @@ def test_an_unreadable_input_is_recorded_without_a_hash(tmp_path: Path) -> None:
     """A log that was set aside because nobody could open it."""
     (tmp_path / "lost.csv").symlink_to("nowhere")
     with result_folder(
-        tmp_path / "out", command="c", options={}, inputs=[("lost.csv", tmp_path / "lost.csv")], seed=None,
+        tmp_path / "out", command="c", options={}, inputs=[Input("lost.csv", tmp_path / "lost.csv")], seed=None,
         overwrite=False,
     ) as folder:  # fmt: skip
         folder.write("a", "1")
