@@ -178,7 +178,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
         with_effects, options.known, options.ending(options.strict, options.jobs),
     )  # fmt: skip
-    return command(f"fit-{dof.name}", report="yaw_report")(declared(fit))
+    return command(f"fit-{dof.name}", report="fit_report")(declared(fit))
 
 
 FITS = {

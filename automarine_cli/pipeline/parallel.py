@@ -53,8 +53,8 @@ def ordered_map(
     for want of memory), or there is no cluster at the address.
     """
     work = list(items)
-    with lasting_map(min(jobs, len(work) or 1), cluster=cluster if work else None, progress=progress) as each:
-        return each(function, work, stage)
+    with lasting_map(min(jobs, len(work) or 1), cluster=cluster if work else None, progress=progress) as mapped:
+        return mapped(function, work, stage)
 
 
 @contextlib.contextmanager
@@ -83,7 +83,7 @@ def _processes(jobs: int) -> Iterator["Executor"]:
     import multiprocessing
     from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 
-    others = set(multiprocessing.active_children())
+    before = set(multiprocessing.active_children())
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_parent) as pool:
         try:
             yield pool
@@ -92,7 +92,7 @@ def _processes(jobs: int) -> Iterator["Executor"]:
                 f"one of {jobs} processes died, usually for want of memory; try again with fewer, for example --jobs 1"
             ) from None
         except BaseException:  # nobody waits for the items under way
-            for child in set(multiprocessing.active_children()) - others:
+            for child in set(multiprocessing.active_children()) - before:
                 child.kill()
             raise
 

@@ -170,16 +170,16 @@ class Codec:
 
     def _refuse_unknown(self, record: type[Record], data: Mapping[object, object], place: Place) -> None:
         """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
-        unread, read = getattr(record, "unread", None if self.writer else ()), _top_keys(record, self.words)
-        known = [*dict.fromkeys(read), *(unread or ())]
-        key = next((key for key in data if key not in known), None)
+        unread, top_keys = getattr(record, "unread", None if self.writer else ()), _top_keys(record, self.words)
+        accepted = [*dict.fromkeys(top_keys), *(unread or ())]
+        key = next((key for key in data if key not in accepted), None)
         if unread is None or key is None:
             return
-        free = [name for name in known if name not in data] if self.writer else known
-        of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), read))
+        free = [name for name in accepted if name not in data] if self.writer else accepted
+        of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), top_keys))
         meant = [ours for theirs, ours in of_motions if theirs == key and ours in free]
         close = meant or difflib.get_close_matches(str(key)[:LONGEST], free, 1, 0.8 if self.writer else 0.6)
-        hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(known)}"
+        hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(accepted)}"
         raise self.refusal(place, f"unknown key {told(key)}; {hint}")
 
     def value(self, hint: Any, value: Any, place: Place = ()) -> Any:
@@ -214,9 +214,9 @@ class Codec:
             or (hint is int and number and isinstance(value, int))
         ):
             return value
-        found = "a table" if isinstance(value, Mapping) and not self.writer else told(value)
+        text = "a table" if isinstance(value, Mapping) and not self.writer else told(value)
         expected = "a finite number" if hint is float and number else _expected(hint)
-        raise self.refusal(place, f"found {found}, expected {expected}")
+        raise self.refusal(place, f"found {text}, expected {expected}")
 
 
 def to_mapping(record: Record) -> dict[str, object]:

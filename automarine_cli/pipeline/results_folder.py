@@ -164,16 +164,16 @@ def result_folder(
     """
     refuse_unfit(out)
     target = Path(os.path.realpath(out))
-    beside = target.with_name(f".{target.name}.automarine")
-    new, old = beside / "new", beside / "old"
+    work = target.with_name(f".{target.name}.automarine")
+    new, old = work / "new", work / "old"
     missing = [parent for parent in target.parents if not parent.exists()]
     with one_sentence(out):
-        lock = _locked(beside, target.name)
+        lock = _locked(work, target.name)
     try:
         with one_sentence(out):
             _put_back(old, target)
-            for left in (new, old):
-                shutil.rmtree(left, ignore_errors=True)
+            for stale in (new, old):
+                shutil.rmtree(stale, ignore_errors=True)
             new.mkdir()
             replaced = _replaced(target, out, command, overwrite)
             record = recorded(command=command, options=options, seed=seed, inputs=inputs)
@@ -190,21 +190,21 @@ def result_folder(
             new.rename(target)
     finally:
         _put_back(old, target)
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(work, ignore_errors=True)
         os.close(lock)
         for parent in missing:  # those that stay empty
             with contextlib.suppress(OSError):
                 parent.rmdir()
 
 
-def _locked(beside: Path, name: str) -> int:
+def _locked(work: Path, name: str) -> int:
     """Return the open file whose lock lets this process alone write. Raises OutputError while another one does."""
-    beside.mkdir(parents=True, exist_ok=True)
-    lock = os.open(beside / "lock", os.O_CREAT | os.O_RDWR)
+    work.mkdir(parents=True, exist_ok=True)
+    lock = os.open(work / "lock", os.O_CREAT | os.O_RDWR)
     with contextlib.suppress(BlockingIOError, FileNotFoundError):
         if fcntl is not None:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(lock), (beside / "lock").stat()):  # else its owner has just taken it away
+        if os.path.samestat(os.fstat(lock), (work / "lock").stat()):  # else its owner has just taken it away
             return lock
     os.close(lock)
     raise OutputError(f"another automarine is writing results to {name}; wait until it has ended")
@@ -219,8 +219,8 @@ def _put_back(old: Path, target: Path) -> None:
 def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str]:
     """Return the names in `target` that new results replace; none where there are no results. Raises OutputError."""
     if not (target / MANIFEST).exists():
-        ours = {path.parent for path in target.rglob(MANIFEST) if is_manifest(path)}  # results of steps of a campaign
-        count = sum(not ours & {path, *path.parents} for path in target.rglob("*"))
+        done = {path.parent for path in target.rglob(MANIFEST) if is_manifest(path)}  # results of steps of a campaign
+        count = sum(not done & {path, *path.parents} for path in target.rglob("*"))
         if count > MOST_FOREIGN:
             raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")
         return set()
@@ -254,12 +254,12 @@ def _carry_over(target: Path, new: Path, replaced: set[str]) -> None:
 
 def refuse_unfit(out: Path) -> None:
     """Raise OutputError for a folder that can never be replaced as a whole: rather before the work than after."""
-    target, here = Path(os.path.realpath(out)), Path.cwd()
+    target, current = Path(os.path.realpath(out)), Path.cwd()
     with one_sentence(out):
         nearest = next(path for path in (target, *target.parents) if path.exists())
         if not nearest.is_dir():
             raise OutputError(f"{nearest.name} is a file; give a folder for the results after -o")
-        if target in (here, *here.parents) or os.path.ismount(target):
+        if target in (current, *current.parents) or os.path.ismount(target):
             raise OutputError(
                 f"{target.name or target} is the folder this command runs in (or holds it, or is a mounted disk) "
                 "and cannot be replaced as a whole; give a folder inside it, for example -o results"

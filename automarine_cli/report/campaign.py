@@ -397,8 +397,8 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
         return f"heading {error} {over}"
     added, _ = _added_by(steps, dof)
     best = f" (best: model {file.best}, {number(file.models[file.best].rmse, 3)})" if model != file.best else ""
-    others = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
-    return f"without {added}, " * bool(added) + f"model {model}: {error}{best}, {others} {dof.units.key}, {over}"
+    details = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
+    return f"without {added}, " * bool(added) + f"model {model}: {error}{best}, {details} {dof.units.key}, {over}"
 
 
 def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:

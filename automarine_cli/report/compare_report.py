@@ -74,7 +74,7 @@ def parameter_table(sides: Sequence[Side]) -> Table:
     return Table.of("Side by side", rows, ["Brackets are 95 % intervals."], (len(names),))
 
 
-def difference_table(found: Sequence[Difference]) -> Table:
+def difference_table(differences: Sequence[Difference]) -> Table:
     rows = [
         {
             "parameter": apart.parameter, "result": apart.of, "difference": apart.difference,
@@ -82,9 +82,9 @@ def difference_table(found: Sequence[Difference]) -> Table:
             "%": apart.relative and "{:+.1f} [{:+.1f}, {:+.1f}]".format(*apart.relative),
             "p": number(apart.p_value, 2), "verdict": apart.verdict,
         }
-        for apart in found
+        for apart in differences
     ]  # fmt: skip
-    return Table.of(f"Against {found[0].base}", rows, [NOTE])
+    return Table.of(f"Against {differences[0].base}", rows, [NOTE])
 
 
 def sentence(apart: Difference) -> str:

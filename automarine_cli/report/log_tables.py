@@ -64,8 +64,8 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
         "glitches": f"{dof.position} spike~",
     }
     for run in runs:
-        turn, gone = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
-        moved = turn and f"{turn[gone]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
+        turn, key = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
+        moved = turn and f"{turn[key]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
         dropped = {word: run.counts.get(kind, 0) for kind, word in words.items()}
         rows.append({
             "run": run.run, "samples": run.samples, "s": number(run.duration_s, 3), "Hz": number(run.rate_hz, 3),
@@ -77,8 +77,8 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             "cut by": turn and turn["cut_by"],
             f"no {dof.words.step} because": run.why and run.why.split(":")[0],
         })  # fmt: skip
-        said = [f"{n} {word.replace('~', 's' * (n != 1))} dropped" for word, n in dropped.items() if n]
-        for note in dict.fromkeys([*said, *run.notes, *filter(None, [run.why])]):
+        remarks = [f"{n} {word.replace('~', 's' * (n != 1))} dropped" for word, n in dropped.items() if n]
+        for note in dict.fromkeys([*remarks, *run.notes, *filter(None, [run.why])]):
             notes.setdefault(note, []).append(run.run)
     lines = []
     for note, names in notes.items():  # what runs share is said once

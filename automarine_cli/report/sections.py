@@ -52,7 +52,7 @@ class Sections:
     def html(self) -> str:
         """Render the tables as HTML, with everything that came from files escaped."""
         tables = [part.to_markdown() for part in self.printed if isinstance(part, Table)]
-        return to_html("\n".join(tables), lambda place, said: "")
+        return to_html("\n".join(tables), lambda place, caption: "")
 
     def frame(self) -> Any:
         import pandas as pd  # here, as most commands make no frame

@@ -140,10 +140,10 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
 
 @sections.register
 def _(check: TuningCheck) -> Sections:
-    dof, steps, rows, shown = check.dof, check.steps, list[dict[str, object]](), check.dof.units.shown
+    dof, steps, rows, unit = check.dof, check.steps, list[dict[str, object]](), check.dof.units.shown
     words = {
-        "overshoot": "overshoot [%]", "settling": "settles after [s]", "rms": f"error from then on, rms [{shown}]",
-        "distance": f"distance from the reference, rms [{shown}]", "largest": f"the same at most [{shown}]",
+        "overshoot": "overshoot [%]", "settling": "settles after [s]", "rms": f"error from then on, rms [{unit}]",
+        "distance": f"distance from the reference, rms [{unit}]", "largest": f"the same at most [{unit}]",
     }  # fmt: skip
     for step in steps:
         size = "no step" if step.size is None else f"{dof.logged(step.size):+.3g} {dof.units.log}"

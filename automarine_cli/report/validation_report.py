@@ -102,10 +102,10 @@ def ahead_table(ahead: Ahead) -> Table:
     for model, horizons in ahead.worth.items():
         for worth in horizons:
             sizes = (worth.error, worth.constant_rate, worth.constant)
-            error, moving, still = (number(float(dof.shown(size)), 3) for size in sizes)
+            error, moving, constant = (number(float(dof.shown(size)), 3) for size in sizes)
             rows.append({
                 "model": model, "s ahead": f"{worth.horizon:g}", f"error {unit}": error,
-                f"constant {dof.words.speed} {unit}": moving, f"constant {dof.position} {unit}": still,
+                f"constant {dof.words.speed} {unit}": moving, f"constant {dof.position} {unit}": constant,
                 "predictions": worth.count,
             })  # fmt: skip
     return Table.of("Predictions from the filtered state", rows, (
@@ -175,8 +175,8 @@ def _notes(result: Validation) -> list[str]:
 
 
 def _how_started(at_rest: list[bool], dof: Dof) -> str:
-    still = f"start from rest, at the mean {dof.position} of the rest"
+    idle = f"start from rest, at the mean {dof.position} of the rest"
     moving = f"with the {dof.position} and {dof.words.speed} that follow their first second best"
     if all(at_rest):
-        return f"All {still}."
-    return f"{sum(at_rest)} of {len(at_rest)} {still}; the others {moving}." if any(at_rest) else f"All start {moving}."
+        return f"All {idle}."
+    return f"{sum(at_rest)} of {len(at_rest)} {idle}; the others {moving}." if any(at_rest) else f"All start {moving}."

@@ -18,7 +18,7 @@ from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, Logger
 from automarine_cli.planning.information import read_prior_results
-from automarine_cli.report.yaw_report import sentences
+from automarine_cli.report.fit_report import sentences
 from automarine_cli.runs.load import load_runs
 
 Run = Callable[..., Result]

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.report import yaw_report
+from automarine_cli.report import fit_report
 from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import FORMATS
 
@@ -41,7 +41,7 @@ def column(rows: list[list[str]], number: int) -> list[str]:
 
 def test_table_1_has_the_papers_layout(fit: YawFit) -> None:
     """Models across; k_r|r|, k_r, SSE down; ours below the rule."""
-    rows = cells(yaw_report.tables(fit)[0].to_csv())
+    rows = cells(fit_report.tables(fit)[0].to_csv())
     assert rows[0] == ["Model", "1", "2", "3"]
     assert column(rows[1:4], 0) == ["k_r|r|", "k_r", "SSE"]
     assert fit.seed_method is not None
@@ -57,7 +57,7 @@ def test_table_1_has_the_papers_layout(fit: YawFit) -> None:
 
 
 def test_table_2_has_the_papers_layout_and_the_mean_at_each_moment(fit: YawFit) -> None:
-    rows = cells(yaw_report.tables(fit)[1].to_csv())
+    rows = cells(fit_report.tables(fit)[1].to_csv())
     assert rows[0] == ["Model", "1", "2", "3"] and rows[1][0] == "I_r"
     assert fit.seed_method is not None
     table = fit.seed_method.inertia["3"]
@@ -65,12 +65,12 @@ def test_table_2_has_the_papers_layout_and_the_mean_at_each_moment(fit: YawFit) 
     means = {row[0]: row[3] for row in rows if row[0].startswith("mean at")}
     assert list(means) == [f"mean at {m:+.4g} nu" for m in sorted(both_ways(SIZES))]
     assert float(means["mean at +0.5 nu"]) == pytest.approx(table.per_moment[0.5], rel=1e-3)
-    short = yaw_report.tables(fit, short=True)[1].to_csv()
+    short = fit_report.tables(fit, short=True)[1].to_csv()
     assert "mean at" not in short
 
 
 def test_tables_say_where_the_tails_start(fit: YawFit) -> None:
-    for table in yaw_report.tables(fit):
+    for table in fit_report.tables(fit):
         assert re.search(
             r"Tails start at \d+ deg, where the errors to be expected are smallest: [\d.]+ % in drag \(noise [\d.]+ %, "
             r"bias [-+][\d.]+ %\), [\d.]+ % in I_r \(noise [\d.]+ %, bias -[\d.]+ %\)\. The bias, of what is "
@@ -81,16 +81,16 @@ def test_tables_say_where_the_tails_start(fit: YawFit) -> None:
 
 
 def test_tables_as_latex_have_rules_and_symbols(fit: YawFit) -> None:
-    for table, symbol in zip(yaw_report.tables(fit), ("k_{r|r|}", "I_r")):
+    for table, symbol in zip(fit_report.tables(fit), ("k_{r|r|}", "I_r")):
         text = table.to_latex()
         assert text.count(r"\toprule") == text.count(r"\bottomrule") == 1
         assert r"\midrule" in text and f"${symbol}$" in text
 
 
 def test_tables_of_whole_runs_leave_out_steady_rates_and_say_why(whole: YawFit) -> None:
-    for table in yaw_report.tables(whole):
+    for table in fit_report.tables(whole):
         assert "whole runs were fitted by output error" in table.to_markdown()
-    rows = cells(yaw_report.tables(whole)[0].to_csv())
+    rows = cells(fit_report.tables(whole)[0].to_csv())
     assert not {"SSE", "AICc", "k_r, 95 %"} & {row[0] for row in rows}
     likely = {row[0]: row for row in rows}["k_r|r|, maximum likelihood"]
     value = whole.output_error["3"].estimates["k_rr"].value
@@ -98,7 +98,7 @@ def test_tables_of_whole_runs_leave_out_steady_rates_and_say_why(whole: YawFit) 
 
 
 def test_sentences_name_choice_angle_scatter_and_warnings(fit: YawFit) -> None:
-    choice, angle, scatter, *warnings = yaw_report.sentences(fit)
+    choice, angle, scatter, *warnings = fit_report.sentences(fit)
     assert choice.startswith("Model 3 predicts")
     assert "rad [" in angle and "whatever the moment's unit" in angle
     assert "from run to run by" in scatter and "heading noise" in scatter

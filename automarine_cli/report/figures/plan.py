@@ -33,9 +33,9 @@ FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 def plan_figure(campaign: Campaign) -> Figure:
     """Draw a panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
     names, dof = list(campaign.plan.stderr_percent)[:MOST_PANELS], campaign.fitting.model.dof
-    own, length = dof.symbols, dof.words.inertial_length
-    math = {own.quadratic: own.quadratic_math, own.linear: own.linear, own.inertia: own.inertia}
-    math[length] = f"{own.inertia}/{own.quadratic_math}"
+    sym, length = dof.symbols, dof.words.inertial_length
+    math = {sym.quadratic: sym.quadratic_math, sym.linear: sym.linear, sym.inertia: sym.inertia}
+    math[length] = f"{sym.inertia}/{sym.quadratic_math}"
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6, sharex=True)
     for ax, name in zip(axes.flat, names):
         for curve, colour, line in ((campaign.plan, "blue", "-"), (campaign.grid, "orange", (0, (5, 1.5)))):
@@ -89,9 +89,9 @@ def tuning_figure(designed: "Designed") -> Figure:
 @house_style
 def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
     """Draw the first steps of a log as flown, and the bands that were promised."""
-    shown = steps[:MOST_STEPS]
-    figure, axes = new_figure(1, len(shown), PAGE_IN if len(shown) > 1 else PAGE_IN / 2, 2.6)
-    for ax, step in zip(axes[0], shown):
+    drawn = steps[:MOST_STEPS]
+    figure, axes = new_figure(1, len(drawn), PAGE_IN if len(drawn) > 1 else PAGE_IN / 2, 2.6)
+    for ax, step in zip(axes[0], drawn):
         low, high = dof.shown(step.low), dof.shown(step.high)
         ax.fill_between(step.time, low, high, color=COLOURS["sky"], alpha=0.6, lw=1.0, label="promised, 95 %")
         ax.plot(step.time, dof.shown(step.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
@@ -103,9 +103,9 @@ def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
     return figure
 
 
-def _banded(ax: Axes, time: Floats, shown: Floats, name: str, most: float) -> None:
+def _banded(ax: Axes, time: Floats, values: Floats, name: str, most: float) -> None:
     colour, line = LOOKS[name]
-    kept = np.clip(np.nan_to_num(shown, nan=most), -most, most)
-    low, middle, high = np.quantile(kept, [0.025, 0.5, 0.975], axis=0)
+    clipped = np.clip(np.nan_to_num(values, nan=most), -most, most)
+    low, middle, high = np.quantile(clipped, [0.025, 0.5, 0.975], axis=0)
     ax.fill_between(time, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=f"{name}, 95 %")
     ax.plot(time, middle, color=COLOURS[colour], ls=line, lw=1.0, label=f"{name}, median")

@@ -50,7 +50,7 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     dof, letters, unit = run.dof, run.dof.symbols, run.dof.units.shown
     figure, axes = style.new_figure(3, 1, style.PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
     positions, errors, command = axes[:, 0]
-    time, off = run.time - run.time[0], {m: dof.shown(each.error) for m, each in free.items() if not each.diverged}
+    time, off = (run.time - run.time[0], {m: dof.shown(sim.error) for m, sim in free.items() if not sim.diverged})
     labels = {m: f"model {m}: rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}" for m, error in off.items()}
     lines = {m: (labels[m], dof.shown(free[m].position)) for m in off}
     _measured_and_simulated(positions, run, dof.shown(run.position), lines, 2.0, least=1.0)
@@ -108,8 +108,8 @@ def planar_figure(free: FreeRun) -> Figure:
     figure, axes = style.new_figure(3, 2, style.PAGE_IN, 7.0)
     places, commands = axes[0, 1], axes[2, 1]
     for panel, (channel, (label, factor)) in zip((axes[0, 0], axes[1, 0], axes[1, 1], axes[2, 0]), QUANTITIES.items()):
-        read = run.channel(channel)
-        measured = None if free.error_of(channel) is None or read is None else factor * read
+        reading = run.channel(channel)
+        measured = None if free.error_of(channel) is None or reading is None else factor * reading
         lines = {"3": ("simulated, free run", factor * simulated[channel])} if channel in simulated else {}
         _measured_and_simulated(panel, run, measured, lines, 2.0, least=1e-3)
         panel.set(ylabel=label, xlabel=TIME)
@@ -151,9 +151,9 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     noise = float(dof.shown(fit.preferred.noise or mixed.noise))
     for ax, i in zip(axes.flat, order):
         run = fit.runs[i]
-        time, rest = run.time - run.time[0], dof.shown(run.position - fitted[i][: len(run)])
+        time, residual = run.time - run.time[0], dof.shown(run.position - fitted[i][: len(run)])
         ax.axhspan(-2 * noise, 2 * noise, color=style.MEASURED, alpha=0.3, lw=0, label=f"± 2 × noise of {noise:.2g}")
-        ax.plot(time, rest, color=style.COLOURS["sky"], lw=0.8, label="with the run's own thrust and start")
+        ax.plot(time, residual, color=style.COLOURS["sky"], lw=0.8, label="with the run's own thrust and start")
         ax.plot(time, free[i], lw=1.1, label=f"model {model} by the commands alone", **_style(model))
         rms = f"{size[i]:.3g} {dof.units.shown} rms" if np.isfinite(size[i]) else "diverges"
         ax.set_title(f"{run.name}: {rms}", parse_math=False)  # a name may hold dollar signs
@@ -171,14 +171,14 @@ def whole_runs_figure(fit: YawFit) -> Figure:
 def driven_runs_figure(fit: YawFit | PlanarFit, use: Use | PlanarUse) -> Figure:
     """Draw of each run its position with predictions of the model fitted to the other runs and the free run of the
     model; beside it the disturbance and the command, or in the plane the track where positions are logged."""
-    dof, shown, of_motion = fit.dof if isinstance(fit, YawFit) else YAW, fit.runs[:MOST_DRIVEN], isinstance(use, Use)
+    dof, drawn, of_motion = fit.dof if isinstance(fit, YawFit) else YAW, fit.runs[:MOST_DRIVEN], isinstance(use, Use)
     placed = isinstance(use, PlanarUse) and set(PLACES) <= use.free.keys()
     ratios = [2.0, 1.0] if of_motion or placed else [1.0]
-    size = style.PAGE_IN, 1.3 + 1.6 * len(shown)
-    figure, axes = style.new_figure(len(shown), len(ratios), *size, width_ratios=ratios)
-    for i, (run, (left, *right)) in enumerate(zip(shown, axes)):
-        _predicted(left, run, dof, use, i)
-        left.set_ylabel(f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]")
+    size = style.PAGE_IN, 1.3 + 1.6 * len(drawn)
+    figure, axes = style.new_figure(len(drawn), len(ratios), *size, width_ratios=ratios)
+    for i, (run, (positions, *right)) in enumerate(zip(drawn, axes)):
+        _predicted(positions, run, dof, use, i)
+        positions.set_ylabel(f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]")
         for ax in right:
             if isinstance(use, Use) and isinstance(fit, YawFit):
                 commanded = {"color": "0.6", "lw": 0.6, "label": f"{dof.words.force} commanded"}
@@ -193,7 +193,7 @@ def driven_runs_figure(fit: YawFit | PlanarFit, use: Use | PlanarUse) -> Figure:
     for ax, label in zip(axes[-1], ("Time in the run [s]", "Time in the run [s]" if of_motion else "East [m]")):
         ax.set_xlabel(label)
     style.legend_below(figure, *axes[0])
-    some = "" if len(shown) == len(fit.runs) else f"The first {len(shown)} of {len(fit.runs)} runs. "
+    some = "" if len(drawn) == len(fit.runs) else f"The first {len(drawn)} of {len(fit.runs)} runs. "
     figure.suptitle(
         f"{some}Predictions and free runs start from filtered states, which know the readings until then;\n"
         f"after that they follow the commands alone{'. Disturbances are no measurement' * of_motion}",
@@ -229,8 +229,8 @@ def half_turns_figure(fit: YawFit) -> Figure:
     for ax, sign, way, side in zip(axes[0], (-1, 1), words.to_ways[::-1], ("negative", "positive")):
         turns = [turn for turn in fit.turns if np.sign(turn.moment) == sign]
         ends = [(t, slice(t.looked_at[0], t.kept.start + 1), slice(t.kept.stop - 1, t.looked_at[1])) for t in turns]
-        rest = [_position(turn, part) for turn, *parts in ends for part in parts]
-        _lines(ax, rest, colors="0.82", linewidths=0.7, zorder=1)
+        cut = [_position(turn, part) for turn, *parts in ends for part in parts]
+        _lines(ax, cut, colors="0.82", linewidths=0.7, zorder=1)
         sizes = np.array([abs(turn.moment) for turn in turns])
         _lines(ax, [_position(turn, turn.kept) for turn in turns], colors=colours(sizes), linewidths=0.9, zorder=2)
         if dof.wraps:
@@ -312,14 +312,14 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
 @style.house_style
 def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     """Draw position against time times the root of the force: one curve for all runs if model 3 holds."""
-    dof, own, model = fit.dof, fit.dof.symbols, fit.output_error["3"]
-    x, force, unit = own.position_print, own.force_print, dof.units.shown
+    dof, sym, model = fit.dof, fit.dof.symbols, fit.output_error["3"]
+    x, force, unit = sym.position_print, sym.force_print, dof.units.shown
     figure, top, bottom = style.above_residuals(4.6, 4.6, (
         f"Scaled time s = t √|{force}| [s ({fit.moment_unit})$^{{1/2}}$]",
         f"{dof.words.position.capitalize()} {dof.words.moved} sgn({force})({x} − {x}₀) [{unit}]",
         f"Off the curve [{unit}]",
     ))  # fmt: skip
-    k_rr, inertia = model.estimates[own.quadratic].value, model.estimates[own.inertia].value
+    k_rr, inertia = model.estimates[sym.quadratic].value, model.estimates[sym.inertia].value
     scale, colours = _moment_scale(data.moment)
     late = model.offset.value * data.interval
     points, runs = [], len(data.moment)
@@ -335,7 +335,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     for ax, value in ((top, turned), (bottom, off)):
         ax.scatter(time, value, c=colours(size), s=4.0, linewidths=0).set_in_layout(False)
     grid = np.linspace(0.0, float(time.max(initial=0.0)), 400)
-    heavy, drag = own.inertia, own.quadratic_math
+    heavy, drag = sym.inertia, sym.quadratic_math
     name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
     top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=name)
@@ -354,12 +354,12 @@ def _size_of_force(fit: YawFit) -> str:
 
 def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
     """What a run moves by, and its drag as a share of the middle of both ways: 1 where they do not differ."""
-    estimates, own = model.estimates, model.model.dof.symbols
-    if own.constant in estimates:
-        moment += estimates[own.constant].value
-    if own.difference not in estimates:
+    estimates, sym = model.estimates, model.model.dof.symbols
+    if sym.constant in estimates:
+        moment += estimates[sym.constant].value
+    if sym.difference not in estimates:
         return moment, 1.0
-    half = estimates[own.difference].value / estimates[own.quadratic].value
+    half = estimates[sym.difference].value / estimates[sym.quadratic].value
     return moment, 1.0 + float(np.sign(moment)) * half
 
 
