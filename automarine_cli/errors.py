@@ -4,6 +4,19 @@ A message is one clear sentence: where (file, row, column), what was found, what
 is a clause that begins with a verb; for a value that a person wrote, what was expected in its place may say it.
 """
 
+import contextlib
+import errno
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from automarine_cli.text import printable
+
+Result = TypeVar("Result")
+Attempt = tuple[Result | None, str]
+"""The result; or None, and a sentence that says why."""
+
 
 class AutomarineError(Exception):
     """Root of all refusals; never raised itself."""
@@ -35,3 +48,38 @@ class FitError(AutomarineError):
 
 class OutputError(AutomarineError):
     """Results that cannot or must not be written."""
+
+
+@dataclass(frozen=True)
+class SetAside:
+    """A run that was left out, and why: goes to standard error and into every result."""
+
+    file: str
+    run: str
+    why: str
+
+
+def attempted(failure: str, work: Callable[[], Result]) -> Attempt[Result]:
+    """Do what results can do without; `failure` begins the sentence on why there is none."""
+    try:
+        return work(), ""
+    except MemoryError:
+        raise
+    except Exception as problem:
+        kind = "" if isinstance(problem, AutomarineError) else f"{type(problem).__name__}: "
+        why = printable(" ".join(f"{kind}{problem}".split()).removesuffix(":"))
+        return None, f"{failure} ({why}); everything else was written."
+
+
+@contextlib.contextmanager
+def one_sentence(out: Path) -> Iterator[None]:
+    """Turn trouble with the disk into an OutputError."""
+    try:
+        yield
+    except OSError as problem:
+        reason = problem.strerror or type(problem).__name__
+        room = ", or make room" if problem.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        raise OutputError(
+            f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed there. "
+            f"Choose another folder with -o{room}"
+        ) from None

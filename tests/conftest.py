@@ -21,7 +21,8 @@ from small_campaign import make_small_campaign
 
 from automarine_cli.commands import automarine
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.pipeline.results_folder import Attempt, ResultFolder
+from automarine_cli.errors import Attempt
+from automarine_cli.pipeline.results_folder import ResultFolder
 
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
 settings.register_profile(

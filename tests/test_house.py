@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "automarine_cli"
 ROOMS = (
-    "errors", "quantities", "estimate", "dofs", "pipeline", "logs", "runs", "effects", "models", "simulation",
+    "text", "errors", "quantities", "estimate", "dofs", "pipeline", "logs", "runs", "effects", "models", "simulation",
     "filters", "fits", "thrusters", "comparison", "diagnosis", "planning", "control", "link", "report", "exports",
     "guide", "commands",
 )  # fmt: skip
@@ -26,16 +26,16 @@ FORBIDDEN_METHODS = {
 }  # fmt: skip
 FORBIDDEN_KEYWORDS = {"allow_pickle", "shell"}
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "matplotlib"}
-LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
+LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 5737, "report": 4828, "logs": 4359, "diagnosis": 3954, "commands": 3194, "runs": 2961, "thrusters":
+    "fits": 5737, "report": 4780, "logs": 4359, "diagnosis": 3954, "commands": 3239, "runs": 2961, "thrusters":
     2734, "link": 2561, "control": 2409, "planning": 2042, "effects": 2014, "simulation": 1842, "exports": 1748,
-    "comparison": 1342, "models": 1169, "pipeline": 1027, "filters": 996, "dofs": 495, "top": 195, "guide": 192,
+    "comparison": 1342, "models": 1169, "pipeline": 800, "filters": 996, "dofs": 495, "top": 291, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 45799
-MOST_FILES = 222
+MOST_LINES_IN_ALL = 45653
+MOST_FILES = 216
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
@@ -105,7 +105,7 @@ def test_commands_import_their_workflow_inside_their_body() -> None:
         if isinstance(node, ast.Import | ast.ImportFrom)
         for name, line in imported(node, path)
         if name.startswith("automarine_cli.")
-        and name.split(".")[1] not in {"commands", "dofs", "errors", "pipeline"} | OPEN_TO_ALL
+        and name.split(".")[1] not in {"commands", "dofs", "errors", "pipeline", "text"} | OPEN_TO_ALL
     ]
     assert at_top == []
 

@@ -16,8 +16,8 @@ from automarine_cli.commands import load
 from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError, SettingError
-from automarine_cli.pipeline.records import read_mapping, told
-from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.pipeline.records import read_mapping
+from automarine_cli.text import listed, printable, told
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile

@@ -7,7 +7,7 @@ from automarine_cli.commands import options
 from automarine_cli.commands.command import command
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.log_tables import Check
 
 

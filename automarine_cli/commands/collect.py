@@ -12,7 +12,7 @@ from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command, option
 from automarine_cli.commands.terminal import end_with, verbosity_level
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress
 
 if TYPE_CHECKING:
     from automarine_cli.link.collector import Collected

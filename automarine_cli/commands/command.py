@@ -17,7 +17,8 @@ from click.core import augment_usage_errors
 from automarine_cli.commands import python_name, short_help
 from automarine_cli.commands.terminal import echo_result, terminal_progress
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.parallel import Progress, silent
+from automarine_cli.text import printable
 
 EXECUTION = ("out", "overwrite", "jobs", "cluster", "as_json")
 """Options that change no result."""
@@ -155,10 +156,8 @@ class Command(click.Command):
             if out is not None and self.saves:
                 from automarine_cli.pipeline.results_folder import result_folder
 
-                folder = stack.enter_context(result_folder(
-                    out, command=str(self.name), options=self.recorded(settings, figure_formats),
-                    inputs=self.inputs(settings), seed=self.seed(settings), overwrite=overwrite,
-                ))  # fmt: skip
+                manifest = self.manifest(settings, figure_formats)
+                folder = stack.enter_context(result_folder(out, **manifest, overwrite=overwrite))
             map_fn = None
             if "map_fn" in self.takes:
                 map_fn = stack.enter_context(lasting_map(jobs, cluster=cluster, progress=progress))
@@ -178,13 +177,12 @@ class Command(click.Command):
                 sections(result).save(folder, figure_formats if settings.get("figures", True) else (), map_fn)
         return result
 
-    def why_again(self, settings: Mapping[str, Any], folder: Path, figure_formats: Sequence[str]) -> str | None:
-        from automarine_cli.pipeline.manifest import why_made_again
-
-        return why_made_again(
-            folder, command=str(self.name), options=self.recorded(settings, figure_formats), seed=self.seed(settings),
-            inputs=self.inputs(settings),
-        )  # fmt: skip
+    def manifest(self, settings: Mapping[str, Any], figure_formats: Sequence[str] = PNG) -> dict[str, Any]:
+        """Give what a manifest records of complete settings."""
+        return {
+            "command": str(self.name), "options": self.recorded(settings, figure_formats),
+            "inputs": self.inputs(settings), "seed": self.seed(settings),
+        }  # fmt: skip
 
     def recorded(self, settings: Mapping[str, Any], figure_formats: Sequence[str] = PNG) -> dict[str, object]:
         """Select the options that a manifest records; of many files its inputs tell."""
@@ -206,7 +204,7 @@ class Command(click.Command):
         """List every file that the settings name, as a manifest does."""
         from automarine_cli.effects import own_files
         from automarine_cli.logs import given_columns, with_joined
-        from automarine_cli.pipeline.manifest import Input, given_as
+        from automarine_cli.pipeline.results_folder import Input
         from automarine_cli.runs.load import has_bytes
 
         files: list[Input] = []
@@ -269,6 +267,14 @@ def command(
         )  # fmt: skip
 
     return decorated
+
+
+def given_as(**options: object) -> list[Any]:
+    """Return those of the options that are files, each with the option's name as its role."""
+    from automarine_cli.pipeline.records import Source
+    from automarine_cli.pipeline.results_folder import Input
+
+    return [Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Source)]
 
 
 def _default(ctx: click.Context, param: Any) -> Any:

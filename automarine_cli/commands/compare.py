@@ -29,8 +29,8 @@ def compare(results: tuple[Path, ...]) -> "ResultComparison":
       automarine compare out/fit-yaw out/hidden
     """
     from automarine_cli.comparison.side_by_side import differences, read_sides
-    from automarine_cli.pipeline.words import listed
     from automarine_cli.report.compare_report import ResultComparison
+    from automarine_cli.text import listed
 
     kind, sides, notes = read_sides(results)
     apart = differences(sides)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from automarine_cli.diagnosis.diagnose import MotionDiagnosis
     from automarine_cli.diagnosis.planar import PlanarDiagnosis
     from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+    from automarine_cli.pipeline.parallel import Progress
 
 
 @command("diagnose", report="diagnosis_report", by_effects=True)
@@ -62,8 +63,7 @@ def _of_a_motion(
     from automarine_cli.comparison.validation import usable_runs
     from automarine_cli.diagnosis.diagnose import MotionDiagnosis, diagnose_runs, expected_seconds
     from automarine_cli.models.store import load_yaw_models
-    from automarine_cli.pipeline.manifest import sha256
-    from automarine_cli.pipeline.progress import foretell
+    from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.runs.channels import wanted_channels
     from automarine_cli.runs.checks import without_stuck
     from automarine_cli.runs.half_turn import without_contrary
@@ -98,6 +98,11 @@ def _of_a_motion(
     return MotionDiagnosis(diagnosis, stored, sha256(model), tuple(aside))
 
 
+def foretell(progress: "Progress", what: str, seconds: float) -> None:
+    if seconds >= 60.0:
+        progress(f"{what} takes about {round(seconds / 60.0)} min", 0, 0)
+
+
 def _of_the_plane(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, **settings: Any
 ) -> "PlanarDiagnosis":
@@ -108,7 +113,7 @@ def _of_the_plane(
     from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
     from automarine_cli.models.store import load_planar_model
-    from automarine_cli.pipeline.manifest import sha256
+    from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.thrusters.map import load_planar
 
     stored = load_planar_model(model)

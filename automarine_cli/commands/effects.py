@@ -30,8 +30,8 @@ def effects(name: str | None, motion: str | None) -> "EffectCards":
       automarine effects dead-band
     """
     from automarine_cli import effects as library
-    from automarine_cli.pipeline.words import listed
     from automarine_cli.report.effect_cards import EffectCards
+    from automarine_cli.text import listed
 
     if motion is not None and motion not in DOFS:
         raise SettingError(f"motion {motion!r} is not known; known are {', '.join(DOFS)}")

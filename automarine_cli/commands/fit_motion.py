@@ -15,7 +15,7 @@ from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
     from automarine_cli.fits.identify import YawFit
-    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.runs.half_turn import Trim
 
 WHOLE_RUNS = "whole-runs"
@@ -178,7 +178,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
         with_effects, options.known_parameters, options.ending(options.strict, options.jobs),
     )  # fmt: skip
-    return command(f"fit-{dof.name}", report="yaw_report")(declared(fit))
+    return command(f"fit-{dof.name}", report="fit_report")(declared(fit))
 
 
 FITS = {

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from automarine_cli.fits.planar_fit import PlanarFit
 
 
-@command("fit-planar", report="planar_report")
+@command("fit-planar", report="fit_report")
 @options.logs
 @options.columns
 @options.thrusters

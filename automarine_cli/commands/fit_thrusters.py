@@ -9,7 +9,7 @@ from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.thrusters.result import ThrusterFit
 
 AUTO = "auto"

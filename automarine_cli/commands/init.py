@@ -13,7 +13,7 @@ from automarine_cli.commands.terminal import folded, verbosity_level, width_of
 from automarine_cli.errors import LogError
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.campaign_file import NewCampaign
 
 NAME = "campaign.toml"
@@ -64,7 +64,7 @@ def init(
 
 def _is_result(path: Path, folder: Path) -> bool:
     """Whether a table lies in a folder of results: of any command but those that make logs."""
-    from automarine_cli.pipeline.manifest import MANIFEST, manifest_of
+    from automarine_cli.pipeline.results_folder import MANIFEST, manifest_of
 
     above = [place for place in path.parents if place == folder or folder in place.parents]
     manifests = (manifest_of(place) for place in above if (place / MANIFEST).is_file())

@@ -1,9 +1,10 @@
 """`run`: every step of a campaign in order, each kept if nothing that it depends on has changed, and one report; of
 several campaigns side by side, with an overview of all."""
 
+import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,14 @@ import click
 
 from automarine_cli.commands import load, options
 from automarine_cli.commands.campaign import Campaign, read_campaign
-from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.command import argument, command, given_as, option
 from automarine_cli.commands.terminal import echo_warnings, end_with
 from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.parallel import Progress, silent
+from automarine_cli.text import listed
 
 if TYPE_CHECKING:
+    from automarine_cli.pipeline.results_folder import Manifest
     from automarine_cli.report.campaign import CampaignRun, Campaigns, RunFile, Step, StepOutcome
 
 RESULTS = "results"
@@ -67,9 +70,8 @@ def run_campaign(
         return _run(campaigns[0], place, **how, jobs=jobs, progress=progress)
     if out is None:
         raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
-    from automarine_cli.pipeline.manifest import Input
     from automarine_cli.pipeline.parallel import ordered_map
-    from automarine_cli.pipeline.results_folder import refuse_unfit, result_folder
+    from automarine_cli.pipeline.results_folder import Input, refuse_unfit, result_folder
     from automarine_cli.report.campaign import Campaigns
     from automarine_cli.report.sections import sections
 
@@ -162,7 +164,7 @@ def _do(
     step: "Step", campaign: Campaign, out: Path, force: bool, overwrite: bool, jobs: int, progress: Progress
 ) -> tuple[str, str]:
     """Do a step, and say what became of it and why; a result that is no longer of this campaign is taken away."""
-    from automarine_cli.pipeline.manifest import manifest_of
+    from automarine_cli.pipeline.results_folder import manifest_of
 
     def without_result(did: str, why: str) -> tuple[str, str]:
         removed = _remove_results(folder, step.command)
@@ -172,7 +174,7 @@ def _do(
     settings = campaign.plan(step, out)
     if isinstance(settings, str):
         return without_result("skipped", settings)
-    why = work.why_again(settings, folder, FIGURES)
+    why = why_made_again(folder, **work.manifest(settings, FIGURES))
     if why is None and not force:
         return "kept", "inputs, settings and versions unchanged"
     is_former = (manifest := manifest_of(folder)) is not None and manifest.command == step.command
@@ -190,7 +192,7 @@ def _do(
 
 
 def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
-    from automarine_cli.pipeline.manifest import MANIFEST, sha256
+    from automarine_cli.pipeline.results_folder import MANIFEST, sha256
     from automarine_cli.report.campaign import RUN, RunFile, StepDone, cautions
     from automarine_cli.thrusters.map import THRUSTER_MAP
 
@@ -209,9 +211,8 @@ def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "
 def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> tuple[str, str]:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
     from automarine_cli.logs import with_joined
-    from automarine_cli.pipeline.manifest import Input, given_as, why_made_again
     from automarine_cli.pipeline.records import json_text, to_mapping
-    from automarine_cli.pipeline.results_folder import result_folder
+    from automarine_cli.pipeline.results_folder import Input, result_folder
     from automarine_cli.report.campaign import RUN, make_report
     from automarine_cli.runs.load import has_bytes
 
@@ -228,14 +229,14 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
     if why is None and not force:
         return ("kept", "results of the steps unchanged") if to_show else ("skipped", NO_PAGE)
     with result_folder(out, **manifest, overwrite=True) as folder:
-        folder.write_json(RUN.file, record)
+        folder.write(RUN.file, record)
         for name, page in make_report(out, campaign.title, content).files.items() if to_show else ():
             folder.write(name, page)
     return ("done", why or "--force") if to_show else ("skipped", NO_PAGE)
 
 
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
-    from automarine_cli.pipeline.manifest import manifest_of
+    from automarine_cli.pipeline.results_folder import manifest_of
 
     manifest = manifest_of(out)
     if manifest is None or overwrite:
@@ -261,9 +262,42 @@ def _finish(ctx: click.Context, result: "CampaignRun | Campaigns") -> None:
 run_campaign.finish = _finish
 
 
+def why_made_again(folder: Path, **manifest: Any) -> str | None:
+    """Return why a command of this `manifest` must run although there is `folder`; None if that holds its results."""
+    from automarine_cli.pipeline.records import Codec, json_text
+    from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, manifest_of, recorded, sha256
+
+    then = manifest_of(folder)
+    if then is None or then.command != manifest["command"]:
+        return "no result yet"
+    now = Codec(MANIFEST).read(Manifest, json.loads(json_text(recorded(**manifest))))
+    before, after = ({"automarine": run.automarine, **run.libraries} for run in (then, now))
+    hashes = {entry.file: sha256(folder / entry.file) for entry in then.outputs}
+    changes = {
+        "version": [f"{n} {before.get(n, 'none')} then, {after.get(n, 'none')} now" for n in _changed(before, after)],
+        "settings changed": _changed({**then.options, "seed": then.seed}, {**now.options, "seed": now.seed}),
+        "inputs changed": _changed(_inputs(then), _inputs(now)),
+        "results changed since they were written": _changed({e.file: e.sha256 for e in then.outputs}, hashes),
+    }
+    return next((f"{what}: {listed(names)}" for what, names in changes.items() if names), None)
+
+
+def _inputs(manifest: "Manifest") -> dict[str, str | None]:
+    return {f"{e.file}{'' if e.role == 'log' else f' as {e.role}'}": e.sha256 for e in manifest.inputs}
+
+
+def _changed(then: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
+    """Return the names of what is not the same, and which of them are new or gone."""
+    return [
+        name + " (new)" * (name not in then) + " (gone)" * (name not in now)
+        for name in {**then, **now}
+        if name not in then or name not in now or then[name] != now[name]
+    ]
+
+
 def _remove_results(folder: Path, command: str) -> bool:
     """Remove what `command` wrote into `folder`, and the folder if that is all; return whether it was there."""
-    from automarine_cli.pipeline.manifest import MANIFEST, manifest_of
+    from automarine_cli.pipeline.results_folder import MANIFEST, manifest_of
 
     manifest = manifest_of(folder)
     if manifest is None or manifest.command != command:

@@ -10,7 +10,7 @@ import click
 from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command, option
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress
 
 if TYPE_CHECKING:
     from automarine_cli.link.vehicles.base import Vehicle

@@ -9,7 +9,7 @@ from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command, option
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.simulation_tables import Simulation
     from automarine_cli.simulation.specification import AnySpecification
 
@@ -53,7 +53,7 @@ def _read(specification: Any) -> "AnySpecification":
     if not isinstance(specification, Path):
         return specification
     from automarine_cli.pipeline.records import read_mapping
-    from automarine_cli.pipeline.words import printable
     from automarine_cli.simulation.specification import specification_from
+    from automarine_cli.text import printable
 
     return specification_from(read_mapping(specification), printable(specification.name))

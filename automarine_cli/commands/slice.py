@@ -8,11 +8,11 @@ import click
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
 from automarine_cli.errors import LogError, RunError
-from automarine_cli.pipeline.words import printable
+from automarine_cli.text import printable
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile, LogTable
-    from automarine_cli.pipeline.progress import Progress
+    from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.log_tables import SlicedLog, Slices
     from automarine_cli.runs.run import SetAside
     from automarine_cli.runs.slices import By

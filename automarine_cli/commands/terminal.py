@@ -11,7 +11,7 @@ from typing import IO, Any, TextIO
 
 import click
 
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.parallel import Progress, silent
 
 SHOWN = 8  # runs set aside that are listed one by one without -v
 PATIENCE_S = 1.0  # work shorter than this shows no bar
@@ -102,7 +102,7 @@ def versions(ctx: click.Context, param: click.Parameter, requested: bool) -> Non
     """Print the versions of automarine and of every library below it, none of which is imported for that."""
     if not requested or ctx.resilient_parsing:
         return
-    from automarine_cli.pipeline.manifest import versions_here
+    from automarine_cli.pipeline.results_folder import versions_here
 
     installed = versions_here()
     click.echo(f"automarine, version {installed.pop('automarine')}")
@@ -249,7 +249,7 @@ def echo_result(
     content is all there is on standard output; otherwise `tables` (or sentences), then where `files` are, or how to
     keep them, where a command `saves` them.
     """
-    from automarine_cli.pipeline.manifest import manifest_of
+    from automarine_cli.pipeline.results_folder import manifest_of
 
     content = result.to_json()
     echo_set_aside(content.get("runs", {}).get("set_aside", ()))

@@ -10,8 +10,8 @@ import click
 from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.manifest import MANIFEST, Entry, Manifest, manifests_in, read_manifest, sha256_if_readable
-from automarine_cli.pipeline.words import printable
+from automarine_cli.pipeline.results_folder import MANIFEST, Entry, Manifest, is_manifest, read_manifest, sha256
+from automarine_cli.text import printable
 
 if TYPE_CHECKING:
     from automarine_cli.report.verification import FolderVerified, Verification
@@ -53,7 +53,7 @@ verify.finish = _finish
 
 def _inside(folder: Path, inputs: Sequence[Path]) -> list["FolderVerified"]:
     try:
-        manifests = list(manifests_in(folder))
+        manifests = [*filter(is_manifest, sorted(folder.rglob(MANIFEST)))]
     except OSError as problem:
         raise SettingError(
             f"{folder}: cannot be read ({problem.strerror}); make it readable, or give another folder"
@@ -73,10 +73,10 @@ def _verified(
 
     recorded = {entry.file: entry.sha256 for entry in manifest.outputs}
     changes = []
-    for name, sha256 in recorded.items():
+    for name, content in recorded.items():
         if not (folder / name).is_file():
             changes.append(Change(name, "missing", "missing"))
-        elif sha256_if_readable(folder / name) != sha256:
+        elif sha256(folder / name) != content:
             changes.append(Change(name, "changed", "changed since it was written"))
     nested = [place for place in places if place != folder and folder in place.parents]
     for path in sorted(folder.rglob("*")):
@@ -109,7 +109,7 @@ def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[
     for entry in entries:
         paths = by_name.get(PurePosixPath(entry.file).name, [])
         alike = [path for path in paths if printable(path.resolve().as_posix()).endswith(f"/{entry.file}")]
-        same = next((path for path in [*alike, *paths] if entry.sha256 in (None, sha256_if_readable(path))), None)
+        same = next((path for path in [*alike, *paths] if entry.sha256 in (None, sha256(path))), None)
         yield entry.file, same, alike[0] if alike and same is None else None
 
 

@@ -15,9 +15,9 @@ from automarine_cli.comparison.validation import VALIDATION, ValidationFile
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
-from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, manifest_of
-from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
-from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.pipeline.records import ResultKind, ResultRecord
+from automarine_cli.pipeline.results_folder import MANIFEST, Input, is_manifest, manifest_of
+from automarine_cli.text import listed, printable
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"

@@ -48,13 +48,13 @@ from automarine_cli.fits.innovations import channels_json, fit_innovations, meas
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.models.store import StoredModels, StoredPlanar, Use
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.progress import Progress, counted, silent
-from automarine_cli.pipeline.records import Shown, keyed, told
-from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
+from automarine_cli.pipeline.parallel import Progress, counted, silent
+from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, keyed
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.checks import without_undriven
 from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
+from automarine_cli.text import told
 
 START = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_rad_s")
 

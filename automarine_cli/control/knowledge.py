@@ -12,12 +12,12 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import DiagnosisFile, ModelFile, StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import Source
-from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid
 from automarine_cli.planning.information import NO_RIVALS, NOISE_DEG, SCATTER, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect, without
 from automarine_cli.quantities import Floats
+from automarine_cli.text import printable
 from automarine_cli.thrusters.map import ThrusterMap
 
 LATE = ("input-delay", "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late

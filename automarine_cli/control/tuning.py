@@ -18,14 +18,12 @@ from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design, Gains, Target, present_gains
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import Dof
-from automarine_cli.errors import AutomarineError, ModelError, RunError, SettingError
+from automarine_cli.errors import Attempt, AutomarineError, ModelError, RunError, SettingError, attempted
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import DIAGNOSIS
-from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Document, Shown, Source, json_document, read_plain, schema_in
-from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
-from automarine_cli.pipeline.results_folder import Attempt, attempted
+from automarine_cli.pipeline.parallel import Progress, silent
+from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, Source, json_document, read_plain
 from automarine_cli.planning.campaign import Plan, make_plan
 from automarine_cli.planning.candidates import Goal, Limits, Moments
 from automarine_cli.quantities import Floats
@@ -48,7 +46,7 @@ RECORDED = (
 def set_up(
     model: Source, *, target: str, extended: Source | None = None, step: float | None = None, load: float = 10.0,
     margin: float = 0.75, full: float | None = None, thrusters: Source | ThrusterMap | None = None,
-    arm: float | None = None, columns: Path | Document | ColumnMap | None = None, delay: float | None = None,
+    arm: float | None = None, columns: Source | ColumnMap | None = None, delay: float | None = None,
     supply: tuple[float, float] = SUPPLY, sample_time: float | None = None, beyond_range: bool = False, seed: int = 0,
 ) -> Setup:  # fmt: skip
     """Read and check what a tuning is made of.
@@ -57,7 +55,7 @@ def set_up(
     whole output, disk `margin` to keep; `full` moment or force of the whole output; `delay` [s] that the logs cannot
     show, `supply` voltage in shares of that of the logs; `seed` draws the vehicles. Raises ModelError or SettingError.
     """
-    if schema_in(model) != DIAGNOSIS.schema:
+    if read_plain(model, "JSON", ModelError).get("schema") != DIAGNOSIS.schema:
         knowledge = read_knowledge(model, None, delay, supply)
     elif extended is None:
         raise ModelError(f"{model.name}: its {EXTENDED} is not beside it; keep both in one folder")
@@ -160,7 +158,7 @@ class Tuning(Shown):
         """The line that plans the runs that settle what is open; files by their names alone where `out` is empty."""
         assert self.settling is not None
         files = {"": "model", "--diagnosis": "diagnosis", "--thrusters": "thrusters"}
-        used = {key: file.name if isinstance(file, Document) or not out else str(file) for key, name in files.items()
+        used = {key: str(file) if out and isinstance(file, Path) else file.name for key, name in files.items()
                 if isinstance(file := self.settling[name], Source)}  # fmt: skip
         words = ["automarine", "plan", *(word for pair in used.items() for word in pair if word)]
         words += [word for name in self.settling["parameters"] for word in ("--parameter", name)]
@@ -339,7 +337,7 @@ class TuningCheck(Shown):
 
 
 def check_tuning(
-    tuning: Source, logs: Sequence[LogFile], reference: str | None, columns: Path | Document | ColumnMap | None,
+    tuning: Source, logs: Sequence[LogFile], reference: str | None, columns: Source | ColumnMap | None,
     phrase: Callable[[Diagnosis], str], progress: Progress = silent,
 ) -> TuningCheck:  # fmt: skip
     """Compare logs that were flown with the gains of a `tuning.json` with what was promised of them.

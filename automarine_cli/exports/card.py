@@ -13,8 +13,8 @@ from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_wo
 from automarine_cli.exports.export import in_enu, in_newton_metres
 from automarine_cli.models.store import AddedEffect, Covariance, ModelEntry, ModelFile
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.text import printable
 
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
 NO_RANGE = "The file does not tell which {forces} were fitted; fit again with this version of automarine."

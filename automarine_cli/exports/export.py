@@ -17,12 +17,11 @@ from automarine_cli.exports.base import DRAG, MapSubject, Origin, Settings, Targ
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, motion_of, planar_from_json
 from automarine_cli.models.yaw_model import Term, YawModel
-from automarine_cli.pipeline.manifest import manifest_of, sha256
 from automarine_cli.pipeline.records import Source, read_plain
-from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
-from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.pipeline.results_folder import manifest_of, refuse_existing, sha256, write_whole
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
+from automarine_cli.text import listed, printable
 from automarine_cli.thrusters.map import THRUSTER_MAP as MAP
 from automarine_cli.thrusters.map import ThrusterMap
 

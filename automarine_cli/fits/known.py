@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.words import LONGEST
 from automarine_cli.quantities import Floats
+from automarine_cli.text import LONGEST
 
 EXAMPLE = "I_r=915 or I_r=915±50"
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"

@@ -49,9 +49,9 @@ def page(topic: str) -> Page:
     for file in (*FOLDER.glob("commands/*.md"), *FOLDER.glob("*.md")):
         if file.stem == topic:
             return Page(topic, file.read_text(encoding="utf-8"))
-    asked = topic.lower().replace("_", "-").removesuffix(".md")
-    near = difflib.get_close_matches(asked, (*commands(), *pages()), n=3, cutoff=0.5)
-    meant = f"did you mean {' or '.join(near)}?" if near else "look at the list of automarine guide"
+    query = topic.lower().replace("_", "-").removesuffix(".md")
+    similar = difflib.get_close_matches(query, (*commands(), *pages()), n=3, cutoff=0.5)
+    meant = f"did you mean {' or '.join(similar)}?" if similar else "look at the list of automarine guide"
     raise SettingError(f"the guide has no page {topic!r}; {meant}")
 
 

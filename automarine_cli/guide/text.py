@@ -53,13 +53,13 @@ def _shown(block: Sequence[str], width: int, heading: Callable[[str], str]) -> l
     if first.startswith("```"):
         inner = [formula(" ".join(block[1:-1]))] if first == "```math" else block[1:-1]
         return [f"{INDENT}{line}".rstrip() for line in inner]
-    if found := HEADING.match(first):
-        text = _inline(found[2])
-        return [heading(text), heading(("=" if len(found[1]) == 1 else "-") * len(text))]
+    if match := HEADING.match(first):
+        text = _inline(match[2])
+        return [heading(text), heading(("=" if len(match[1]) == 1 else "-") * len(text))]
     if first.startswith("|"):
         return _table(block, width)
-    if found := PICTURE.fullmatch(first):
-        return textwrap.wrap(f"[Picture: {found[1] or found[2]}]", width)
+    if match := PICTURE.fullmatch(first):
+        return textwrap.wrap(f"[Picture: {match[1] or match[2]}]", width)
     if ITEM.match(first):
         return [line for item in _items(block) for line in _filled(item, width, hanging="  ")]
     return _filled(" ".join(block), width)
@@ -103,29 +103,29 @@ def formula(tex: str) -> str:
         text = re.sub(r"\\sqrt\s*\{([^{}]*)\}", r"√(\1)", text)
         text = re.sub(r"\^\{([^{}]*)\}", r"^(\1)", text)
     text = re.sub(r"\{([^{}]*)\}", r"\1", text).replace("\\ ", " ")
-    text = re.sub(r"\^([234])", lambda found: "²³⁴"[int(found[1]) - 2], text)
+    text = re.sub(r"\^([234])", lambda match: "²³⁴"[int(match[1]) - 2], text)
     return re.sub(r"\s+", " ", text).replace("( ", "(").replace(" (", " (").strip()
 
 
-def _fraction(found: re.Match[str]) -> str:
-    above, below = (one if re.fullmatch(r"[^\s/]+", one) else f"({one})" for one in found.groups())
+def _fraction(match: re.Match[str]) -> str:
+    above, below = (part if re.fullmatch(r"[^\s/]+", part) else f"({part})" for part in match.groups())
     return f"({above}/{below})"
 
 
 def _inline(text: str) -> str:
     """Links as words and where they lead; emphasis and escapes as the words alone."""
-    text = FORMULA.sub(lambda found: formula(found[1]), text)
-    plain = EMPHASIS.sub(lambda found: found[1] or "", LINK.sub(_followed, text))
+    text = FORMULA.sub(lambda match: formula(match[1]), text)
+    plain = EMPHASIS.sub(lambda match: match[1] or "", LINK.sub(_followed, text))
     return ESCAPED.sub(r"\1", plain)
 
 
-def _followed(found: re.Match[str]) -> str:
+def _followed(match: re.Match[str]) -> str:
     """A link's words, and the page of the guide that it leads to unless they say it."""
-    words, place = found[1], found[2].partition("#")[0]
+    words, place = match[1], match[2].partition("#")[0]
     if "://" in place:
         return f"{words} ({place})"
     topic = place.rpartition("/")[2].removesuffix(".md")
-    said = words.strip("`").removeprefix("automarine ")
-    if topic in ("", said):
+    bare = words.strip("`").removeprefix("automarine ")
+    if topic in ("", bare):
         return words
     return f"{words} (README)" if topic == "README" else f"{words} (guide {topic})"

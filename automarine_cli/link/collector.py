@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 from urllib.parse import quote, urlsplit
 
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import SettingError, one_sentence
 from automarine_cli.link.document import SHORT, LinkCampaign, Listing, Log, State
 from automarine_cli.link.store import sync_folder
-from automarine_cli.pipeline.manifest import sha256
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, json_text, read_plain
-from automarine_cli.pipeline.results_folder import one_sentence, write_whole
-from automarine_cli.pipeline.words import printable
+from automarine_cli.pipeline.results_folder import sha256, write_whole
+from automarine_cli.text import printable
 
 CONNECT_S, STALL_S = 1.0, 10.0
 """To connect, and without a byte once connected."""

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping, told
-from automarine_cli.pipeline.words import printable
+from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
 from automarine_cli.planning.candidates import PLAN, Candidate, Supply
 from automarine_cli.simulation.specification import between, positive
+from automarine_cli.text import printable, told
 
 SCHEMA = "automarine/link-campaign/1"
 STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"

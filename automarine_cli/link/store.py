@@ -21,7 +21,7 @@ from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link import document as wire
 from automarine_cli.link.document import CampaignState, LinkCampaign, Listing, Log, State
 from automarine_cli.pipeline.results_folder import write_whole
-from automarine_cli.pipeline.words import printable
+from automarine_cli.text import printable
 
 ASKED = "asked to stop"
 LONGEST_WHY = 1000

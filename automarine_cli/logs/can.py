@@ -26,8 +26,8 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import LABELS, ColumnMap
 from automarine_cli.logs.formats import Format, RawLog, refuse_empty, skipped
 from automarine_cli.logs.streams import Recording, Stream, named, needed, on_one_clock, unsound_is_refused
-from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.quantities import Floats
+from automarine_cli.text import listed, printable
 
 SLCAN_LINE = re.compile(
     rb"\s*(?:\(?(\d+\.\d+)\)?[\s,]+)?(?:t([0-9A-Fa-f]{3})|T([0-9A-Fa-f]{8}))([0-8])([0-9A-Fa-f]*)\s*"

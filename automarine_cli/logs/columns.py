@@ -16,7 +16,7 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.records import Codec, Source, keyed, read_plain
-from automarine_cli.pipeline.words import printable, quoted
+from automarine_cli.text import printable, quoted
 
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons

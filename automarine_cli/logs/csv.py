@@ -20,7 +20,7 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs import formats
 from automarine_cli.logs.columns import RUN, ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.pipeline.words import quoted
+from automarine_cli.text import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 6

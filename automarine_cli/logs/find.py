@@ -23,7 +23,7 @@ from automarine_cli.logs.parquet import FORMAT as PARQUET
 from automarine_cli.logs.ros import FORMAT as ROS
 from automarine_cli.logs.tlog import FORMAT as TELEMETRY
 from automarine_cli.logs.ulog import FORMAT as ULOG
-from automarine_cli.pipeline.words import printable, quoted
+from automarine_cli.text import printable, quoted
 
 FORMATS = (CAN, CANDUMP, CSV, DATAFLASH, PARQUET, ROS, TELEMETRY, ULOG)
 FORMAT_OF = {suffix: form for form in FORMATS for suffix in form.suffixes}

@@ -26,8 +26,8 @@ from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
 from automarine_cli.logs.columns import CANONICAL, COMMANDS, NORMALISED, ColumnMap, names_of
 from automarine_cli.logs.formats import LOGGED, Origin
 from automarine_cli.logs.streams import Recording, Stream, taken
-from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
+from automarine_cli.text import listed
 
 WISHES = tuple(
     next(name for name in names_of(dof.command) if CANONICAL[name].unit == NORMALISED)

@@ -47,8 +47,7 @@ from automarine_cli.logs.find import stem_of, whole_logs
 from automarine_cli.logs.formats import KINDS, LogFile, RawLog, read_stamps
 from automarine_cli.logs.mixing import WISHES
 from automarine_cli.logs.table import few_words, means_thruster_test, splitting, whole_log
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.quantities import Floats
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster

@@ -38,8 +38,8 @@ from automarine_cli.logs.streams import (
     yaw_of,
 )
 from automarine_cli.logs.tlog import MAV_MODE_ARMED, Message, of_the_vehicle, recording
-from automarine_cli.pipeline.words import listed, quoted
 from automarine_cli.quantities import Floats
+from automarine_cli.text import listed, quoted
 
 MAVLINK_OWN = ("ATTITUDE", "SERVO_OUTPUT_RAW", "SYS_STATUS", "HEARTBEAT", "PARAM_VALUE")  # what is always looked at
 ROOT = "mavlink/"

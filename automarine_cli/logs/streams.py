@@ -22,8 +22,8 @@ from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import CANONICAL, VELOCITIES, ColumnMap, Join, motion_of, names_of
 from automarine_cli.logs.formats import LOGGED, Origin, RawLog, decoded
-from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.quantities import Floats
+from automarine_cli.text import listed, printable
 
 
 def needed(module: str, extra: str, source: str, what: str) -> ModuleType:

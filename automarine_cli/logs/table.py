@@ -42,8 +42,8 @@ from automarine_cli.logs.find import ENDINGS, format_of
 from automarine_cli.logs.formats import LOGGED, Format, LogFile, Origin, RawLog
 from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.streams import joined
-from automarine_cli.pipeline.words import listed, printable, quoted
 from automarine_cli.quantities import Floats
+from automarine_cli.text import listed, printable, quoted
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,8 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models import planar
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel, base_roles
-from automarine_cli.pipeline.records import Codec, Place, Source, key_of, keyed, read_plain, told
-from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
-from automarine_cli.pipeline.words import LONGEST, printable
+from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, key_of, keyed, read_plain
+from automarine_cli.text import LONGEST, Place, printable, told
 
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows

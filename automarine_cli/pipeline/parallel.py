@@ -5,25 +5,38 @@ with threads can hang. The function and the items must therefore be importable a
 """
 
 import contextlib
-import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.progress import Progress, counted, silent
+
+if TYPE_CHECKING:  # what most commands never need takes its time to import
+    from concurrent.futures import Executor
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Each = Callable[[Callable[[Any], Any], Sequence[Any], str], list[Any]]
 """Maps a function over items, in a stage of that name."""
+Progress = Callable[[str, int, int], None]
+"""Called as `progress(stage, done, total)`, so that no room knows about terminals; `done == total` ends the stage. A
+`total` of 0 is no stage, but a sentence that people are to read."""
 
 CHUNKS_PER_JOB, LARGEST_CHUNK = 4, 32  # small enough to share the work evenly, large enough to spare the pickling
 PATIENCE_S = 20  # for a cluster to answer
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """The progress that says nothing: the default everywhere outside the command line."""
+
+
+def counted(progress: Progress, stage: str, items: Iterable[Item], total: int) -> Iterator[Item]:
+    """Yield `items`, telling `progress` after each one how many of `total` are done."""
+    for done, item in enumerate(items, start=1):
+        yield item
+        progress(stage, done, total)
 
 
 def alone(function: Callable[[Any], Any], items: Sequence[Any], stage: str = "") -> list[Any]:
@@ -40,8 +53,8 @@ def ordered_map(
     for want of memory), or there is no cluster at the address.
     """
     work = list(items)
-    with lasting_map(min(jobs, len(work) or 1), cluster=cluster if work else None, progress=progress) as each:
-        return each(function, work, stage)
+    with lasting_map(min(jobs, len(work) or 1), cluster=cluster if work else None, progress=progress) as mapped:
+        return mapped(function, work, stage)
 
 
 @contextlib.contextmanager
@@ -66,8 +79,11 @@ def lasting_map(jobs: int = 1, *, cluster: str | None = None, progress: Progress
 
 
 @contextlib.contextmanager
-def _processes(jobs: int) -> Iterator[Executor]:
-    others = set(multiprocessing.active_children())
+def _processes(jobs: int) -> Iterator["Executor"]:
+    import multiprocessing
+    from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+
+    before = set(multiprocessing.active_children())
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_parent) as pool:
         try:
             yield pool
@@ -76,15 +92,17 @@ def _processes(jobs: int) -> Iterator[Executor]:
                 f"one of {jobs} processes died, usually for want of memory; try again with fewer, for example --jobs 1"
             ) from None
         except BaseException:  # nobody waits for the items under way
-            for child in set(multiprocessing.active_children()) - others:
+            for child in set(multiprocessing.active_children()) - before:
                 child.kill()
             raise
 
 
 @contextlib.contextmanager
-def _dask(address: str) -> Iterator[Executor]:
+def _dask(address: str) -> Iterator["Executor"]:
     """Yield the executor of the Dask scheduler at `address`; work of a worker that dies is done again by another."""
     try:
+        from concurrent.futures import CancelledError
+
         from distributed import Client, KilledWorker
     except ImportError:
         raise SettingError(
@@ -120,6 +138,7 @@ def deaf_to_interrupts() -> Iterator[None]:
 
 def _end_with_parent() -> None:
     """End this process with the one that started it, even if that is killed outright."""
+    import multiprocessing
 
     def wait() -> None:
         multiprocessing.parent_process().join()  # type: ignore[union-attr]

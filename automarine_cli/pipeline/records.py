@@ -21,17 +21,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Literal, Protocol, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.errors import AutomarineError, OutputError, SettingError
-from automarine_cli.pipeline.words import LONGEST, printable, quoted
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.errors import AutomarineError, ModelError, OutputError, SetAside, SettingError
+from automarine_cli.text import LONGEST, Place, in_words, printable, quoted, told
 
 # A model is a few kilobytes, with ten thousand runs set aside a few megabytes; TOML is written by hand.
 MOST_BYTES = {"JSON": 16_000_000, "TOML": 1_000_000}
-LARGEST_WHOLE = 10**300  # beyond it a whole number is no float any more
 FILLER: Mapping[str, object] = {"filler": True}  # metadata of a field that is in no file: the codec's `words`
-Place = tuple[object, ...]  # keys and numbers of list entries, from the outside in
 
 
 class Record(Protocol):
@@ -85,7 +83,7 @@ def read_plain(
         for value, place in everything(data):
             if isinstance(value, float) and kind == "JSON" and not math.isfinite(value):
                 raise refuse(f"{name}: {in_words(place)}found {told(value)}, expected a finite number")
-            if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+            if isinstance(value, int) and abs(value) > 10**300:  # no float any more
                 raise refuse(f"{name}: {in_words(place)}found a number of more than 300 digits, expected a smaller one")
     except UnicodeDecodeError:
         raise refuse(f"{name}: expected UTF-8 text, found other bytes; save it as UTF-8") from None
@@ -126,23 +124,6 @@ def everything(data: object, place: Place = ()) -> Iterator[tuple[object, Place]
             yield from everything(value, (*place, key))
 
 
-def in_words(place: Place) -> str:
-    """Return `models.3.k_rr: `, or nothing at the top; a long path is shortened."""
-    parts = [f"[{part}]" if isinstance(part, int) else f".{printable(str(part)[:LONGEST])}" for part in place]
-    text = "".join(parts).removeprefix(".")
-    return f"{text if len(text) <= 2 * LONGEST else text[: 2 * LONGEST] + '...'}: " if text else ""
-
-
-def told(value: object) -> str:
-    """Return a value in words, short enough for one line."""
-    if value is None or isinstance(value, Mapping):
-        return "nothing" if value is None else "an object"
-    if isinstance(value, list | tuple):
-        return f"a list of {len(value)}"
-    text = printable(json.dumps(value, ensure_ascii=False, default=str))
-    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
-
-
 @dataclass(frozen=True)
 class Codec:
     """How the data of one file become records.
@@ -171,11 +152,11 @@ class Codec:
             table = "an object with named keys" if self.writer else "a table of settings"
             raise self.refusal(place, f"found {told(data)}, expected {table}")
         self._refuse_unknown(record, data, place)
-        values: dict[str, object] = {}
+        values, keys = dict[str, object](), _keys(record, self.words)
         for field in dataclasses.fields(record):
-            hint, paths = _hints(record)[field.name], [key.split("/") for key in _keys(field, self.words)]
+            hint, paths = _hints(record)[field.name], [key.split("/") for key in keys.get(field.name, ())]
             path = next((path for path in paths if _inner(data, path) is not MISSING), None)
-            if "filler" in field.metadata:
+            if not paths:
                 values[field.name] = self.words
             elif path is not None:
                 values[field.name] = self.value(hint, _inner(data, path), (*place, *path))
@@ -189,16 +170,16 @@ class Codec:
 
     def _refuse_unknown(self, record: type[Record], data: Mapping[object, object], place: Place) -> None:
         """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
-        unread, read = getattr(record, "unread", None if self.writer else ()), _top_keys(record, self.words)
-        known = [*dict.fromkeys(read), *(unread or ())]
-        key = next((key for key in data if key not in known), None)
+        unread, top_keys = getattr(record, "unread", None if self.writer else ()), _top_keys(record, self.words)
+        accepted = [*dict.fromkeys(top_keys), *(unread or ())]
+        key = next((key for key in data if key not in accepted), None)
         if unread is None or key is None:
             return
-        free = [name for name in known if name not in data] if self.writer else known
-        of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), read))
+        free = [name for name in accepted if name not in data] if self.writer else accepted
+        of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), top_keys))
         meant = [ours for theirs, ours in of_motions if theirs == key and ours in free]
         close = meant or difflib.get_close_matches(str(key)[:LONGEST], free, 1, 0.8 if self.writer else 0.6)
-        hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(known)}"
+        hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(accepted)}"
         raise self.refusal(place, f"unknown key {told(key)}; {hint}")
 
     def value(self, hint: Any, value: Any, place: Place = ()) -> Any:
@@ -224,10 +205,8 @@ class Codec:
                 return tuple(self.value(part, entry, (*place, i)) for i, (part, entry) in enumerate(zip(inner, value)))
         elif isinstance(origin, type) and issubclass(origin, Mapping) and isinstance(value, Mapping):
             return {str(key): self.value(args[1], entry, (*place, key)) for key, entry in value.items()}
-        elif hint is float and number:
-            if abs(value) <= sys.float_info.max:
-                return float(value)
-            raise self.refusal(place, f"found {told(value)}, expected a finite number")
+        elif hint is float and number and abs(value) <= sys.float_info.max:
+            return float(value)
         elif (
             hint in (Any, object)
             or (origin is Literal and value in args and not isinstance(value, bool))
@@ -235,21 +214,19 @@ class Codec:
             or (hint is int and number and isinstance(value, int))
         ):
             return value
-        found = "a table" if isinstance(value, Mapping) and not self.writer else told(value)
-        raise self.refusal(place, f"found {found}, expected {_expected(hint)}")
+        text = "a table" if isinstance(value, Mapping) and not self.writer else told(value)
+        expected = "a finite number" if hint is float and number else _expected(hint)
+        raise self.refusal(place, f"found {text}, expected {expected}")
 
 
 def to_mapping(record: Record) -> dict[str, object]:
     """Return the plain data of a record, field order kept; what is None is left out (TOML has no null)."""
-    names = [field.name for field in dataclasses.fields(record) if "filler" not in field.metadata]
-    values = {key_of(record, name): getattr(record, name) for name in names}
+    values = {key_of(record, name): getattr(record, name) for name in _keys(record, None)}
     return {key: plain(value) for key, value in values.items() if value is not None}
 
 
 def key_of(record: Record, name: str) -> str:
-    fields = {field.name: field for field in dataclasses.fields(record)}
-    words = (getattr(record, field.name) for field in fields.values() if "filler" in field.metadata)
-    return _keys(fields[name], next(words, None))[0]
+    return _keys(record, next((value for value in vars(record).values() if isinstance(value, Dof)), None))[name][0]
 
 
 def plain(value: object) -> object:
@@ -263,14 +240,15 @@ def plain(value: object) -> object:
     return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
-def _keys(field: "Field[Any]", words: Dof | None) -> tuple[str, ...]:
-    templates = field.metadata.get("keys", ())
-    return tuple(map(words.fill, templates)) if templates and words is not None else (field.name.rstrip("_"),)
+def _keys(record: Record | type[Record], words: Dof | None) -> dict[str, list[str]]:
+    """Return the keys of every field that is in files, by its name."""
+    fields = [field for field in dataclasses.fields(record) if "filler" not in field.metadata]
+    templates = {field.name: field.metadata.get("keys") if words else None for field in fields}
+    return {name: [*map(words.fill, of)] if words and of else [name.rstrip("_")] for name, of in templates.items()}
 
 
 def _top_keys(record: type[Record], words: Dof | None) -> list[str]:
-    fields = (field for field in dataclasses.fields(record) if "filler" not in field.metadata)
-    return [key.partition("/")[0] for field in fields for key in _keys(field, words)]
+    return [key.partition("/")[0] for keys in _keys(record, words).values() for key in keys]
 
 
 def _inner(data: object, path: Sequence[str]) -> object:
@@ -297,7 +275,7 @@ def json_text(data: object) -> str:
 
     Raises OutputError for a value that is not a finite number: a result file never holds NaN.
     """
-    text = json.dumps(data, indent=1, ensure_ascii=False, default=_of_numpy) + "\n"
+    text = json.dumps(data, indent=1, ensure_ascii=False, default=lambda array: array.tolist()) + "\n"
     if re.search(r"\b(NaN|Infinity)\b", text):
         for value, place in everything(json.loads(text)):
             if isinstance(value, float) and not math.isfinite(value):
@@ -307,43 +285,8 @@ def json_text(data: object) -> str:
     return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
 
 
-def _of_numpy(value: Any) -> object:
-    return value.tolist()
-
-
 def json_document(name: str, data: object) -> Document:
     return Document(name, json_text(data).encode("utf-8"))
-
-
-def toml_text(mapping: Mapping[str, object], prefix: str = "") -> str:
-    """Return plain data as TOML: values first, then tables, then arrays of tables; read back it is the same data."""
-    values, tables = [], []
-    for key, value in mapping.items():
-        name = prefix + _toml_key(key)
-        if isinstance(value, Mapping):
-            tables.append(f"\n[{name}]\n" + toml_text(value, f"{name}."))
-        elif isinstance(value, list | tuple) and value and all(isinstance(entry, Mapping) for entry in value):
-            tables += [f"\n[[{name}]]\n" + toml_text(entry, f"{name}.") for entry in value]
-        else:
-            values.append(f"{toml_line(key, value)}\n")
-    return "".join(values + tables)
-
-
-def toml_line(key: str, value: object) -> str:
-    """Return `key = value` on one line, a table as an inline one."""
-    return f"{_toml_key(key)} = {_toml_value(value)}"
-
-
-def _toml_key(key: str) -> str:
-    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else _toml_value(key)
-
-
-def _toml_value(value: object) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(toml_line(key, entry) for key, entry in value.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml_value(entry) for entry in value) + "]"
-    return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")  # as TOML wants that one
 
 
 class Shown:
@@ -369,3 +312,53 @@ class Shown:
     def document(self, option: str) -> Document:
         """Return the file that stands for this result where an option of that name wants one. Raises TypeError."""
         raise TypeError(f"a {type(self).__name__} is no {option}; give the result of a fit, or a file")
+
+
+@dataclass(frozen=True)
+class RunsUsed:
+    used: int = 0
+    set_aside: tuple[SetAside, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultRecord:
+    """What every result file has: its schema, the motion (yaw where none is named), and the runs."""
+
+    schema: str
+    motion: str = ""
+    runs: RunsUsed = RunsUsed()
+    dof: Dof = dataclasses.field(metadata=FILLER)
+
+
+@dataclass(frozen=True)
+class ResultKind(Generic[Kind]):
+    """A kind of result: its file, its name in the schema, the record of what is in it, the command that writes it, and
+    the motion that its keys are of (None where the file says)."""
+
+    file: str
+    name: str
+    record: type[Kind]
+    writer: str
+    dof: Dof | None = None
+
+    @property
+    def schema(self) -> str:
+        return f"automarine/{self.name}/1"
+
+    def read(self, path: Source, name: str = "", refuse: type[AutomarineError] = ModelError) -> Kind:
+        """What the file at `path` holds, called `name` in messages. Raises `refuse` with file and place."""
+        return self.of(read_plain(path, "JSON", refuse), name or printable(path.name), refuse)
+
+    def of(self, data: object, name: str, refuse: type[AutomarineError] = ModelError) -> Kind:
+        codec = self.codec(data, name, refuse)
+        if isinstance(data, Mapping) and (schema := data.get("schema")) != self.schema:
+            parts = str(schema).split("/")
+            other = parts[1].replace("-", " ") if len(parts) == 3 and parts[1] != self.name else ""
+            expected = f"expected {told(self.schema)}; " + f"this is a {printable(other)}; " * bool(other)
+            files = f"give the {self.file} that `automarine {self.writer}` writes"
+            raise codec.refusal(("schema",), f"found {told(schema)}, {expected}{files}")
+        return codec.read(self.record, data)
+
+    def codec(self, data: object, name: str, refuse: type[AutomarineError] = ModelError) -> Codec:
+        motion = data.get("motion") if isinstance(data, Mapping) else ""
+        return Codec(name, self.dof or DOFS.get(str(motion), YAW), refuse, self.writer)

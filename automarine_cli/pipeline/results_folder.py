@@ -6,53 +6,120 @@ one left.
 """
 
 import contextlib
-import errno
 import hashlib
 import os
+import platform
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path, PurePath, PurePosixPath
+from typing import NamedTuple
 
-from automarine_cli.errors import AutomarineError, OutputError
-from automarine_cli.pipeline.manifest import MANIFEST, Input, manifest_of, manifests_in, recorded
-from automarine_cli.pipeline.records import Source, json_text
-from automarine_cli.pipeline.words import printable
+from automarine_cli import __version__
+from automarine_cli.errors import Attempt, OutputError, Result, SettingError, one_sentence
+from automarine_cli.pipeline.records import Codec, Source, json_text, plain, read_mapping, schema_in
 
 try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-Made = TypeVar("Made")
-Attempt = tuple[Made | None, str]
-"""What was made; or None, and a sentence that says why."""
-
 MOST_FOREIGN = 1000  # files of others in a folder that may be replaced by a rename: not a home, not a project
+MANIFEST, OURS = "manifest.json", "automarine/manifest/"
+SCHEMA = f"{OURS}1"
+LIBRARIES = ("click", "numpy", "scipy", "pandas", "pyarrow", "matplotlib")
 
 
-def attempted(failure: str, work: Callable[[], Made]) -> Attempt[Made]:
-    """Do what results can do without; `failure` begins the sentence on why there is none."""
-    try:
-        return work(), ""
-    except MemoryError:
-        raise
-    except Exception as problem:
-        kind = "" if isinstance(problem, AutomarineError) else f"{type(problem).__name__}: "
-        why = printable(" ".join(f"{kind}{problem}".split()).removesuffix(":"))
-        return None, f"{failure} ({why}); everything else was written."
+class Input(NamedTuple):
+    """A file that a command reads: what results call it, where it is, and as what it was given."""
+
+    name: str
+    path: Source
+    role: str = "log"  # or hold_out, model, thrusters, columns, specification
 
 
-def file_stems(names: Sequence[str]) -> list[str]:
-    """Return a safe, distinct part of a file name for each run name (which may hold slashes, blanks, anything)."""
-    stems: dict[str, str] = {}  # by lower case: some file systems do not tell A from a
-    for name in names:
-        stem = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in name).strip(".")[:80] or "run"
-        unique, n = stem, 1
-        while unique.lower() in stems:
-            unique, n = f"{stem}_{n + 1}", n + 1
-        stems[unique.lower()] = unique
-    return list(stems.values())
+@dataclass(frozen=True)
+class Entry:
+    """One file in a manifest. Inputs have a role; one that could not be read (and was set aside) has no hash."""
+
+    file: str
+    sha256: str | None = None
+    role: str = ""
+
+    def __post_init__(self) -> None:
+        path = PurePosixPath(self.file)
+        if not path.parts or path.is_absolute() or ".." in path.parts or "\0" in self.file:
+            raise SettingError(f"the file name {self.file!r} leads out of the folder; give a manifest of automarine")
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A manifest as read; `libraries` includes python, `warnings` say what could not be made."""
+
+    schema: str
+    automarine: str
+    command: str
+    libraries: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, object] = field(default_factory=dict)
+    seed: int | None = None
+    inputs: tuple[Entry, ...] = ()
+    outputs: tuple[Entry, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def read_manifest(path: Path) -> Manifest:
+    """Return the manifest at `path`. Raises SettingError with the key's path for one that is not automarine's."""
+    data = read_mapping(path)
+    if not (schema := str(data.get("schema"))).startswith(OURS):
+        raise SettingError(f"{path.name}: is no manifest of automarine; expected the {MANIFEST} in a folder of results")
+    if schema != SCHEMA:
+        raise SettingError(f"{path.name}: schema is {schema!r}; expected {SCHEMA!r}, what this version writes")
+    return Codec(path.name).read(Manifest, data)
+
+
+def is_manifest(path: Path) -> bool:
+    """Whether there is a file that says it is a manifest of automarine, of whatever version."""
+    return schema_in(path).startswith(OURS)
+
+
+def manifest_of(folder: Path) -> Manifest | None:
+    """Return the manifest of a folder of results; None where there is none, or none that this version reads."""
+    with contextlib.suppress(SettingError):
+        return read_manifest(folder / MANIFEST)
+    return None
+
+
+def versions_here() -> dict[str, str]:
+    libraries = {name: metadata.version(name) for name in LIBRARIES}
+    return {"automarine": __version__, "python": platform.python_version(), **libraries}
+
+
+def sha256(path: Source) -> str:
+    """Return the SHA-256 of a file's content; empty for what cannot be opened, such as a log that was set aside."""
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+    return ""
+
+
+def recorded(
+    *, command: str, options: Mapping[str, object], seed: int | None, inputs: Sequence[Input]
+) -> dict[str, object]:
+    """Return what a manifest says of all that results depend on, without places on this machine."""
+    versions = dict(versions_here())
+    return {
+        "schema": SCHEMA, "automarine": versions.pop("automarine"), "libraries": versions, "command": command,
+        "options": _without_places(plain(options)), "seed": seed,
+        "inputs": [{"file": file.name, "role": file.role, "sha256": sha256(file.path) or None} for file in inputs],
+    }  # fmt: skip
+
+
+def _without_places(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _without_places(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_without_places(entry) for entry in value]
+    return PurePath(value).name if isinstance(value, str) and PurePath(value).is_absolute() else value
 
 
 class ResultFolder:
@@ -63,23 +130,21 @@ class ResultFolder:
         self.hashes: dict[str, str] = {}
         self.warnings: list[str] = []
 
-    def write(self, name: str, content: bytes | str) -> None:
-        """Write one file; `name` is relative, with forward slashes. Raises OutputError if the disk refuses, or a file
-        of that name that is not ours would be replaced."""
+    def write(self, name: str, content: bytes | str | Mapping[str, object]) -> None:
+        """Write one file, a mapping as JSON; `name` is relative, with forward slashes. Raises OutputError if the disk
+        refuses, or a file of that name that is not ours would be replaced."""
         if {"..", ".", ""} & {*name.split("/")} or "\\" in name or name in self.hashes:
             raise ValueError(f"result file {name!r}: expected a new relative name")
         if self._occupied is not None and (self._occupied / name).exists():
             raise OutputError(f"{self._out} already holds a file {name}; give --overwrite to replace it")
-        data = content.encode("utf-8") if isinstance(content, str) else content
+        text = json_text(content) if isinstance(content, Mapping) else content
+        data = text.encode("utf-8") if isinstance(text, str) else text
         with one_sentence(self._out):
             (self._new / name).parent.mkdir(parents=True, exist_ok=True)
             (self._new / name).write_bytes(data)
         self.hashes[name] = hashlib.sha256(data).hexdigest()
 
-    def write_json(self, name: str, data: object) -> None:
-        self.write(name, json_text(data))
-
-    def taken(self, attempt: Attempt[Made]) -> Made | None:
+    def taken(self, attempt: Attempt[Result]) -> Result | None:
         """Return what was `attempted`; where nothing was made None, and the warning is in the manifest."""
         self.warnings += filter(None, attempt[1:])
         return attempt[0]
@@ -87,7 +152,7 @@ class ResultFolder:
 
 @contextlib.contextmanager
 def result_folder(
-    out: Path, *, command: str, options: Mapping[str, object], inputs: Sequence[tuple[str, Source] | Input],
+    out: Path, *, command: str, options: Mapping[str, object], inputs: Sequence[Input],
     seed: int | None, overwrite: bool,
 ) -> Iterator[ResultFolder]:  # fmt: skip
     """Write the results of `command` into the folder `out`, whole or not at all.
@@ -99,19 +164,19 @@ def result_folder(
     """
     refuse_unfit(out)
     target = Path(os.path.realpath(out))
-    beside = target.with_name(f".{target.name}.automarine")
-    new, old = beside / "new", beside / "old"
+    work = target.with_name(f".{target.name}.automarine")
+    new, old = work / "new", work / "old"
     missing = [parent for parent in target.parents if not parent.exists()]
     with one_sentence(out):
-        lock = _locked(beside, target.name)
+        lock = _locked(work, target.name)
     try:
         with one_sentence(out):
             _put_back(old, target)
-            for left in (new, old):
-                shutil.rmtree(left, ignore_errors=True)
+            for stale in (new, old):
+                shutil.rmtree(stale, ignore_errors=True)
             new.mkdir()
             replaced = _replaced(target, out, command, overwrite)
-            record = recorded(command, options, seed, inputs)
+            record = recorded(command=command, options=options, seed=seed, inputs=inputs)
         folder = ResultFolder(out, new, target if not (replaced or overwrite) else None)
         yield folder
         record["outputs"] = [{"file": name, "sha256": sha} for name, sha in sorted(folder.hashes.items())]
@@ -125,21 +190,21 @@ def result_folder(
             new.rename(target)
     finally:
         _put_back(old, target)
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(work, ignore_errors=True)
         os.close(lock)
         for parent in missing:  # those that stay empty
             with contextlib.suppress(OSError):
                 parent.rmdir()
 
 
-def _locked(beside: Path, name: str) -> int:
+def _locked(work: Path, name: str) -> int:
     """Return the open file whose lock lets this process alone write. Raises OutputError while another one does."""
-    beside.mkdir(parents=True, exist_ok=True)
-    lock = os.open(beside / "lock", os.O_CREAT | os.O_RDWR)
+    work.mkdir(parents=True, exist_ok=True)
+    lock = os.open(work / "lock", os.O_CREAT | os.O_RDWR)
     with contextlib.suppress(BlockingIOError, FileNotFoundError):
         if fcntl is not None:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(lock), (beside / "lock").stat()):  # else its owner has just taken it away
+        if os.path.samestat(os.fstat(lock), (work / "lock").stat()):  # else its owner has just taken it away
             return lock
     os.close(lock)
     raise OutputError(f"another automarine is writing results to {name}; wait until it has ended")
@@ -154,8 +219,8 @@ def _put_back(old: Path, target: Path) -> None:
 def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str]:
     """Return the names in `target` that new results replace; none where there are no results. Raises OutputError."""
     if not (target / MANIFEST).exists():
-        ours = {path.parent for path in manifests_in(target)}  # results of the steps of a campaign
-        count = sum(not ours & {path, *path.parents} for path in target.rglob("*"))
+        done = {path.parent for path in target.rglob(MANIFEST) if is_manifest(path)}  # results of steps of a campaign
+        count = sum(not done & {path, *path.parents} for path in target.rglob("*"))
         if count > MOST_FOREIGN:
             raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")
         return set()
@@ -189,32 +254,18 @@ def _carry_over(target: Path, new: Path, replaced: set[str]) -> None:
 
 def refuse_unfit(out: Path) -> None:
     """Raise OutputError for a folder that can never be replaced as a whole: rather before the work than after."""
-    target, here = Path(os.path.realpath(out)), Path.cwd()
+    target, current = Path(os.path.realpath(out)), Path.cwd()
     with one_sentence(out):
         nearest = next(path for path in (target, *target.parents) if path.exists())
         if not nearest.is_dir():
             raise OutputError(f"{nearest.name} is a file; give a folder for the results after -o")
-        if target in (here, *here.parents) or os.path.ismount(target):
+        if target in (current, *current.parents) or os.path.ismount(target):
             raise OutputError(
                 f"{target.name or target} is the folder this command runs in (or holds it, or is a mounted disk) "
                 "and cannot be replaced as a whole; give a folder inside it, for example -o results"
             )
         if nearest == target and not (os.access(target, os.W_OK) and target.stat().st_mode & 0o222):
             raise OutputError(f"{target.name} is read-only; choose another folder with -o, or allow writing to it")
-
-
-@contextlib.contextmanager
-def one_sentence(out: Path) -> Iterator[None]:
-    """Turn trouble with the disk into an OutputError."""
-    try:
-        yield
-    except OSError as problem:
-        reason = problem.strerror or type(problem).__name__
-        room = ", or make room" if problem.errno in (errno.ENOSPC, errno.EDQUOT) else ""
-        raise OutputError(
-            f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed there. "
-            f"Choose another folder with -o{room}"
-        ) from None
 
 
 def refuse_existing(target: Path, *, overwrite: bool) -> None:

@@ -21,7 +21,7 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Document, Shown, Source, to_mapping
 from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info

@@ -13,8 +13,7 @@ import numpy as np
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.models.yaw_model import YawModel, steady_rate
-from automarine_cli.pipeline.records import Codec, keyed, read_mapping
-from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
+from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, keyed, read_mapping
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import Commands, between, moment_text, positive, time_to_turn
 

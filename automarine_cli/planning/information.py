@@ -33,8 +33,7 @@ from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel, response
-from automarine_cli.pipeline.records import Source, read_plain, told
-from automarine_cli.pipeline.words import printable
+from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
@@ -42,6 +41,7 @@ from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW, Batch, make_batch
 from automarine_cli.simulation.campaign import lasting
 from automarine_cli.simulation.rollout import Start, simulate, step_for
+from automarine_cli.text import printable, told
 
 Fit = Literal["whole-runs", "half-turns", "diagnosis"]
 

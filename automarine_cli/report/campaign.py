@@ -14,17 +14,15 @@ from automarine_cli.comparison.validation import VALIDATION, ValidationFile
 from automarine_cli.control.tuning import TUNING
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import OutputError
+from automarine_cli.errors import OutputError, SetAside
 from automarine_cli.estimate import Given
 from automarine_cli.fits.innovations import sentences_of
 from automarine_cli.models.store import DIAGNOSIS, MODELS, PLANAR_MODEL, DiagnosisFile, ModelFile, Moved, PlanarFile
-from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
-from automarine_cli.pipeline.records import Shown, to_mapping
-from automarine_cli.pipeline.result_files import ResultKind, SetAside
-from automarine_cli.pipeline.results_folder import file_stems
+from automarine_cli.pipeline.records import ResultKind, Shown, to_mapping
+from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile, VoltagePower
 
@@ -63,8 +61,6 @@ class StepDone:
 
 @dataclass(frozen=True)
 class RunFile:
-    """`run.json`: what `run` left beside the report."""
-
     schema: str
     title: str = ""
     campaign: str = ""
@@ -96,7 +92,6 @@ class Step:
 
     @property
     def always(self) -> bool:
-        """Whether every campaign has it."""
         return self.section in ("", "thrusters", YAW.name)
 
     @property
@@ -139,7 +134,6 @@ class StepResult:
 
     @property
     def logs(self) -> set[str | None]:
-        """Hashes of the logs that it read."""
         return {entry.sha256 for entry in self.manifest.inputs if entry.role == "log"} if self.manifest else set()
 
     def markdown(self) -> str:
@@ -147,7 +141,6 @@ class StepResult:
         return "\n\n".join(path.read_text(encoding="utf-8", errors="replace") for path in paths)
 
     def picture(self, stem: str, caption: str) -> str:
-        """Write the line that shows a figure; nothing if it was not drawn."""
         kinds = [kind for kind in ("png", "svg") if (self.folder / f"{stem}.{kind}").is_file()]
         return f"![{escape(caption)}]({self.step.folder}/{stem}.{kinds[0]})" if kinds else ""
 
@@ -194,13 +187,11 @@ class CampaignRun(Shown):
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """The steps whose data or fit was refused, with the reason."""
         steps = (f"{step.step}: {step.why}" for step in self.steps if step.did == "refused")
         return tuple(filter(None, [self.refusal, *steps]))
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the manifests of the steps warn of."""
         manifests = {result.step.name: result.manifest for result in self.results.values()}
         return tuple(f"{name}: {line}" for name, there in manifests.items() if there for line in there.warnings)
 
@@ -211,8 +202,6 @@ class CampaignRun(Shown):
 
 @dataclass(frozen=True, repr=False)
 class Campaigns(Shown):
-    """What `run` of several campaigns did in the folder `out`, by their names."""
-
     out: Path
     campaigns: Mapping[str, CampaignRun]
 
@@ -225,7 +214,6 @@ class Campaigns(Shown):
         return tuple(f"{name}: {warning}" for name, run in self.campaigns.items() for warning in run.warnings)
 
     def to_json(self) -> dict[str, object]:
-        """Give the result file: schema automarine/campaigns/1."""
         entries = []
         for name, run in self.campaigns.items():
             says, about = run.says, {"name": name, "title": run.content.title}
@@ -292,7 +280,6 @@ class Report:
     out: Path
 
     def to_json(self) -> dict[str, object]:
-        """Give what is in it: schema automarine/report/1."""
         missing = [step.folder for step in STEPS if step.always and step.folder not in self.steps]
         return {"schema": "automarine/report/1", "files": list(self.files), "steps": list(self.steps),
                 "missing": missing}  # fmt: skip
@@ -337,7 +324,6 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
 
 
 def captions(dof: Dof) -> dict[str, str]:
-    """Say what each figure shows, by its name."""
     texts = {dof.fill(stem).replace("-", "_"): dof.fill(text) for stem, text in CAPTIONS.items()}
     return {stem: f"{text[0].upper()}{text[1:]}" for stem, text in texts.items()}
 
@@ -411,8 +397,8 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
         return f"heading {error} {over}"
     added, _ = _added_by(steps, dof)
     best = f" (best: model {file.best}, {number(file.models[file.best].rmse, 3)})" if model != file.best else ""
-    others = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
-    return f"without {added}, " * bool(added) + f"model {model}: {error}{best}, {others} {dof.units.key}, {over}"
+    details = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
+    return f"without {added}, " * bool(added) + f"model {model}: {error}{best}, {details} {dof.units.key}, {over}"
 
 
 def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:

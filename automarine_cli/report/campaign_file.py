@@ -15,12 +15,12 @@ from automarine_cli.logs import LogFile
 from automarine_cli.logs.columns import BY, CANONICAL, RUN, names_of
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
-from automarine_cli.pipeline.records import Shown, everything, in_words, to_mapping, toml_line
-from automarine_cli.pipeline.words import listed, printable
-from automarine_cli.report.sections import Sections, sections
+from automarine_cli.pipeline.records import Shown, everything, to_mapping
+from automarine_cli.report.sections import Sections, sections, toml_line
 from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.look import Placed, RunKind, Survey
 from automarine_cli.runs.run import runs_json
+from automarine_cli.text import in_words, listed, printable
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
@@ -50,7 +50,6 @@ class NewCampaign(Shown):
         return tuple(open_questions(tomllib.loads(self.text)))
 
     def to_json(self) -> dict[str, object]:
-        """Give what was seen: schema automarine/init/1."""
         look = self.survey
         names = {
             motion: {kind: [file.name for file in files] for kind, files in kinds.items()}
@@ -97,7 +96,6 @@ def _as_toml(answer: str) -> str:
 
 
 def open_questions(data: object) -> list[str]:
-    """List the paths of the keys whose value is still a question mark."""
     return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
 
 
@@ -174,9 +172,9 @@ def _vehicle(look: Survey) -> Iterator[str]:
     elif look.thrusters_drive:
         yield _open("arm_m", f"{meaning}: the logs hold thruster commands, no moment")
     else:
-        both = f"the logs hold a moment, and the commands {listed(look.commands)} beside it: see [yaw] moment"
+        logged = f"the logs hold a moment, and the commands {listed(look.commands)} beside it: see [yaw] moment"
         none = "not needed, the logs hold no commands to make moments of"
-        yield _beside("# arm_m = 0.15", f"{meaning}; {both if look.commands else none}")
+        yield _beside("# arm_m = 0.15", f"{meaning}; {logged if look.commands else none}")
     volts = next((column for column in look.columns if column.key == "voltage_V"), None)
     voltage = f"the logs hold {volts.source}, {volts.seen}" if volts else "the logs hold no voltage"
     yield _beside("# supply_V = 14.8", f"supply of the vehicle in volts; {voltage}")
@@ -186,12 +184,12 @@ def _vehicle(look: Survey) -> Iterator[str]:
 def _logs(look: Survey, entries: Entries) -> Iterator[str]:
     yield _beside("[logs]", "files, folders and globs, relative to this file")
     for kind, line, files in entries:
-        seen = _counted(look.runs, files)
+        summary = _counted(look.runs, files)
         if look.unread and kind == "steps":
-            seen += f"; {len(look.unread)} of them show what they are once the questions are answered"
+            summary += f"; {len(look.unread)} of them show what they are once the questions are answered"
         if not files and kind == "validation":
-            seen = "none found in a folder called validation; move runs here that no fit may see"
-        yield _beside(line, f"{YAW.fill(SAY[kind])}: {seen}")
+            summary = "none found in a folder called validation; move runs here that no fit may see"
+        yield _beside(line, f"{YAW.fill(SAY[kind])}: {summary}")
     if look.maps.join:
         joined = "one log: columns of the second come onto the clock of the first, each value held until the next"
         yield _beside(toml_line("join", [to_mapping(join) for join in look.maps.join]), joined)
@@ -247,8 +245,8 @@ def _list(key: str, places: Sequence[str]) -> str:
 
 
 def _columns(look: Survey) -> Iterator[str]:
-    said = "canonical name = the logs' name; a table may give unit, sign, subtract, scale, offset, sign_from"
-    yield _beside("[columns]", said)
+    rules = "canonical name = the logs' name; a table may give unit, sign, subtract, scale, offset, sign_from"
+    yield _beside("[columns]", rules)
     yield from _map(look.maps.shared, look)
     for logs, layouts in look.maps.own:
         yield ""
@@ -262,7 +260,6 @@ def _columns(look: Survey) -> Iterator[str]:
 
 
 def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[str]:
-    """The lines of layouts that share a map: each column once, then what is lacking."""
     order = dict.fromkeys(column.key for layout in layouts for column in layout.columns)
     every = {column.key: column for layout in reversed(layouts) for column in layout.columns}
     for key in order:
@@ -295,28 +292,27 @@ def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
 
 
 def _column(column: Recognised, look: Survey) -> str:
-    """One column: as named (a comment), mapped, or asked about."""
-    key, seen, rule, question = column.key, column.seen, column.rule, column.open
+    key, evidence, rule, question = column.key, column.seen, column.rule, column.open
     quantity, (followed, against) = CANONICAL[key].quantity, look.turns
     if quantity == YAW.position and followed + against:
-        seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
+        evidence += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
     if column.ask:
-        return _beside(toml_line(key, {**rule, column.ask: OPEN}), f"? {question}; seen: {seen}")
+        return _beside(toml_line(key, {**rule, column.ask: OPEN}), f"? {question}; seen: {evidence}")
     if question and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
-        return f"# {_beside(toml_line(key, column.source), f'{seen}; {question}')}"  # nothing depends on it
+        return f"# {_beside(toml_line(key, column.source), f'{evidence}; {question}')}"  # nothing depends on it
     if question and not column.unit_open:
-        return _open(key, f"{column.source}, {seen}: {question}")
+        return _open(key, f"{column.source}, {evidence}: {question}")
     if question:
         rule["unit"] = OPEN
     if quantity == YAW.position and look.turned_round and "sign" not in column.more:
         rule["sign"] = OPEN
         why = "? 1 or -1: yaw and moment are both positive clockwise from above; one of them is not"
-        return _beside(toml_line(key, rule), f"{why}. {seen}" + (f"; ? {question}" if question else ""))
+        return _beside(toml_line(key, rule), f"{why}. {evidence}" + (f"; ? {question}" if question else ""))
     if question:
-        return _beside(toml_line(key, rule), f"? {question}; seen: {seen}")
+        return _beside(toml_line(key, rule), f"? {question}; seen: {evidence}")
     if column.as_named:
-        return _beside(f"# {key}", f"as named: {seen}")
-    return _beside(toml_line(key, column.source if len(rule) == 1 else rule), seen)
+        return _beside(f"# {key}", f"as named: {evidence}")
+    return _beside(toml_line(key, column.source if len(rule) == 1 else rule), evidence)
 
 
 def _settings(look: Survey) -> Iterator[str]:
@@ -338,6 +334,6 @@ def _settings(look: Survey) -> Iterator[str]:
     moment = "thrusters" if look.thrusters_drive else "logged"
     if look.misfit:
         yield from wrap(printable(look.misfit), WIDEST, initial_indent="# ", subsequent_indent="# ")
-    both = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
-    yield _beside(toml_line("moment", moment), both)
+    choices = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
+    yield _beside(toml_line("moment", moment), choices)
     yield _beside(toml_line("fit_to", "auto"), "auto, half-turns or whole-runs")

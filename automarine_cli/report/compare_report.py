@@ -26,7 +26,6 @@ class ResultComparison(Shown):
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of comparison.json: schema automarine/comparison/1."""
         return {
             "schema": "automarine/comparison/1",
             "kind": self.kind,
@@ -75,7 +74,7 @@ def parameter_table(sides: Sequence[Side]) -> Table:
     return Table.of("Side by side", rows, ["Brackets are 95 % intervals."], (len(names),))
 
 
-def difference_table(found: Sequence[Difference]) -> Table:
+def difference_table(differences: Sequence[Difference]) -> Table:
     rows = [
         {
             "parameter": apart.parameter, "result": apart.of, "difference": apart.difference,
@@ -83,13 +82,12 @@ def difference_table(found: Sequence[Difference]) -> Table:
             "%": apart.relative and "{:+.1f} [{:+.1f}, {:+.1f}]".format(*apart.relative),
             "p": number(apart.p_value, 2), "verdict": apart.verdict,
         }
-        for apart in found
+        for apart in differences
     ]  # fmt: skip
-    return Table.of(f"Against {found[0].base}", rows, [NOTE])
+    return Table.of(f"Against {differences[0].base}", rows, [NOTE])
 
 
 def sentence(apart: Difference) -> str:
-    """Say one difference in words."""
     if apart.relative is not None:
         percent, low, high = apart.relative
         size, ends = f"{abs(percent):.1f} %", f"{low:+.1f} to {high:+.1f} %"
@@ -105,7 +103,6 @@ def sentence(apart: Difference) -> str:
 
 
 def summary(differences: Sequence[Difference]) -> str:
-    """Say how many of the parameters differ."""
     verdicts = [apart.verdict for apart in differences]
     count, doubtful = verdicts.count(DIFFERS), sum(verdict not in (DIFFERS, ALIKE) for verdict in verdicts)
     compared = f"{len(verdicts)} parameter{'s' * (len(verdicts) != 1)} compared"

@@ -43,10 +43,10 @@ def _sections(
     where: partial[Any] | None, *, notes: tuple[str, str], unit: str = "deg", key: str = "deg",
     force: str = "moment", dof: Dof | None = None,
     above: Sequence[str] = (), below: Sequence[str] = (), fitted: str = "", why: str = "",
-    rest: Sequence[Table | str] = (),
+    appendix: Sequence[Table | str] = (),
 ) -> Sections:  # fmt: skip
     """Lay out a diagnosis of any kind, whose JSON has one shape: `above` and `below` the verdict stand lines, `notes`
-    explain gap and threshold; `fitted`, `why` and `rest` are on the page alone; figures are drawn of the `subject`."""
+    explain gap and threshold; `fitted`, `why` and `appendix` are on the page alone; figures are of the `subject`."""
     data: dict[str, Any] = result.to_json()
     lines, rows, page = [*above, verdict], list[dict[str, Any]](), list[Table | str]()
     for effect in effects:
@@ -57,7 +57,7 @@ def _sections(
         rows += [
             {"effect": effect.name} | {k: v for k, v in row.items() if k != "meaning"} | sure for row in parameters
         ]
-    named = [Table.of("Effects", rows)] if rows else []
+    effect_tables = [Table.of("Effects", rows)] if rows else []
     tried = candidates(data, effects)
     table = Table.of("Candidates", [row for row in tried if row["is"] != "not fitted"][:MOST_CANDIDATES], [
         f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}",
@@ -70,7 +70,7 @@ def _sections(
         f"{more} more regions are in diagnosis.json." if more > 0 else "", "![Where the gap is](where.png)" * drawn,
         "## Why", table, why, "![Why](why.png)",
         "## The gap before and after", *gaps, "![Before and after](before_after.png)" * drawn,
-        *(_moves(data, dof or YAW) if "base" in data else ()), *rest,
+        *(_moves(data, dof or YAW) if "base" in data else ()), *appendix,
     )  # fmt: skip
     line = f"threshold{notes[1].partition('.')[0]}"
     drawings = {"why": partial(figures.why_figure, tried, data["threshold"], line, words)}
@@ -80,7 +80,7 @@ def _sections(
         if effect.learned is not None:
             drawings["learned"] = partial(figures.learned_figure, subject, effect.learned)
     return Sections(
-        [*lines, *below, *named, *gaps, table],
+        [*lines, *below, *effect_tables, *gaps, table],
         {"diagnosis.json": data, "extended_model.json": extended, "diagnosis.md": text}, drawings,
         rows=[
             {"effect": effect.name, "confidence": effect.confidence, "parameter": name, **cells(value)}
@@ -144,10 +144,10 @@ def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[
     for entry in data["candidates"]:
         added = ", ".join(name.rpartition(".")[2] for name in entry.get("parameters", ()))
         name = f"{entry['name']} {added or entry.get('where', '')}".rstrip()
-        rest = "not needed" if entry.get("fitted", True) else "not fitted"
+        otherwise = "not needed" if entry.get("fitted", True) else "not fitted"
         row = {"effect": name, "evidence gained": entry["gain"]}
         row |= {head: number(entry[key], 3) for key, head in MORE.items() if key in entry}
-        rows.append({**row, "is": status.get(name) or status.get(entry["name"], rest)})
+        rows.append({**row, "is": status.get(name) or status.get(entry["name"], otherwise)})
     return rows
 
 
@@ -171,9 +171,9 @@ def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[
             above, closed = before**2 - floor**2, MISSING
             if above > 0.02 * floor**2:
                 closed = f"{np.clip((before**2 - after**2) / above, 0.0, 1.0):.0%}"
-            shown = {f"before [{unit}]": before, f"after [{unit}]": after, f"noise [{unit}]": floor}
+            columns = {f"before [{unit}]": before, f"after [{unit}]": after, f"noise [{unit}]": floor}
             label = name.replace("_", " ").replace("runs", "levels" if "levels" in data else "runs")
-            rows.append({"gap": label, **shown, "closed above the noise": closed})
+            rows.append({"gap": label, **columns, "closed above the noise": closed})
     return [Table.of("", rows, [note])] if rows else []
 
 
@@ -200,28 +200,27 @@ def _shown(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> list[str]:
 
 
 def _verdict(
-    word: str, names: str, why: str, what: str, sizes: Sequence[str], unit: str, beside: str,
-    data: str = "runs could show", falls: str = "", left: str = "",
+    word: str, names: str, why: str, quantity: str, sizes: Sequence[str], unit: str, reference: str,
+    data: str = "runs could show", falls: str = "", remaining: str = "",
 ) -> str:  # fmt: skip
     """The verdict in one sentence, of motions, the plane and maps alike; `what` has these `sizes`, before and after."""
     before, after = sizes
-    falls = falls or f"the {what} falls from {before} to {after} {unit} ({beside})"
+    falls = falls or f"the {quantity} falls from {before} to {after} {unit} ({reference})"
     return {
-        diagnose.NAMED: f"Named: {names}; {falls}. {left}".rstrip(),
+        diagnose.NAMED: f"Named: {names}; {falls}. {remaining}".rstrip(),
         diagnose.SUSPECTED: f"Suspected, not named: {names}. {why}",
-        diagnose.UNEXPLAINED: f"Unexplained: the {what} is {before} {unit} ({beside}). {why}",
-        diagnose.NOTHING: f"Nothing missing that these {data}: the {what} is {before} {unit} ({beside}).",
+        diagnose.UNEXPLAINED: f"Unexplained: the {quantity} is {before} {unit} ({reference}). {why}",
+        diagnose.NOTHING: f"Nothing missing that these {data}: the {quantity} is {before} {unit} ({reference}).",
     }[word]
 
 
 def _misses(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> str:
-    *_, rate, still = _shown(pair, dof)
-    return f"a constant {dof.words.speed} misses by {rate} and a constant {dof.words.position} by {still}"
+    *_, rate, constant = _shown(pair, dof)
+    return f"a constant {dof.words.speed} misses by {rate} and a constant {dof.words.position} by {constant}"
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
-    dof, said, driven, counted = (
+    dof, verdict, driven, counted = (
         diagnosis.study.base.dof, diagnosis.conclusion, diagnosis.study.driven, diagnosis.result.final.counted,
     )  # fmt: skip
     gap, outlook, of = diagnosis.gap, diagnosis.outlook, ""
@@ -229,16 +228,16 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         gap, outlook, held_out = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
         of = f" of the {held_out} run{'s' * (held_out > 1)} held out"
     sizes, judged = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)], outlook and outlook.judged
-    noise = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
+    level = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
     if judged:
-        sizes, noise = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {noise}"
+        sizes, level = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {level}"
     names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    what = (f"error of predictions {HORIZON:g} s ahead" if driven else "gap") + of
-    data = "runs could show" + " beside their disturbances" * driven
+    error = (f"error of predictions {HORIZON:g} s ahead" if driven else "gap") + of
+    data, falls = "runs could show" + " beside their disturbances" * driven, _gains_instead(diagnosis)
     return _verdict(
-        said.word, names, said.why, what, sizes, dof.units.shown, noise, data, _gains_instead(diagnosis), said.remainder
+        verdict.word, names, verdict.why, error, sizes, dof.units.shown, level, data, falls, verdict.remainder
     )
 
 
@@ -251,8 +250,8 @@ def _or_rivals(effect: NamedEffect) -> str:
 def _gains_instead(diagnosis: Diagnosis) -> str:
     """What was gained where no gap could fall because each run's own gain had followed what was missing: the scatter of
     the thrust; empty elsewhere."""
-    gap, found, dof = diagnosis.gap, diagnosis.result, diagnosis.study.base.dof
-    before, after = (100.0 * trial.fit.factor(GAIN) for trial in (found.base, found.final))
+    gap, search, dof = diagnosis.gap, diagnosis.result, diagnosis.study.base.dof
+    before, after = (100.0 * trial.fit.factor(GAIN) for trial in (search.base, search.final))
     if diagnosis.study.driven or gap.before - gap.after > FALLS * gap.floor or after > 0.7 * before:
         return ""
     return (
@@ -264,10 +263,10 @@ def _gains_instead(diagnosis: Diagnosis) -> str:
 @sections.register
 def _(result: MotionDiagnosis) -> Sections:
     diagnosis, dof = result.diagnosis, result.stored.dof
-    study, found, where = diagnosis.study, diagnosis.result, diagnosis.where
+    study, search, where = diagnosis.study, diagnosis.result, diagnosis.where
     below = [PLANNED] * any(effect.rivals for effect in diagnosis.effects)
     below += [study.cycle.sentence(dof)] if study.cycle is not None else []
-    before, after = (100.0 * trial.fit.factor(GAIN) for trial in (found.base, found.final))
+    before, after = (100.0 * trial.fit.factor(GAIN) for trial in (search.base, search.final))
     gap = (
         f"Root mean squares over whole runs simulated from their start, with each run's own start "
         f"{dof.words.position}, thrust and switch instants. Thrust differs from run to run by {before:.1f} % before "
@@ -279,40 +278,40 @@ def _(result: MotionDiagnosis) -> Sections:
         f"base model by {how}."
     )
     held_out = "" if diagnosis.held_out is None else f" and {len(diagnosis.held_out.runs)} held out"
-    rest: list[Table | str] = ["## What to run next", _next(diagnosis)]
+    appendix: list[Table | str] = ["## What to run next", _next(diagnosis)]
     if diagnosis.verdict != diagnose.NAMED:
-        rest += ["## What these runs would have shown", detectable_table(diagnosis)]
+        appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
     return _sections(
         result, result.extended_model(), diagnosis, f"Diagnosis of the {dof.name} model", diagnosis.words,
         verdict_sentence(diagnosis), diagnosis.effects, where.regions,
         partial(figures.where_figure, where, diagnosis.words), notes=(gap, chance), unit=dof.units.shown,
         key=dof.units.key, force=dof.words.force, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
-        below=[*below, *fit_sentences(diagnosis.channels, found.final.fit, dof)],
-        fitted=f" {len(study.runs)} runs were fitted{held_out}.", why=found.crowd or "", rest=rest,
+        below=[*below, *fit_sentences(diagnosis.channels, search.final.fit, dof)],
+        fitted=f" {len(study.runs)} runs were fitted{held_out}.", why=search.crowd or "", appendix=appendix,
     )  # fmt: skip
 
 
 def _moves(data: Mapping[str, Any], dof: Dof) -> list[Table | str]:
     """Lay out the parameters of the base model of a `diagnosis.json` before and after, and say which moved."""
-    named, rows, moved = data["verdict"] == diagnose.NAMED, [], list[str]()
+    is_named, rows, moved = data["verdict"] == diagnose.NAMED, [], list[str]()
     names = {dof.symbols.constant: "constant force", dof.symbols.difference: "half the difference of drag"}
     for name, sizes in data["base"].items():
         old, new = (Estimate(**sizes[key]) for key in ("before", "after"))
         row = {"parameter": names.get(name, name), "base model": old}
-        if named:
+        if is_named:
             change = (new.value - old.value) / old.value if abs(old.value) > 1e-6 * abs(new.value) else float("nan")
-            shown = f"{change:+.1%}" if np.isfinite(change) else MISSING
-            row |= {"with what was missing": new, "change": shown}
+            percent = f"{change:+.1%}" if np.isfinite(change) else MISSING
+            row |= {"with what was missing": new, "change": percent}
         rows.append({**row, "unit": new.unit})
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
             moved.append(names.get(name, name))
-    said = "No base parameter moved by more than its uncertainty." if named else "Nothing was added."
+    sentence = "No base parameter moved by more than its uncertainty." if is_named else "Nothing was added."
     if moved:
         absorbed = "the base model had absorbed part of what is missing"
-        said = f"{' and '.join(moved)} moved by more than the uncertainty: {absorbed}."
+        sentence = f"{' and '.join(moved)} moved by more than the uncertainty: {absorbed}."
     anew = f"The base model is fitted anew to these {data['runs']['used']} runs: it is not quite that of the file."
-    return ["## What it does to the model", Table.of("", rows), f"{said} {anew}"]
+    return ["## What it does to the model", Table.of("", rows), f"{sentence} {anew}"]
 
 
 def _next(diagnosis: Diagnosis) -> str:
@@ -323,7 +322,6 @@ def _next(diagnosis: Diagnosis) -> str:
 
 
 def general_advice(study: DiagnosisProblem) -> tuple[str, ...]:
-    """List the kinds of runs that the campaign lacks, a sentence each."""
     pushes = [(run, np.sign(run.command), np.flatnonzero(run.command)) for run in study.runs if np.any(run.command)]
     coasts = sum(
         bool(np.any(push[at[0] :] == 0) and len(run) - at[-1] > 3.0 / run.sample_period) for run, push, at in pushes
@@ -376,26 +374,25 @@ def _(result: PlanarDiagnosis) -> Sections:
 
 def _planar_effects(result: PlanarDiagnosis) -> list[NamedEffect]:
     steps = [(step.best, step.rivals) for step in result.search.steps if step.best is not None]
-    named = []
-    for contender, others in steps or [(suspect, ()) for suspect in result.search.suspected]:
-        odds = {rival.candidate.label: float(np.exp(0.5 * (rival.surplus - contender.surplus))) for rival in others}
-        splits = {rival.candidate.label: rival.candidate.split_by.rstrip(".") for rival in others}
+    effects = []
+    for contender, ranked in steps or [(suspect, ()) for suspect in result.search.suspected]:
+        odds = {rival.candidate.label: float(np.exp(0.5 * (rival.surplus - contender.surplus))) for rival in ranked}
+        splits = {rival.candidate.label: rival.candidate.split_by.rstrip(".") for rival in ranked}
         weight, rivals = diagnose.listed_rivals(odds, splits)
         name, says, estimates = contender.candidate.label, contender.candidate.says, result.estimates_of(contender)
-        named.append(NamedEffect(name, "", says, estimates, weight, np.nan, rivals))
-    return named
+        effects.append(NamedEffect(name, "", says, estimates, weight, np.nan, rivals))
+    return effects
 
 
 def planar_verdict(search: PlanarSearch) -> str:
-    """Say the verdict in one sentence with its numbers: those of the runs held out, where there are some."""
-    sizes, what, beside = [MISSING, MISSING], "error of the heading", "no run is long enough for predictions"
+    sizes, quantity, reference = [MISSING, MISSING], "error of the heading", "no run is long enough for predictions"
     for held_out in (False, True):
         if (outlook := search.outlook(held_out)) is not None:
             pair, of = outlook.longest, " of the runs held out" * held_out
-            sizes, beside = _shown(pair, YAW)[:2], f"{_misses(pair, YAW)} deg"
-            what = f"error of headings predicted {pair[0].horizon:g} s ahead{of}"
+            sizes, reference = _shown(pair, YAW)[:2], f"{_misses(pair, YAW)} deg"
+            quantity = f"error of headings predicted {pair[0].horizon:g} s ahead{of}"
     return _verdict(
-        search.verdict, search.words.removeprefix("suspected "), search.why, what, sizes, YAW.units.shown, beside
+        search.verdict, search.words.removeprefix("suspected "), search.why, quantity, sizes, YAW.units.shown, reference
     )
 
 
@@ -423,17 +420,8 @@ def _(result: ThrusterDiagnosis) -> Sections:
 
 
 def map_verdict(result: ThrusterDiagnosis) -> str:
-    """Say the verdict in one sentence with its numbers."""
     sizes = [number(result.percent(size), 3) for size in (result.cross.before, result.cross.after)]
-    beside = f"full scale {number(result.data.full_scale)} N, noise {number(result.gap.floor, 3)} N"
+    reference = f"full scale {number(result.data.full_scale)} N, noise {number(result.gap.floor, 3)} N"
     names = " and ".join(effect.name for effect in result.effects)
-    return _verdict(
-        result.verdict,
-        names,
-        result.why,
-        "cross-validated error",
-        sizes,
-        "% of full scale",
-        beside,
-        "levels could show",
-    )
+    error, data = "cross-validated error", "levels could show"
+    return _verdict(result.verdict, names, result.why, error, sizes, "% of full scale", reference, data)

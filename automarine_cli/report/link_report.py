@@ -3,9 +3,9 @@
 from automarine_cli.link.collector import Collected
 from automarine_cli.link.document import SHORT
 from automarine_cli.link.vehicles.simulated import Rehearsal
-from automarine_cli.pipeline.words import printable
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
+from automarine_cli.text import printable
 
 
 @sections.register
@@ -18,8 +18,8 @@ def _(rehearsal: Rehearsal) -> Sections:
     ]  # fmt: skip
     campaign, battery = rehearsal.campaign, rehearsal.campaign.battery
     minutes = (campaign.begins(len(rows)) - campaign.runs[-1].wait_s) / 60.0
-    left = 100.0 * rehearsal.runs[-1].left_Ah / battery.charge_Ah
-    text = f"{len(rows)} runs in {minutes:.1f} min; {left:.0f} % of the battery is left, "
+    percent = 100.0 * rehearsal.runs[-1].left_Ah / battery.charge_Ah
+    text = f"{len(rows)} runs in {minutes:.1f} min; {percent:.0f} % of the battery is left, "
     return Sections([Table.of("Runs", rows), f"{text}{battery.reserve_percent:g} % must be."])
 
 

@@ -5,10 +5,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.pipeline.records import Shown
-from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
-from automarine_cli.pipeline.results_folder import file_stems
-from automarine_cli.report.sections import Content, Sections, document, sections
+from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown
+from automarine_cli.report.sections import Content, Sections, document, file_stems, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import SetAside, runs_json
@@ -21,8 +19,6 @@ RUNS, MOVING = "runs", "moving"  # folders of what was cut
 
 @dataclass(frozen=True, kw_only=True)
 class CheckFile(ResultRecord):
-    """`check.json`: what is in the logs."""
-
     logs: int
     yaw_runs: tuple[Mapping[str, object], ...] = ()
 
@@ -40,7 +36,6 @@ class Check(Shown):
     logs: int
 
     def to_json(self) -> dict[str, object]:
-        """Return the content of check.json (schema automarine/check/1)."""
         runs = {dof: [run.to_json() for run in self.runs if run.dof is dof] for dof in DOFS.values()}
         return {
             "schema": CHECK.schema,
@@ -69,8 +64,8 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
         "glitches": f"{dof.position} spike~",
     }
     for run in runs:
-        turn, gone = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
-        moved = turn and f"{turn[gone]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
+        turn, key = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
+        moved = turn and f"{turn[key]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
         dropped = {word: run.counts.get(kind, 0) for kind, word in words.items()}
         rows.append({
             "run": run.run, "samples": run.samples, "s": number(run.duration_s, 3), "Hz": number(run.rate_hz, 3),
@@ -82,8 +77,8 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             "cut by": turn and turn["cut_by"],
             f"no {dof.words.step} because": run.why and run.why.split(":")[0],
         })  # fmt: skip
-        said = [f"{n} {word.replace('~', 's' * (n != 1))} dropped" for word, n in dropped.items() if n]
-        for note in dict.fromkeys([*said, *run.notes, *filter(None, [run.why])]):
+        remarks = [f"{n} {word.replace('~', 's' * (n != 1))} dropped" for word, n in dropped.items() if n]
+        for note in dict.fromkeys([*remarks, *run.notes, *filter(None, [run.why])]):
             notes.setdefault(note, []).append(run.run)
     lines = []
     for note, names in notes.items():  # what runs share is said once
@@ -155,8 +150,6 @@ class SlicedLog:
 
 @dataclass(frozen=True, repr=False)
 class Slices(Shown):
-    """What `slice` made of the logs, in their order."""
-
     by: str
     form: str
     sources: tuple[SlicedLog, ...]
@@ -168,7 +161,6 @@ class Slices(Shown):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The file of each run in the folder of results."""
         stems = file_stems([cut.run for cut in self.cuts])
         return tuple(f"{MOVING if cut.moving else RUNS}/{stem}.{self.form}" for cut, stem in zip(self.cuts, stems))
 
@@ -177,7 +169,6 @@ class Slices(Shown):
         return tuple(gap for source in self.sources for gap in source.between)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of slices.json (schema automarine/slices/1)."""
         return {
             "schema": "automarine/slices/1",
             "by": self.by,

@@ -23,7 +23,6 @@ LONG = 36  # letters from which on a cell may be broken
 
 
 def to_html(text: str, picture: Picture) -> str:
-    """The document as HTML, its headings with ids to link to."""
     ids, groups = set[str](), groupby(map(str.strip, text.splitlines()), _mark)
     return "\n".join(_block(block, picture, ids) for _, group in groups if (block := list(group))[0])
 
@@ -34,7 +33,7 @@ def _mark(line: str) -> object:
 
 
 def plain(text: str) -> str:
-    return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda found: found[1] or "", text))
+    return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda match: match[1] or "", text))
 
 
 def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
@@ -43,31 +42,31 @@ def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
         return _table(block)
     if line.startswith("- "):
         return "<ul>" + "".join(f"<li>{words(item[2:])}</li>" for item in block) + "</ul>"
-    if found := HEADING.fullmatch(line):
-        level, said = len(found[1]), plain(found[2])
-        stem = re.sub(r"[^a-z0-9]+", "-", said.lower()).strip("-") or "part"
+    if match := HEADING.fullmatch(line):
+        level, title = len(match[1]), plain(match[2])
+        stem = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "part"
         name = next(name for n in count(1) if (name := stem if n == 1 else f"{stem}-{n}") not in ids)
         ids.add(name)
-        anchor = f'<a class="anchor" href="#{name}" aria-label="Link to: {escape(said)}">#</a>'
-        return f'<h{level} id="{name}">{words(found[2])} {anchor}</h{level}>'
-    if found := FOLDS.fullmatch(line):
-        return f"<details><summary>{words(found[1])}</summary>" if found[1] is not None else "</details>"
-    if found := PICTURE.fullmatch(line):
-        return picture(found[2], plain(found[1]))
+        anchor = f'<a class="anchor" href="#{name}" aria-label="Link to: {escape(title)}">#</a>'
+        return f'<h{level} id="{name}">{words(match[2])} {anchor}</h{level}>'
+    if match := FOLDS.fullmatch(line):
+        return f"<details><summary>{words(match[1])}</summary>" if match[1] is not None else "</details>"
+    if match := PICTURE.fullmatch(line):
+        return picture(match[2], plain(match[1]))
     return f"<p>{words(line)}</p>"
 
 
 def words(text: str) -> str:
     """Render text of one line with code, bold, and symbols with their index below."""
     parts, at, run = [], 0, ""
-    for found in TOKEN.finditer(text):
-        run += unescape(text[at : found.start()])
-        at = found.end()
-        if found[3]:
-            run += found[3][1]
+    for match in TOKEN.finditer(text):
+        run += unescape(text[at : match.start()])
+        at = match.end()
+        if match[3]:
+            run += match[3][1]
             continue
-        code = found[1] is not None
-        parts += [_symbols(run), f"<code>{escape(found[1])}</code>" if code else f"<strong>{words(found[2])}</strong>"]
+        code = match[1] is not None
+        parts += [_symbols(run), f"<code>{escape(match[1])}</code>" if code else f"<strong>{words(match[2])}</strong>"]
         run = ""
     return "".join([*parts, _symbols(run + unescape(text[at:]))])
 
@@ -75,7 +74,7 @@ def words(text: str) -> str:
 def _symbols(text: str) -> str:
     """Escaped text in which k_r|r| stands as in print, and no per cent sign begins a line."""
     tied = escape(text).replace(" %", "\N{NO-BREAK SPACE}%")
-    return SYMBOL.sub(lambda found: "<var>{}</var><sub>{}</sub>".format(*found[1].split("_")), tied)
+    return SYMBOL.sub(lambda match: "<var>{}</var><sub>{}</sub>".format(*match[1].split("_")), tied)
 
 
 def _table(block: Sequence[str]) -> str:
@@ -92,7 +91,7 @@ def _table(block: Sequence[str]) -> str:
 
     body, group = "", ""
     for cells in rows:
-        now = found[0] if (found := GROUP.search(cells[0])) else group
+        now = match[0] if (match := GROUP.search(cells[0])) else group
         body += row(cells, False, now != group)
         group = now
     return (
@@ -114,7 +113,7 @@ def page(text: str, folder: Path, title: str) -> str:
     """The report `text` (Markdown) as a page, with the pictures that it names in `folder` drawn into it."""
     body = to_html(text, lambda place, alt: figure(folder, place, alt))
     headings = re.findall(r'^<h2 id="(.+?)">(.*) <a class="anchor"', body, flags=re.MULTILINE)
-    links = (f'<a href="#{name}">{said}</a>' for name, said in headings)
+    links = (f'<a href="#{name}">{heading}</a>' for name, heading in headings)
     style = files("automarine_cli.report").joinpath("page.css").read_text(encoding="utf-8").strip()
     return f"""<!DOCTYPE html>
 <html lang="en">

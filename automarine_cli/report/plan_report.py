@@ -9,12 +9,11 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.estimate import Estimate
-from automarine_cli.pipeline.records import toml_text
 from automarine_cli.planning.campaign import Campaign, Plan, command_path, specification
 from automarine_cli.planning.candidates import PLAN
 from automarine_cli.planning.vehicle import command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 CERTAIN = 1000.0
@@ -24,7 +23,7 @@ FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
 @sections.register
 def _(plan: Plan) -> Sections:
     campaign = plan.campaign
-    unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
+    unit, rest_s = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
     specified, rehearsal = specification(campaign, plan.seed)
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
@@ -34,7 +33,7 @@ def _(plan: Plan) -> Sections:
     files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(campaign).to_csv()}
     files[PLAN.file] = plan.to_json()
     for slot in campaign.slots:
-        files[command_path(slot)] = command_file(slot.candidate, rest, unit, plan.drive, plan.columns)
+        files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
     sentences = (_totals(campaign), f"Planned for: {plan.fit_command}", *campaign.notes)
     return Sections([*sentences, *tables], files, {"plan": partial(plan_figure, campaign)}, FILES, plan.runs())
 
@@ -51,7 +50,7 @@ def _totals(campaign: Campaign) -> str:
 
 
 def _sheet_rows(campaign: Campaign) -> Table:
-    unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
+    unit, rest_s = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
     full = campaign.limits.battery.charge_Ah
     return Table.of("", [
         {
@@ -59,7 +58,7 @@ def _sheet_rows(campaign: Campaign) -> Table:
             "begins_min": f"{slot.begins / 60.0:.2f}", "start_heading_deg": f"{slot.candidate.start_heading:g}",
             "turn_there_deg": f"{slot.turn_there:.0f}",
             "voltage_V": "" if slot.candidate.voltage is None else f"{slot.candidate.voltage:g}",
-            "rest_s": f"{rest:g}", "do": in_words(slot.candidate, unit), "drive_s": f"{slot.candidate.driven:g}",
+            "rest_s": f"{rest_s:g}", "do": in_words(slot.candidate, unit), "drive_s": f"{slot.candidate.driven:g}",
             "turns_deg": f"{slot.turns:.0f}", "wait_s": f"{slot.wait:g}", "battery_left_Ah": f"{slot.left:.4f}",
             "battery_left_percent": f"{100.0 * slot.left / full:.1f}", "command_file": command_path(slot),
             "why": slot.why,
@@ -80,8 +79,8 @@ def _sheet_table(campaign: Campaign) -> Table:
         }
         for slot in campaign.slots
     ]  # fmt: skip
-    rest = f"{campaign.limits.runs.rest_before_s:g} s"
-    return Table.of("Run sheet", rows, [f"Every log begins with {rest} at rest, thrusters idle."])
+    idle = f"{campaign.limits.runs.rest_before_s:g} s"
+    return Table.of("Run sheet", rows, [f"Every log begins with {idle} at rest, thrusters idle."])
 
 
 def _interval_table(campaign: Campaign) -> Table:
@@ -138,9 +137,8 @@ def _compared_table(campaign: Campaign) -> Table:
 
 
 def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
-    """Write plan.md; `rehearsal` is a sentence on plan.toml."""
     campaign, pool = plan.campaign, plan.campaign.limits.pool
-    sheet, *others = tables
+    sheet, *further = tables
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
     return document(
         f"# The next campaign, planned from {plan.model}",
@@ -155,7 +153,7 @@ def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
         "run, rest included. Repeat a failed run at once; keep the order, which is random on purpose.",
         "## Expected precision",
         f"Fit the runs with\n\n```\n{plan.fit_command}\n```\n\nThe intervals below are those that it should report.",
-        *others,
+        *further,
         "![Precision against minutes in the pool](plan.png)",
         "## Assumptions",
         bullets(_assumptions(plan, rehearsal)),

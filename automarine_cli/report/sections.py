@@ -1,5 +1,7 @@
 """What a person sees of a result, once: the terminal, Python, notebooks and files are renderings of it."""
 
+import json
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -43,7 +45,6 @@ class Sections:
             object.__setattr__(self, "listed", (*self.files, *(f"{name}.png" for name in self.figures)))
 
     def text(self, width: int = WIDTH) -> str:
-        """Render what is printed as plain text."""
         fill = partial(textwrap.fill, width=width, subsequent_indent="  ", break_on_hyphens=False)
         parts = (fill(part) if isinstance(part, str) else part.to_text(width) for part in self.printed)
         return "\n".join(parts).rstrip("\n")
@@ -51,10 +52,9 @@ class Sections:
     def html(self) -> str:
         """Render the tables as HTML, with everything that came from files escaped."""
         tables = [part.to_markdown() for part in self.printed if isinstance(part, Table)]
-        return to_html("\n".join(tables), lambda place, said: "")
+        return to_html("\n".join(tables), lambda place, caption: "")
 
     def frame(self) -> Any:
-        """Give the rows as a `pandas.DataFrame`."""
         import pandas as pd  # here, as most commands make no frame
 
         return pd.DataFrame(list(self.rows))
@@ -72,9 +72,7 @@ class Sections:
         from automarine_cli.report.figures.style import write_figures
 
         for name, content in self.files.items():
-            content = content() if callable(content) else content
-            write = folder.write if isinstance(content, str | bytes) else folder.write_json
-            write(name, content)  # type: ignore[arg-type]
+            folder.write(name, content() if callable(content) else content)
         for warning in self.warnings:
             folder.taken((None, warning))
         write_figures(folder, self.figures if formats else {}, formats, each)
@@ -109,6 +107,48 @@ def bullets(lines: Iterable[str]) -> str:
 
 
 def numbers(estimate: Estimate) -> dict[str, object]:
-    """Give an estimate as the cells of a row."""
     low, high = estimate.ci95
     return {"value": estimate.value, "stderr": estimate.stderr, "low": low, "high": high, "unit": estimate.unit}
+
+
+def file_stems(names: Sequence[str]) -> list[str]:
+    """Return a safe, distinct part of a file name for each run name (which may hold slashes, blanks, anything)."""
+    stems: dict[str, str] = {}  # by lower case: some file systems do not tell A from a
+    for name in names:
+        stem = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in name).strip(".")[:80] or "run"
+        unique, n = stem, 1
+        while unique.lower() in stems:
+            unique, n = f"{stem}_{n + 1}", n + 1
+        stems[unique.lower()] = unique
+    return list(stems.values())
+
+
+def toml_text(mapping: Mapping[str, object], prefix: str = "") -> str:
+    """Return plain data as TOML: values first, then tables, then arrays of tables; read back it is the same data."""
+    values, tables = [], []
+    for key, value in mapping.items():
+        name = prefix + _toml_key(key)
+        if isinstance(value, Mapping):
+            tables.append(f"\n[{name}]\n" + toml_text(value, f"{name}."))
+        elif isinstance(value, list | tuple) and value and all(isinstance(entry, Mapping) for entry in value):
+            tables += [f"\n[[{name}]]\n" + toml_text(entry, f"{name}.") for entry in value]
+        else:
+            values.append(f"{toml_line(key, value)}\n")
+    return "".join(values + tables)
+
+
+def toml_line(key: str, value: object) -> str:
+    """Return `key = value` on one line, a table as an inline one."""
+    return f"{_toml_key(key)} = {_toml_value(value)}"
+
+
+def _toml_key(key: str) -> str:
+    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else _toml_value(key)
+
+
+def _toml_value(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(toml_line(key, entry) for key, entry in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml_value(entry) for entry in value) + "]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")  # as TOML wants that one

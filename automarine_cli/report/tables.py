@@ -220,15 +220,15 @@ def interval(estimate: Estimate | None) -> str:
     was known before the fit; a value at its bound has no interval."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
-    (low, high), known = estimate.ci95, " (known)" * estimate.known
-    if estimate.at_bound and not known:
+    (low, high), mark = estimate.ci95, " (known)" * estimate.known
+    if estimate.at_bound and not mark:
         return f"{number(estimate.value)} (at its bound)"
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
-        return f"{number(estimate.value)}{known}"
+        return f"{number(estimate.value)}{mark}"
     decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))
     if decimals > 8:
-        return f"{number(estimate.value)} [{number(low)}, {number(high)}]{known}"
-    return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]{known}"
+        return f"{number(estimate.value)} [{number(low)}, {number(high)}]{mark}"
+    return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]{mark}"
 
 
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")

@@ -68,15 +68,14 @@ def tables(result: ThrusterFit) -> tuple[Table, ...]:
 
 
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
-    """Say why this form, the tare, and what was left out."""
-    said, reduction = [result.analysis.because, result.tare.says], result.reduction
+    lines, reduction = [result.analysis.because, result.tare.says], result.reduction
     if reduction.plateaus:
         parts = [f"{count} {name.replace('_', ' ')}" for name, count in reduction.dropped.items() if count]
-        left = f"; left out: {', '.join(parts)}" if parts else ""
-        said.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{left}.")
+        dropped = f"; left out: {', '.join(parts)}" if parts else ""
+        lines.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{dropped}.")
     if result.logs.missing:
-        said.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
-    return (*said, *result.notes)
+        lines.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
+    return (*lines, *result.notes)
 
 
 def thrusters(result: ThrusterFit) -> Table:
@@ -130,7 +129,6 @@ def forms(result: ThrusterFit) -> Table:
 
 
 def parameters(result: ThrusterFit) -> Table:
-    """Lay out the chosen form's parameters, and how well it fits."""
     analysis, chosen = result.analysis, result.analysis.chosen
     rows = [
         {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value), "unit": value.unit}
@@ -146,18 +144,17 @@ def _is_square(analysis: Analysis) -> bool:
 
 def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
     cross = "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
-    said = (
+    text = (
         f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
         f"full scale ({number(analysis.full_scale)} N){cross}."
     )
     if not (less := int(np.count_nonzero(analysis.points.flag != ""))):
-        return said
+        return text
     every = number(analysis.over_all(score), 3)
-    return f"{said} Over all points alike the rmse is {every} N: {less} of {len(analysis.points)} weigh less above."
+    return f"{text} Over all points alike the rmse is {every} N: {less} of {len(analysis.points)} weigh less above."
 
 
 def voltages(result: ThrusterFit) -> Table:
-    """Lay out the square law's coefficients and error at each voltage, the chosen form and its error."""
     unit = next(iter(result.analysis.square.values())).unit
     return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", [
         {

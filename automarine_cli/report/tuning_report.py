@@ -7,11 +7,10 @@ import numpy as np
 
 from automarine_cli.control.design import Designed
 from automarine_cli.control.tuning import LIMITS, SETTLES, TUNING, Tuning, TuningCheck, in_print, margins_of, promises
-from automarine_cli.pipeline.records import toml_text
 from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
+from automarine_cli.report.figures.plan import flown_figure, tuning_figure
 from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.figures.tuning import flown_figure, tuning_figure
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
 from automarine_cli.report.tables import Table, number
 
 VERDICTS = {
@@ -141,10 +140,10 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
 
 @sections.register
 def _(check: TuningCheck) -> Sections:
-    dof, steps, rows, shown = check.dof, check.steps, list[dict[str, object]](), check.dof.units.shown
+    dof, steps, rows, unit = check.dof, check.steps, list[dict[str, object]](), check.dof.units.shown
     words = {
-        "overshoot": "overshoot [%]", "settling": "settles after [s]", "rms": f"error from then on, rms [{shown}]",
-        "distance": f"distance from the reference, rms [{shown}]", "largest": f"the same at most [{shown}]",
+        "overshoot": "overshoot [%]", "settling": "settles after [s]", "rms": f"error from then on, rms [{unit}]",
+        "distance": f"distance from the reference, rms [{unit}]", "largest": f"the same at most [{unit}]",
     }  # fmt: skip
     for step in steps:
         size = "no step" if step.size is None else f"{dof.logged(step.size):+.3g} {dof.units.log}"

@@ -7,10 +7,9 @@ from automarine_cli.comparison.validation import Ahead, Validation
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.innovations import channel_sentences, measured_noises
 from automarine_cli.models.store import StoredPlanar
-from automarine_cli.pipeline.results_folder import file_stems
 from automarine_cli.report.figures.runs import planar_figure, validation_figure
 from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.sections import Content, Sections, document, forms_of, sections
+from automarine_cli.report.sections import Content, Sections, document, file_stems, forms_of, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.run import command_warnings
 
@@ -43,7 +42,6 @@ def _(result: Validation) -> Sections:
 
 
 def planar_table(result: Validation) -> Table:
-    """Lay out each run, and all of them."""
     (scored,), headings = result.models.values(), [score.heading for score in result.scores.values()]
     overall = {name: score.value for name, score in scored.overall.items()}
     names = [*(run.name for run in result.runs), "all runs"]
@@ -77,7 +75,6 @@ def overall_table(result: Validation) -> Table:
 
 
 def run_table(result: Validation) -> Table:
-    """Lay out each run: noise level, then free-run and restarted rmse of each model."""
     rows, dof = list[dict[str, str]](), result.dof
     for i, (run, floor, restarts) in enumerate(zip(result.runs, result.floors, result.restarts)):
         scores = {model: scored.scores[i] for model, scored in result.models.items()}
@@ -96,7 +93,6 @@ def run_table(result: Validation) -> Table:
 
 
 def _starts(result: Validation) -> list[str]:
-    """How the starts of the runs were found, under the first model."""
     return [free.start.how for free in next(iter(result.models.values())).free]
 
 
@@ -106,10 +102,10 @@ def ahead_table(ahead: Ahead) -> Table:
     for model, horizons in ahead.worth.items():
         for worth in horizons:
             sizes = (worth.error, worth.constant_rate, worth.constant)
-            error, moving, still = (number(float(dof.shown(size)), 3) for size in sizes)
+            error, moving, constant = (number(float(dof.shown(size)), 3) for size in sizes)
             rows.append({
                 "model": model, "s ahead": f"{worth.horizon:g}", f"error {unit}": error,
-                f"constant {dof.words.speed} {unit}": moving, f"constant {dof.position} {unit}": still,
+                f"constant {dof.words.speed} {unit}": moving, f"constant {dof.position} {unit}": constant,
                 "predictions": worth.count,
             })  # fmt: skip
     return Table.of("Predictions from the filtered state", rows, (
@@ -179,8 +175,8 @@ def _notes(result: Validation) -> list[str]:
 
 
 def _how_started(at_rest: list[bool], dof: Dof) -> str:
-    still = f"start from rest, at the mean {dof.position} of the rest"
+    idle = f"start from rest, at the mean {dof.position} of the rest"
     moving = f"with the {dof.position} and {dof.words.speed} that follow their first second best"
     if all(at_rest):
-        return f"All {still}."
-    return f"{sum(at_rest)} of {len(at_rest)} {still}; the others {moving}." if any(at_rest) else f"All start {moving}."
+        return f"All {idle}."
+    return f"{sum(at_rest)} of {len(at_rest)} {idle}; the others {moving}." if any(at_rest) else f"All start {moving}."

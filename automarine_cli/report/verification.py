@@ -2,8 +2,8 @@
 
 from dataclasses import asdict, dataclass
 
-from automarine_cli.pipeline.words import printable
 from automarine_cli.report.sections import Sections, sections
+from automarine_cli.text import printable
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,6 @@ class Change:
 
 @dataclass(frozen=True)
 class FolderVerified:
-    """What became of one folder of results since it was written."""
-
     folder: str
     command: str
     files: int

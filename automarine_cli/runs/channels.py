@@ -15,9 +15,9 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs.columns import names_of
-from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, median, position_noise, slope, summed
+from automarine_cli.text import listed
 
 MIN_READINGS = 8  # Readings
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.pipeline.records import FILLER, to_mapping
-from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED, Run, SetAside, median
+from automarine_cli.text import listed
 
 FEWEST_SAMPLES = 8
 LEAST_STUCK = 20  # samples of one exact position

@@ -22,9 +22,7 @@ from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.columns import driven, names_of
 from automarine_cli.logs.table import is_velocity_only
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.words import listed
+from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import (
     IN_OTHER_UNITS,
@@ -37,6 +35,7 @@ from automarine_cli.runs.checks import (
     within_limits,
 )
 from automarine_cli.runs.run import NORMAL, Run, SetAside, fresh_readings, median, named_apart, own_name, slope, summed
+from automarine_cli.text import listed
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]

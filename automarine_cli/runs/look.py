@@ -16,8 +16,7 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
 from automarine_cli.logs.columns import driven, names_of
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of, quantities_of
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, find_steps, segments, why_none
 from automarine_cli.runs.load import Indices, read_runs, rows_of_runs, runs_of_table, unreadable

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.errors import RunError
+from automarine_cli.errors import RunError, SetAside
 from automarine_cli.logs.columns import names_of
 from automarine_cli.logs.find import stem_of
 from automarine_cli.pipeline.records import to_mapping
-from automarine_cli.pipeline.result_files import SetAside
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation

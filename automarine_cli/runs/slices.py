@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogTable, require
 from automarine_cli.logs.columns import ARMED, MODE
-from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import FEWEST_SAMPLES
 from automarine_cli.runs.half_turn import SAME_MOMENT, SHORT_REST
+from automarine_cli.text import listed
 
 By = Literal["mode", "arm", "moment"]
 Stretch: TypeAlias = tuple[int, int, str, bool]

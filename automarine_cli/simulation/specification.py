@@ -24,8 +24,9 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.store import PLANAR_MODEL, planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
-from automarine_cli.pipeline.records import FILLER, Codec, Place, Record, everything, in_words, key_of, keyed, told
+from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
 from automarine_cli.quantities import Floats
+from automarine_cli.text import Place, in_words, told
 
 
 def positive(settings: Record, *names: str, or_zero: bool = False) -> None:

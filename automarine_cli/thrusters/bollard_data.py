@@ -12,11 +12,11 @@ from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.logs.columns import BY
 from automarine_cli.logs.table import Labels, splitting
-from automarine_cli.pipeline.progress import Progress, counted, silent
-from automarine_cli.pipeline.words import listed, quoted
+from automarine_cli.pipeline.parallel import Progress, counted, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
+from automarine_cli.text import listed, quoted
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,13 @@ from automarine_cli.estimate import Given
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.allocation import twin_forces
 from automarine_cli.models.store import number_at
-from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.records import Codec, Place, Source, keyed, read_plain, told
-from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
-from automarine_cli.pipeline.words import printable
+from automarine_cli.pipeline.parallel import Progress, silent
+from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, keyed, read_plain
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import Campaign, load_runs, none_left, read_planar, refused_by_strict
 from automarine_cli.runs.run import CommandRange, Run, SetAside
 from automarine_cli.simulation.specification import Bollard, levels_of, normal, uniform
+from automarine_cli.text import Place, printable, told
 
 SIDES = (("forward", 1.0), ("backward", -1.0))
 SQUARE = 2.0

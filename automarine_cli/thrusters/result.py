@@ -12,12 +12,11 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnRule
 from automarine_cli.logs.columns import likely_column
 from automarine_cli.logs.recognise import is_called
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import runs_json
+from automarine_cli.text import listed
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
 from automarine_cli.thrusters.fit import FEWEST_LEVELS, Analysis, FormScore, Side, analyse, parameters_json

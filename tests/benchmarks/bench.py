@@ -28,7 +28,7 @@ from speed import Result, fit, simulator
 from tails import tails
 
 from automarine_cli.commands.terminal import terminal_progress
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress
 
 CAMPAIGNS = {
     "efficiency": 200,

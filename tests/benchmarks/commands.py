@@ -18,7 +18,7 @@ import many_logs
 import numpy as np
 import pyarrow.csv as arrow_csv
 
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress
 from automarine_cli.report.tables import Table
 
 Result = tuple[list[Table], dict[str, Any]]

@@ -14,8 +14,7 @@ from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.models.yaw_model import Term, YawModel
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.simulation.specification import SCHEMA
 

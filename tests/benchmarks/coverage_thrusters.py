@@ -11,8 +11,7 @@ from interval_coverage import HEADER, Outcome, Trial, failures, misses, summaris
 
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.errors import AutomarineError
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 
 STREAM = 3

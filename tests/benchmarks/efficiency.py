@@ -13,8 +13,7 @@ from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_half_turns
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
 

@@ -18,10 +18,9 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
 from automarine_cli.commands.validate import validate
-from automarine_cli.report.figures.runs import validation_figure
+from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
 from automarine_cli.report.figures.style import house_style
 from automarine_cli.report.figures.thrusters import thruster_figure
-from automarine_cli.report.figures.yaw import drag_figure, half_turns_figure, inertia_figure
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SAMPLES = ROOT / "sample_runs"

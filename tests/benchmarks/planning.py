@@ -29,8 +29,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.planning.campaign import Campaign, fitting_of, plan_campaign, specification
 from automarine_cli.planning.candidates import Goal, Limits, Logger, Pool, Runs, Supply, paper_grid, scheduled
 from automarine_cli.planning.information import ANGLE, Doubt, PriorResults

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from automarine_cli.dofs import YAW
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs

@@ -22,8 +22,7 @@ from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.whole_runs import fit_half_turns
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.simulation.specification import SCHEMA

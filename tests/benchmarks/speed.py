@@ -15,7 +15,7 @@ from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.whole_runs import fit_half_turns
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run

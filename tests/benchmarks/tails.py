@@ -18,8 +18,7 @@ from interval_coverage import Trial as Intervals
 
 from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.paper import fit_velocity_error
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
 

@@ -9,10 +9,10 @@ import pytest
 from automarine_cli.commands import load
 from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.report import report
-from automarine_cli.commands.run import run_campaign
+from automarine_cli.commands.run import run_campaign, why_made_again
 from automarine_cli.control import tuning
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.progress import silent
+from automarine_cli.pipeline.parallel import silent
 from automarine_cli.report.campaign import STEPS, headlines, read_steps
 
 
@@ -31,7 +31,7 @@ def test_a_campaign_ends_with_gains_and_its_report_shows_them(
     settings, tune = planned.plan(step, out), load("tune")
     assert not isinstance(settings, str) and planned.has(step)
     tune.run(settings, out=out / "tune", overwrite=False, jobs=1, progress=silent, figure_formats=("png",))
-    assert tune.why_again(settings, out / "tune", ("png",)) is None
+    assert why_made_again(out / "tune", **tune.manifest(settings)) is None
     assert (out / "tune" / "controller.py").is_file()
     text = report(out, overwrite=True).files["report.md"]
     assert "## Tuning" in text and "(tune/tuning.png)" in text and "### What it rests on" in text

@@ -14,11 +14,11 @@ from made_campaigns import both_ways, campaign
 from automarine_cli.dofs import HEAVE, SWAY, Dof
 from automarine_cli.logs.columns import names_of
 from automarine_cli.models.yaw_model import response
-from automarine_cli.pipeline.manifest import read_manifest
+from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, Logger
 from automarine_cli.planning.information import read_prior_results
-from automarine_cli.report.yaw_report import sentences
+from automarine_cli.report.fit_report import sentences
 from automarine_cli.runs.load import load_runs
 
 Run = Callable[..., Result]

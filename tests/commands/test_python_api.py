@@ -17,7 +17,7 @@ from small_campaign import make_small_campaign
 import automarine_cli as am
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.errors import LogError, SettingError
-from automarine_cli.pipeline.manifest import read_manifest
+from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import interval

@@ -146,10 +146,10 @@ def test_a_step_runs_for_its_settings(place: Path) -> None:
 
 
 def test_a_step_runs_for_another_version(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from automarine_cli.pipeline import manifest
+    from automarine_cli.pipeline import results_folder
 
-    newer = {**manifest.versions_here(), "numpy": "99.0"}
-    monkeypatch.setattr(manifest, "versions_here", lambda: newer)
+    newer = {**results_folder.versions_here(), "numpy": "99.0"}
+    monkeypatch.setattr(results_folder, "versions_here", lambda: newer)
     found = again(place, until="check")
     assert fates(found) == {"check": "done"}
     assert reasons(found)["check"].startswith("version: numpy ") and "99.0 now" in reasons(found)["check"]

@@ -17,8 +17,8 @@ from pseudo_terminal import ESCAPE, PATIENCE_S, on_terminal, without_bars
 from repository import ROOT
 from small_campaign import make_small_campaign
 
+from automarine_cli.commands.diagnose import foretell
 from automarine_cli.commands.terminal import Bar, terminal_progress
-from automarine_cli.pipeline.progress import foretell
 from automarine_cli.report.tables import Table, text_table
 
 STEPS = ROOT / "sample_runs" / "hidden_one"

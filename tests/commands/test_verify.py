@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from automarine_cli.pipeline.manifest import Input
-from automarine_cli.pipeline.results_folder import result_folder
+from automarine_cli.pipeline.results_folder import Input, result_folder
 
 Run = Callable[..., Result]
 
@@ -134,7 +133,7 @@ def test_an_unreadable_input_is_recorded_without_a_hash(tmp_path: Path) -> None:
     """A log that was set aside because nobody could open it."""
     (tmp_path / "lost.csv").symlink_to("nowhere")
     with result_folder(
-        tmp_path / "out", command="c", options={}, inputs=[("lost.csv", tmp_path / "lost.csv")], seed=None,
+        tmp_path / "out", command="c", options={}, inputs=[Input("lost.csv", tmp_path / "lost.csv")], seed=None,
         overwrite=False,
     ) as folder:  # fmt: skip
         folder.write("a", "1")

@@ -14,7 +14,7 @@ import automarine_cli as am
 from automarine_cli.control import tuning
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.manifest import MANIFEST
+from automarine_cli.pipeline.results_folder import MANIFEST
 from automarine_cli.simulation.specification import SCHEMA
 
 Run = Callable[..., Result]

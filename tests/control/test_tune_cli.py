@@ -20,7 +20,7 @@ from automarine_cli.control import tuning
 from automarine_cli.control.design import fly
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.errors import RunError
-from automarine_cli.pipeline.manifest import MANIFEST
+from automarine_cli.pipeline.results_folder import MANIFEST
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Run = Callable[..., Result]

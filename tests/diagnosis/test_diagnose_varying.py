@@ -15,8 +15,8 @@ from automarine_cli.commands import automarine
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
-from automarine_cli.pipeline.manifest import read_manifest
-from automarine_cli.pipeline.records import toml_text
+from automarine_cli.pipeline.results_folder import read_manifest
+from automarine_cli.report.sections import toml_text
 
 FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
 STRONG = 3.0

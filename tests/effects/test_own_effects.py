@@ -14,7 +14,7 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
 from automarine_cli.effects import Effect, Parameter, Place, State
 from automarine_cli.errors import ModelError
-from automarine_cli.pipeline.manifest import read_manifest
+from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.quantities import Floats
 
 ROOT = Path(__file__).parents[2]

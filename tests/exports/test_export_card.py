@@ -9,7 +9,7 @@ import pytest
 
 from automarine_cli.commands.export import export
 from automarine_cli.errors import ModelError
-from automarine_cli.pipeline.manifest import sha256
+from automarine_cli.pipeline.results_folder import sha256
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from made_driven import Sea, steered
 
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.identify import YawFit, identify_turns
+from automarine_cli.report.fit_report import sentences, tables
 from automarine_cli.report.sections import sections
-from automarine_cli.report.yaw_report import sentences, tables
 
 LATE = "input-delay t_d"
 

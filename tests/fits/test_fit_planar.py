@@ -26,7 +26,7 @@ from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel, Tied
 from automarine_cli.models.store import StoredPlanar, load_planar_model, planar_from_json
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.report import planar_report
+from automarine_cli.report import fit_report
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -140,11 +140,11 @@ def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
     assert [one["parameter"] for one in data["assumptions"]] == ["planar.m_vr", "planar.m_ur, planar.m_uv"]
     low, high = data["valid_range"]["surge_m_s"]
     assert -2 < low < 0 < high < 2 and data["valid_range"]["force_X_N"][1] <= 30
-    said = list(planar_report.sentences(fit))
+    said = list(fit_report.planar_sentences(fit))
     assert said[0].startswith("Structure: surge drag quadratic, sway drag quadratic, yaw drag quadratic, Y_r. No")
-    table = planar_report.parameter_table(fit)
+    table = fit_report.parameter_table(fit)
     assert [row[0] for row in table.rows] == list(fit.estimates)
-    assert len(planar_report.structure_table(fit).rows) == len(fit.tried)
+    assert len(fit_report.structure_table(fit).rows) == len(fit.tried)
 
 
 def test_it_shows_itself_at_a_prompt(fit: PlanarFit) -> None:

@@ -28,7 +28,7 @@ from automarine_cli.fits.planar_structure import Observed, Structure, observed, 
 from automarine_cli.fits.whole_runs import run_covariance
 from automarine_cli.models.planar import Tied
 from automarine_cli.quantities import Floats
-from automarine_cli.report import planar_report
+from automarine_cli.report import fit_report
 from automarine_cli.runs.run import Run
 
 PERIOD = 0.05
@@ -172,5 +172,5 @@ def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:
     assert mass.stderr == pytest.approx(mass.value * spread, rel=1e-6)
     assert mass.ci95[1] / mass.value == pytest.approx(np.exp(special.stdtrit(2.0, 0.975) * spread), rel=1e-6)
     assert fit.estimates["yaw.k_rr"].at_bound and fit.estimates["yaw.k_rr"].to_json()["at_bound"] is True
-    assert "at its bound" in planar_report.parameter_table(fit).to_markdown()
+    assert "at its bound" in fit_report.parameter_table(fit).to_markdown()
     assert fit.warnings[0].startswith("The disturbance is more than half as large as the commands: surge")

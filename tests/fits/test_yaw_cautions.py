@@ -14,7 +14,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import Caution, YawFit, design_cautions, fit_cautions, seed_cautions, told
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
-from automarine_cli.report import yaw_report
+from automarine_cli.report import fit_report
 from automarine_cli.runs.run import Run
 
 SIZES = (0.3, 0.5, 0.7, 0.9)
@@ -172,7 +172,7 @@ def test_cautions_stand_below_the_table_of_their_parameter() -> None:
     drag, inertia = Caution("2", ("linear",), "On drag."), Caution("3", ("inertia",), "On inertia.")
     both = Caution("", ("inertia", "quadratic", "linear"), "On both.", grave=True)
     fit = replace(sound(), cautions=(drag, inertia, both), warnings=("On both.",))
-    one, two = yaw_report.tables(fit)
+    one, two = fit_report.tables(fit)
     assert one.notes[-2:] == ("On drag.", "On both.") and two.notes[-2:] == ("On inertia.", "On both.")
     for form in ("to_markdown", "to_latex", "to_text"):
         assert "On drag." in getattr(one, form)() and "On drag." not in getattr(two, form)()
@@ -181,5 +181,5 @@ def test_cautions_stand_below_the_table_of_their_parameter() -> None:
 def test_the_terminal_and_the_result_file_hold_the_warnings() -> None:
     fit = replace(sound(), warnings=("On both.",), cautions=(Caution("2", ("linear",), "On drag."),))
     assert fit.to_json()["warnings"] == ["On both."]
-    assert "Warning: On both." in yaw_report.sentences(fit)
-    assert not any("On drag." in table.to_text() for table in yaw_report.tables(fit, short=True))
+    assert "Warning: On both." in fit_report.sentences(fit)
+    assert not any("On drag." in table.to_text() for table in fit_report.tables(fit, short=True))

@@ -8,11 +8,11 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogFile, LogTable
 from automarine_cli.pipeline.records import read_mapping
-from automarine_cli.pipeline.words import printable
 from automarine_cli.runs.load import runs_of_table
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.specification import Specification, specification_from
+from automarine_cli.text import printable
 
 
 def specified(table: Mapping[str, object], where: str = "specification") -> Specification:

@@ -17,7 +17,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require_motion
 from automarine_cli.logs.mixing import FRAMES, Told, asked_of_pulses
-from automarine_cli.report import yaw_report
+from automarine_cli.report import fit_report
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
 REAL = DATA / "ardusub"
@@ -195,7 +195,7 @@ def test_a_dive_is_fitted_without_a_column_map(tmp_path: Path, mirrored: bool) -
     for name, value in truth.items():
         one = fit.output_error["3"].estimates[name]
         assert abs(one.value - value) < max(4 * one.stderr, 0.02 * value), (name, one)
-    said = " ".join(yaw_report.sentences(fit))
+    said = " ".join(fit_report.sentences(fit))
     assert "worked back from SERVO_OUTPUT_RAW by the mixing of ArduSub's frame vectored 6 DOF" in said
     used = fit.runs[0].command
     assert used.max() == pytest.approx(tau.max(), abs=PULSE) and used.min() == pytest.approx(tau.min(), abs=PULSE)

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.pipeline.records import FILLER, Codec, json_text, key_of, keyed, read_mapping, to_mapping, toml_text
+from automarine_cli.pipeline.records import FILLER, Codec, json_text, key_of, keyed, read_mapping, to_mapping
+from automarine_cli.report.sections import toml_text
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import pytest
 from repository import ROOT
 
 from automarine_cli.errors import OutputError
-from automarine_cli.pipeline.manifest import MANIFEST
-from automarine_cli.pipeline.results_folder import file_stems, result_folder
+from automarine_cli.pipeline.results_folder import MANIFEST, Input, result_folder
+from automarine_cli.report.sections import file_stems
 
 
 def write(
@@ -37,7 +37,7 @@ def test_new_folder_appears_with_its_manifest(tmp_path: Path) -> None:
     log, out = tmp_path / "run.csv", tmp_path / "deep" / "er" / "out"
     log.write_bytes(b"time_s,tau\n")
     options = {"arm": 0.44, "model": tmp_path / "m.json", "file": str(log), "logs": ("a", log)}
-    write(out, {"b.csv": "1\n", "sub/a.csv": "ψ\n"}, options=options, inputs=[("steps/run.csv", log)], seed=3)
+    write(out, {"b.csv": "1\n", "sub/a.csv": "ψ\n"}, options=options, inputs=[Input("steps/run.csv", log)], seed=3)
     assert content(out) == {"b.csv": "1\n", "sub/a.csv": "ψ\n"} and list(out.parent.iterdir()) == [out]
     manifest = json.loads((out / MANIFEST).read_text())
     assert (manifest["schema"], manifest["command"], manifest["seed"]) == ("automarine/manifest/1", "fit-yaw", 3)

@@ -14,8 +14,8 @@ from click.testing import Result
 from few_candidates import few_candidates
 from made_sequences import model_file
 
-from automarine_cli.pipeline.words import printable
 from automarine_cli.report.figures.style import FORMATS, new_figure
+from automarine_cli.text import printable
 
 Command = Callable[..., Result]
 

@@ -11,8 +11,7 @@ from click.testing import Result
 from few_candidates import few_candidates
 
 import automarine_cli as am
-from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.results_folder import attempted
+from automarine_cli.errors import SettingError, attempted
 from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.simulation.specification import SCHEMA
 
@@ -38,12 +37,12 @@ CASES = {
     "fit-thrusters": Case(
         "fit-thrusters pool/thrusters --thrusters-per-test 2", f"{REPORT}.thruster_tables.thruster_figure", "thrusters"
     ),
-    "fit-yaw": Case("fit-yaw pool/steps", f"{REPORT}.figures.yaw.drag_figure", "drag"),
+    "fit-yaw": Case("fit-yaw pool/steps", f"{REPORT}.figures.runs.drag_figure", "drag"),
     "fit-yaw, whole runs": Case(
         "fit-yaw pool/driving pool/steps --fit-to whole-runs", f"{REPORT}.figures.runs.whole_runs_figure", "whole_runs"
     ),
-    "fit-surge": Case("fit-surge forces/surge", f"{REPORT}.figures.yaw.half_turns_figure", "steps"),
-    "fit-heave": Case("fit-heave forces/heave", f"{REPORT}.figures.yaw.inertia_figure", "inertia"),
+    "fit-surge": Case("fit-surge forces/surge", f"{REPORT}.figures.runs.half_turns_figure", "steps"),
+    "fit-heave": Case("fit-heave forces/heave", f"{REPORT}.figures.runs.inertia_figure", "inertia"),
     "validate": Case(
         "validate pool/validation --model yaw/yaw_model.json",
         f"{REPORT}.validation_report.validation_figure",

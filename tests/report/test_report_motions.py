@@ -15,7 +15,7 @@ from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.report import yaw_report
+from automarine_cli.report import fit_report
 from automarine_cli.report.campaign import captions
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.report.sections import sections
@@ -66,23 +66,23 @@ def labels(figure: Figure) -> list[str]:
 @EVERY_FORCE
 def test_a_fit_speaks_of_its_motion(fits: dict[str, YawFit], name: str) -> None:
     fit, dof = fits[name], FORCES[name]
-    tables = [*yaw_report.tables(fit), *yaw_report.tables(fit, short=True)]
+    tables = [*fit_report.tables(fit), *fit_report.tables(fit, short=True)]
     for table in tables:
         refuse_strange(dof, [table.to_csv(), table.to_markdown()])
         assert any(sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia))
-    refuse_strange(dof, [*yaw_report.sentences(fit), repr(fit), *captions(dof).values()])
-    keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit)[0]]
+    refuse_strange(dof, [*fit_report.sentences(fit), repr(fit), *captions(dof).values()])
+    keys = [key.replace("_", " ") for key in fit_report.run_rows(fit)[0]]
     refuse_strange(dof, keys)
     assert f"start {dof.words.position} m" in keys and "covered cm" in keys and dof.words.force in keys
     first = fit.turns[0]
-    row = yaw_report.run_rows(fit)[0]
+    row = fit_report.run_rows(fit)[0]
     assert row[f"start_{dof.words.position}_m"] == pytest.approx(first.start_position)
     assert row["run"] == first.name
 
 
 @EVERY_FORCE
 def test_only_drag_that_may_differ_is_told_by_way(fits: dict[str, YawFit], name: str) -> None:
-    one, _ = yaw_report.tables(fits[name])
+    one, _ = fit_report.tables(fits[name])
     text, ways = one.to_markdown(), FORCES[name].words.ways
     assert f"{ways[0].capitalize()} is positive" in text
     assert ("one drag both ways" in text) == FORCES[name].directional == ("The drag of one way" in text)

@@ -13,9 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.report import yaw_report
-from automarine_cli.report.figures import runs
-from automarine_cli.report.figures import yaw as figures
+from automarine_cli.report import fit_report
+from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import FORMATS
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -42,7 +41,7 @@ def column(rows: list[list[str]], number: int) -> list[str]:
 
 def test_table_1_has_the_papers_layout(fit: YawFit) -> None:
     """Models across; k_r|r|, k_r, SSE down; ours below the rule."""
-    rows = cells(yaw_report.tables(fit)[0].to_csv())
+    rows = cells(fit_report.tables(fit)[0].to_csv())
     assert rows[0] == ["Model", "1", "2", "3"]
     assert column(rows[1:4], 0) == ["k_r|r|", "k_r", "SSE"]
     assert fit.seed_method is not None
@@ -58,7 +57,7 @@ def test_table_1_has_the_papers_layout(fit: YawFit) -> None:
 
 
 def test_table_2_has_the_papers_layout_and_the_mean_at_each_moment(fit: YawFit) -> None:
-    rows = cells(yaw_report.tables(fit)[1].to_csv())
+    rows = cells(fit_report.tables(fit)[1].to_csv())
     assert rows[0] == ["Model", "1", "2", "3"] and rows[1][0] == "I_r"
     assert fit.seed_method is not None
     table = fit.seed_method.inertia["3"]
@@ -66,12 +65,12 @@ def test_table_2_has_the_papers_layout_and_the_mean_at_each_moment(fit: YawFit) 
     means = {row[0]: row[3] for row in rows if row[0].startswith("mean at")}
     assert list(means) == [f"mean at {m:+.4g} nu" for m in sorted(both_ways(SIZES))]
     assert float(means["mean at +0.5 nu"]) == pytest.approx(table.per_moment[0.5], rel=1e-3)
-    short = yaw_report.tables(fit, short=True)[1].to_csv()
+    short = fit_report.tables(fit, short=True)[1].to_csv()
     assert "mean at" not in short
 
 
 def test_tables_say_where_the_tails_start(fit: YawFit) -> None:
-    for table in yaw_report.tables(fit):
+    for table in fit_report.tables(fit):
         assert re.search(
             r"Tails start at \d+ deg, where the errors to be expected are smallest: [\d.]+ % in drag \(noise [\d.]+ %, "
             r"bias [-+][\d.]+ %\), [\d.]+ % in I_r \(noise [\d.]+ %, bias -[\d.]+ %\)\. The bias, of what is "
@@ -82,16 +81,16 @@ def test_tables_say_where_the_tails_start(fit: YawFit) -> None:
 
 
 def test_tables_as_latex_have_rules_and_symbols(fit: YawFit) -> None:
-    for table, symbol in zip(yaw_report.tables(fit), ("k_{r|r|}", "I_r")):
+    for table, symbol in zip(fit_report.tables(fit), ("k_{r|r|}", "I_r")):
         text = table.to_latex()
         assert text.count(r"\toprule") == text.count(r"\bottomrule") == 1
         assert r"\midrule" in text and f"${symbol}$" in text
 
 
 def test_tables_of_whole_runs_leave_out_steady_rates_and_say_why(whole: YawFit) -> None:
-    for table in yaw_report.tables(whole):
+    for table in fit_report.tables(whole):
         assert "whole runs were fitted by output error" in table.to_markdown()
-    rows = cells(yaw_report.tables(whole)[0].to_csv())
+    rows = cells(fit_report.tables(whole)[0].to_csv())
     assert not {"SSE", "AICc", "k_r, 95 %"} & {row[0] for row in rows}
     likely = {row[0]: row for row in rows}["k_r|r|, maximum likelihood"]
     value = whole.output_error["3"].estimates["k_rr"].value
@@ -99,7 +98,7 @@ def test_tables_of_whole_runs_leave_out_steady_rates_and_say_why(whole: YawFit) 
 
 
 def test_sentences_name_choice_angle_scatter_and_warnings(fit: YawFit) -> None:
-    choice, angle, scatter, *warnings = yaw_report.sentences(fit)
+    choice, angle, scatter, *warnings = fit_report.sentences(fit)
     assert choice.startswith("Model 3 predicts")
     assert "rad [" in angle and "whatever the moment's unit" in angle
     assert "from run to run by" in scatter and "heading noise" in scatter
@@ -171,7 +170,7 @@ def test_collapse_figure_puts_every_run_on_one_curve(fit: YawFit) -> None:
 
 
 def test_whole_runs_are_drawn_with_their_fit(whole: YawFit) -> None:
-    figure = runs.whole_runs_figure(whole)
+    figure = figures.whole_runs_figure(whole)
     is_complete(figure)
     shown = [ax for ax in figure.axes if ax.axison]
     titles = [ax.get_title() for ax in shown]
@@ -190,7 +189,7 @@ def test_whole_runs_that_only_their_own_thrust_saves_stand_first_and_look_wrong(
     """A run with thrust of its own is followed well and predicted badly: the figure shows both."""
     late = whole.runs[1]
     run = replace(late, moment=1.3 * late.command, position=late.position.copy())
-    figure = runs.whole_runs_figure(replace(whole, runs=(whole.runs[0], run)))
+    figure = figures.whole_runs_figure(replace(whole, runs=(whole.runs[0], run)))
     first = next(ax for ax in figure.axes if ax.axison)
     assert first.get_title().startswith(run.name)
     fitted, free = (np.sqrt(np.mean(np.asarray(line.get_ydata(), float) ** 2)) for line in first.lines)

@@ -20,8 +20,8 @@ from automarine_cli.control.vehicles import ThrustCurve, Vehicles
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Source
-from automarine_cli.pipeline.words import printable, quoted
 from automarine_cli.quantities import Complexes, Floats
+from automarine_cli.text import printable, quoted
 
 Gains = Mapping[str, Floats]  # parameters by name, (S, 1) each
 State = tuple[Floats, ...]

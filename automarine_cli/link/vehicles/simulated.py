@@ -14,15 +14,15 @@ from automarine_cli.link.document import LinkCampaign, PlannedRun
 from automarine_cli.link.vehicles.base import Halted, Pace, refuse_beyond
 from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import read_plain
-from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.planning.information import Logger
 from automarine_cli.planning.vehicle import MOMENT_COLUMNS
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 from automarine_cli.simulation.specification import normal
+from automarine_cli.text import listed, printable
 
 NOISE_DEG = 1.0
 """Of the simulated compass, as the paper's."""

@@ -29,9 +29,9 @@ def compare_figure(sides: Sequence[Side]) -> Figure:
             if i == 0:
                 ax.axvspan(*estimate.ci95, color="0.92", lw=0, zorder=0)
         unit = next(side.parameters[name].unit for side in sides if name in side.parameters)
-        beside = f" [{unit}]" if unit not in ("", "1") else ""
-        below = len(name + beside) > WIDEST_LABEL
-        ax.set_xlabel(name + (beside.replace(" ", "\n", 1) if below else beside), parse_math=False)
+        label = f" [{unit}]" if unit not in ("", "1") else ""
+        below = len(name + label) > WIDEST_LABEL
+        ax.set_xlabel(name + (label.replace(" ", "\n", 1) if below else label), parse_math=False)
         ax.grid(visible=False, axis="y")
     for ax in axes[:, 0]:
         ax.set_yticks(list(places), [shortened(side.name, LONGEST_NAME) for side in sides], parse_math=False)

@@ -52,16 +52,16 @@ def where_figure(looked: ResidualRegions, words: str, units: str = "runs") -> Fi
     """Draw small multiples, one a variable, most significant first, above a heat map of runs by time where there are
     runs; `words` are the verdict, `units` are what chance turns."""
     dof = looked.dof if isinstance(looked, Where) else None
-    shown = sorted(looked.variables, key=_by_significance)[:MOST_PANELS]
-    columns = COLUMNS if dof else max(min(len(shown), COLUMNS), 1)
-    heights = [1.55 if dof else 2.2] * max(-(-len(shown) // columns), 1)
+    variables = sorted(looked.variables, key=_by_significance)[:MOST_PANELS]
+    columns = COLUMNS if dof else max(min(len(variables), COLUMNS), 1)
+    heights = [1.55 if dof else 2.2] * max(-(-len(variables) // columns), 1)
     rows = len(heights)
     heights += [2.6] * bool(dof)
     figure, grid = style.new_figure(len(heights), columns, style.PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
     panels = grid[:rows].ravel()
-    for axes, variable in zip(panels, shown):
+    for axes, variable in zip(panels, variables):
         _bins(axes, variable, dof)
-    for axes in panels[len(shown) :]:
+    for axes in panels[len(variables) :]:
         axes.set_axis_off()
     if isinstance(looked, Where):
         (heat,) = style.span(figure, grid[rows], slice(None))
@@ -281,12 +281,12 @@ def _(diagnosis: Diagnosis) -> Figure:
         if study is None or gap is None:
             continue
         gaps.append(f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}")
-        both = [np.asarray(dof.shown(rest)) for rest in (gap.residuals_before, gap.residuals_after)]
-        before, after = (np.sqrt((rest**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for rest in both)
+        residuals = [np.asarray(dof.shown(residual)) for residual in (gap.residuals_before, gap.residuals_after)]
+        before, after = (np.sqrt((residual**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for residual in residuals)
         sizes.append((word, before, after))
         for i in _two_of(before, np.arange(len(study.runs))):
             run = study.runs[i]
-            time, off = run.time - run.time[0], [rest[i, : len(run)] for rest in both]
+            time, off = run.time - run.time[0], [residual[i, : len(run)] for residual in residuals]
             # of driven runs nothing is predicted before the first filtered state
             errors = [(time[have], error[have]) for error in off for have in [(error != 0.0) | (not driven)]]
             cases.append(Case(_titled(run.name, word), time, dof.shown(run.position - run.position[0]), errors))
@@ -308,8 +308,8 @@ def _(search: PlanarSearch) -> Figure:
     ahead = [judged(forecast[YAW.position]) for forecast in search.forecasts]
     sizes = [np.asarray(YAW.shown(np.sqrt(each.by_run(each.error, len(runs))))) for each in ahead]
     values = {channel.quantity: channel.values for channel in course.channels}
-    known = np.flatnonzero(np.isfinite(sizes[0]))
-    groups = {"fitted": known[known < search.fitted], "held out": known[known >= search.fitted]}
+    finite = np.flatnonzero(np.isfinite(sizes[0]))
+    groups = {"fitted": finite[finite < search.fitted], "held out": finite[finite >= search.fitted]}
     picks = {r: word for word, group in groups.items() for r in _two_of(sizes[0], group)}
     cases = [
         Case(
@@ -387,7 +387,6 @@ def _by_variable(diagnosis: Diagnosis, axes: Axes) -> None:
 
 @style.house_style
 def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
-    """Draw the curve over its variable, with its 95 % band."""
     figure, grid = style.new_figure(1, 1, 0.62 * style.PAGE_IN, 2.9)
     axes, gain = grid[0, 0], curve.kind == "gain"
     scale, word = (100.0, "change of thrust [%]") if gain else (1.0, f"change of linear drag [{curve.y_unit}]")

@@ -1,26 +1,41 @@
-"""The figure of `plan`: precision against minutes in the pool."""
+"""Figures of `plan`, precision against minutes in the pool, and of `tune`: step and load with the bands of present and
+new gains, the margins of the whole crowd, and steps as they were flown."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from automarine_cli.dofs import Dof
 from automarine_cli.planning.campaign import Campaign
 from automarine_cli.planning.candidates import KINDS
-from automarine_cli.report.figures.style import COLOURS, house_style, legend_below, panels
+from automarine_cli.quantities import Floats
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend_below, new_figure, panels
+
+if TYPE_CHECKING:  # a plan needs no controllers
+    from automarine_cli.control.design import Designed
+    from automarine_cli.control.tuning import FlownStep
 
 MOST_PANELS = 4
 NARROW = 5.0  # highest over lowest value up to which even ticks suit a logarithmic axis
 TICKS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
 FEWEST_RUNS = 3  # below which a curve is not drawn: nothing is known yet
 MARKS = dict(zip(KINDS, "os^DvxP"))
+LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
+MOST_STEPS = 4
+FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 
 
 @house_style
 def plan_figure(campaign: Campaign) -> Figure:
     """Draw a panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
     names, dof = list(campaign.plan.stderr_percent)[:MOST_PANELS], campaign.fitting.model.dof
-    own, length = dof.symbols, dof.words.inertial_length
-    math = {own.quadratic: own.quadratic_math, own.linear: own.linear, own.inertia: own.inertia}
-    math[length] = f"{own.inertia}/{own.quadratic_math}"
+    sym, length = dof.symbols, dof.words.inertial_length
+    math = {sym.quadratic: sym.quadratic_math, sym.linear: sym.linear, sym.inertia: sym.inertia}
+    math[length] = f"{sym.inertia}/{sym.quadratic_math}"
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6, sharex=True)
     for ax, name in zip(axes.flat, names):
         for curve, colour, line in ((campaign.plan, "blue", "-"), (campaign.grid, "orange", (0, (5, 1.5)))):
@@ -42,3 +57,55 @@ def plan_figure(campaign: Campaign) -> Figure:
         ax.tick_params(labelbottom=True)
     legend_below(figure, axes.flat[0], ncols=4)
     return figure
+
+
+@house_style
+def tuning_figure(designed: "Designed") -> Figure:
+    """Draw step, load, and disk margin against settling, all over the crowd."""
+    figure, axes = new_figure(1, 3, PAGE_IN, 2.7)
+    dof, task, last = designed.nominal.dof, designed.task, axes[0, 2]
+    way = dof.shown(task.step)
+    for name, outcome in (("present", designed.old), ("new", designed.new)):
+        if outcome is not None:
+            time, colour = outcome.flight.time, COLOURS[LOOKS[name][0]]
+            for i in range(2):
+                _banded(axes[0, i], time, dof.shown(outcome.flight.position[:, i]), name, FURTHEST * way)
+            settling = np.where(np.isfinite(outcome.scores.settling), outcome.scores.settling, 1.06 * time[-1])
+            look: dict[str, Any] = {"ls": "", "ms": 2.5, "mew": 0.6, "color": colour, "alpha": 0.6, "label": name}
+            last.plot(outcome.margins.disk, settling, marker="x" if name == "present" else "o", **look)
+    titles = "Step", f"Load of {100 * task.load:g} % from the start", f"Every vehicle; asked for {task.margin:g}"
+    for ax, title in zip(axes[0], titles):
+        ax.set_title(title, loc="left")
+        ax.set(xlabel="Time [s]", ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]")
+    axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
+    last.axvline(task.margin, color="0.4", lw=0.6, ls=":")
+    last.set(xlabel="Disk margin", ylabel="Settles after [s]", ylim=(0.0, 1.12 * task.seconds))
+    last.set_yticks([*last.get_yticks()[:-1]])
+    last.text(0.98, 0.97, "top: never", transform=last.transAxes, ha="right", va="top", fontsize=6)
+    axes[0, 0].legend(loc="lower right")
+    return figure
+
+
+@house_style
+def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
+    """Draw the first steps of a log as flown, and the bands that were promised."""
+    drawn = steps[:MOST_STEPS]
+    figure, axes = new_figure(1, len(drawn), PAGE_IN if len(drawn) > 1 else PAGE_IN / 2, 2.6)
+    for ax, step in zip(axes[0], drawn):
+        low, high = dof.shown(step.low), dof.shown(step.high)
+        ax.fill_between(step.time, low, high, color=COLOURS["sky"], alpha=0.6, lw=1.0, label="promised, 95 %")
+        ax.plot(step.time, dof.shown(step.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
+        ax.plot(step.time, dof.shown(step.reference), color="0.4", lw=0.6, ls=":")
+        ax.set_title(f"{step.run}, {step.begins:.0f} s", loc="left", parse_math=False)
+        ax.set_xlabel("Time [s]")
+    axes[0, 0].set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]")
+    axes[0, 0].legend(loc="lower right")
+    return figure
+
+
+def _banded(ax: Axes, time: Floats, values: Floats, name: str, most: float) -> None:
+    colour, line = LOOKS[name]
+    clipped = np.clip(np.nan_to_num(values, nan=most), -most, most)
+    low, middle, high = np.quantile(clipped, [0.025, 0.5, 0.975], axis=0)
+    ax.fill_between(time, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=f"{name}, 95 %")
+    ax.plot(time, middle, color=COLOURS[colour], ls=line, lw=1.0, label=f"{name}, median")

@@ -17,9 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import Attempt, SettingError, attempted
 from automarine_cli.pipeline.parallel import Each
-from automarine_cli.pipeline.results_folder import Attempt, ResultFolder, attempted
+from automarine_cli.pipeline.results_folder import ResultFolder
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
@@ -90,7 +90,6 @@ def above_residuals(width_in: float, height_in: float, labels: tuple[str, str, s
 
 
 def legend_below(figure: Figure, *axes: Axes, ncols: int = 3) -> None:
-    """Add one legend below the figure, of what is labelled in the axes."""
     handles = [handle for ax in axes for handle in ax.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
 

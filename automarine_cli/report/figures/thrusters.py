@@ -32,13 +32,12 @@ def thruster_figure(result: ThrusterFit) -> Figure:
         "Thrust of one thruster [N]",
         "Measured − fitted [N]",
     )
-    figure, thrust, rest = above_residuals(PAGE_IN * 0.8, 5.6, labels)
+    figure, thrust, residuals = above_residuals(PAGE_IN * 0.8, 5.6, labels)
     thrust.axhline(0.0, color="0.6", lw=0.6)
     good, size = points.flag == "", 2.0 if len(points) > CROWD else 3.5
     _measured(thrust, result, groups)
 
     def draw(analysis: Analysis, square: bool, drawn: NDArray[np.bool_] | None, form: str, **look: Any) -> None:
-        """Draw the chosen map or the square law, and the residuals of the points `drawn`."""
         line: dict[str, Any] = {"ls": DASHES, "lw": 0.7} if square else {}
         hollow: dict[str, Any] = {"mfc": "none", "mew": 0.7} if square else {}
         measured = analysis.points.n
@@ -47,7 +46,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
         if drawn is not None:
             n = points.n[drawn & good]
             residual = points.force[drawn & good] - analysis.fitted(n, square=square)
-            rest.plot(n, residual, form, ms=size + square, **hollow, **look)
+            residuals.plot(n, residual, form, ms=size + square, **hollow, **look)
 
     separate = [analysis.chosen.rmse**2 for _, analysis in result.voltages]
     if len(separate) > 1 and pooled.chosen.rmse > WORSE * np.sqrt(np.mean(separate)):
@@ -62,8 +61,8 @@ def thruster_figure(result: ThrusterFit) -> Figure:
         label = "square law (chosen)" if name == "square" else f"chosen: {name}"
         draw(pooled, False, every, "o", color=COLOURS["blue"], label=label)
     thrust.legend(loc="upper left")
-    if len(rest.get_legend_handles_labels()[0]) > 1:
-        rest.legend(loc="best", ncols=2)
+    if len(residuals.get_legend_handles_labels()[0]) > 1:
+        residuals.legend(loc="best", ncols=2)
     return figure
 
 

@@ -14,7 +14,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.link.vehicles.base import Halted
 from automarine_cli.logs.streams import needed
 from automarine_cli.logs.tlog import MAV_MODE_ARMED, NO_VOLTAGE
-from automarine_cli.pipeline.words import printable
+from automarine_cli.text import printable
 
 OURS = (255, 190)
 """System and component that we send as: those of a ground station, whose sticks ArduSub takes."""

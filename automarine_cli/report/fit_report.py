@@ -1,4 +1,5 @@
-"""What the fit of one motion shows and writes: tables, sentences, one row a run, figures."""
+"""What the fit of one motion, or of surge, sway and yaw together, shows and writes: tables, sentences, one row a run,
+figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -8,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import Use
 from automarine_cli.fits.half_turns import instant
@@ -17,24 +18,34 @@ from automarine_cli.fits.innovations import InnovationsFit, channel_noises, fit_
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, MixedFit
 from automarine_cli.fits.paper import DragFit, nested_test
+from automarine_cli.fits.planar_fit import HEADING, UNITS, PlanarFit, PlanarUse, shown
 from automarine_cli.fits.whole_runs import OutputErrorFit, Ways
-from automarine_cli.report.figures import runs
-from automarine_cli.report.figures import yaw as figures
+from automarine_cli.models.store import units
+from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.sections import Content, Sections, forms_of, numbers, sections
-from automarine_cli.report.tables import Cell, Math, Table, interval, number
+from automarine_cli.report.sections import Content, Sections, document, forms_of, numbers, sections
+from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
 from automarine_cli.runs.run import shared_readings
 
 MODELS = ("1", "2", "3")
 LIKELIEST = ", maximum likelihood"
+WORDS = {
+    "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
+    "yaw.I_r": "inertia with added inertia", "planar.m_vr": "inertia that couples sway and yaw",
+    "surge.X_u": "linear drag ahead", "surge.X_uu": "quadratic drag ahead", "sway.Y_v": "linear drag abeam",
+    "sway.Y_vv": "quadratic drag abeam", "yaw.k_r": "linear yaw drag", "yaw.k_rr": "quadratic yaw drag",
+    "sway.Y_r": "sway force against turning", "yaw.N_v": "yaw moment against drifting",
+    "yaw.N_ur": "yaw drag that grows with the speed ahead", "sway.Y_uv": "sway drag that grows with the speed ahead",
+    "current.north": "water, north", "current.east": "water, east",
+}  # fmt: skip
 
 
 def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
-    dof, own, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
+    dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     drag = {} if fit.seed_method is None else {m: of for m, of in fit.seed_method.drag.items() if m in MODELS}
-    quadratic, linear = Math(own.quadratic_print, own.quadratic_math), Math(own.linear, own.linear)
-    letters = {own.quadratic: quadratic, own.linear: linear}
+    quadratic, linear = Math(sym.quadratic_print, sym.quadratic_math), Math(sym.linear, sym.linear)
+    letters = {sym.quadratic: quadratic, sym.linear: linear}
     tests = {m: nested_test(of, drag["2"])["p_value"] for m, of in drag.items() if m != "2" and "2" in drag}
     density = {m: number(float(of.mixed.predictive.sum()), 6) for m, of in ml.items()}
     rows = [
@@ -51,12 +62,12 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
         rows += [_row(f"drag {way}{LIKELIEST}", {m: of.drag[way] for m, of in ways.items()}) for way in dof.words.ways]
         rows.append(_row("one drag both ways, p", {m: number(of.p_value, 2) for m, of in ways.items()}))
     if dof.has_constant:
-        rows.append(_row("constant force, 95 %", _named(own.constant, drag)))
-        rows.append(_row(f"constant force{LIKELIEST}", _named(own.constant, ml)))
+        rows.append(_row("constant force, 95 %", _named(sym.constant, drag)))
+        rows.append(_row(f"constant force{LIKELIEST}", _named(sym.constant, ml)))
     added = {m: _added(of) for m, of in ml.items()}
     units = {name: e.unit for of_model in added.values() for name, e in of_model.items() if e.stderr > 0}
-    for name, shown in units.items():
-        rows.append(_row(f"{name} [{shown}]{LIKELIEST}", {m: of[name] for m, of in added.items() if name in of}))
+    for name, unit_of in units.items():
+        rows.append(_row(f"{name} [{unit_of}]{LIKELIEST}", {m: of[name] for m, of in added.items() if name in of}))
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     of_units = (
         f"{dof.words.force.capitalize()} [{unit}], {quadratic} [{dof.unit_of('quadratic', unit)}], "
@@ -80,44 +91,43 @@ def _named(name: str, fits: Mapping[str, DragFit | OutputErrorFit]) -> dict[str,
 
 
 def _added(fit: OutputErrorFit) -> dict[str, Estimate]:
-    """Estimates of the effects beside drag, by both names."""
     return {f"{effect} {name}": e for effect, group in effect_estimates(fit).items() for name, e in group.items()}
 
 
 def _signs(dof: Dof) -> tuple[str, ...]:
     if dof.wraps:
         return ()
-    (first, second), own, force = dof.words.ways, dof.symbols, dof.words.force
+    (first, second), sym, force = dof.words.ways, dof.symbols, dof.words.force
     constant = (
         f"; the constant {force} is weight less buoyancy, positive {first}: that of a vehicle that floats {second} is "
         "negative"
     ) * dof.has_constant
-    v, quadratic = own.velocity, own.quadratic_print
+    v, quadratic = sym.velocity, sym.quadratic_print
     signs = (
-        f"{first.capitalize()} is positive. {own.linear} and {quadratic} are positive where drag brakes, as in "
-        f"{force} = {own.inertia} d{v}/dt + {own.linear} {v} + {quadratic} |{v}| {v}; Fossen's derivatives of these "
-        f"names are their negatives. {own.inertia} is {dof.words.full_inertia}{constant}."
+        f"{first.capitalize()} is positive. {sym.linear} and {quadratic} are positive where drag brakes, as in "
+        f"{force} = {sym.inertia} d{v}/dt + {sym.linear} {v} + {quadratic} |{v}| {v}; Fossen's derivatives of these "
+        f"names are their negatives. {sym.inertia} is {dof.words.full_inertia}{constant}."
     )
     if not dof.directional:
         return (signs,)
     return (
         signs,
-        f"The drag of one way is {own.linear} in model 1, else {quadratic}. Where {first} and {second} do not differ "
+        f"The drag of one way is {sym.linear} in model 1, else {quadratic}. Where {first} and {second} do not differ "
         "(p above 0.05) they are fitted as one; where they do, the value above is their mean.",
     )
 
 
 def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and mean at each moment below."""
-    dof, own, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
+    dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     of_model = {} if fit.seed_method is None else fit.seed_method.inertia
-    inertia = Math(own.inertia, own.inertia)
-    letters = f"{own.inertia}/{own.quadratic_print}", f"{own.inertia}/{own.quadratic_math}"
+    inertia = Math(sym.inertia, sym.inertia)
+    letters = f"{sym.inertia}/{sym.quadratic_print}", f"{sym.inertia}/{sym.quadratic_math}"
     ratio = Math(*letters, f" [{dof.units.base}]")
     rows = [
         _row(inertia, {m: table.overall.value for m, table in of_model.items()}),
         _row(_with(inertia, ", 95 %"), {m: table.overall for m, table in of_model.items()}),
-        _row(_with(inertia, LIKELIEST), _named(own.inertia, ml)),
+        _row(_with(inertia, LIKELIEST), _named(sym.inertia, ml)),
         _row(_with(ratio, LIKELIEST), {m: of.inertial_turn_angle for m, of in ml.items()}),
     ]
     for way in dof.words.ways if dof.directional else ():
@@ -128,8 +138,8 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     for level in levels:
         mean = {m: table.per_moment[level] for m, table in of_model.items()}
         rows.append(_row(f"mean at {level:+.4g} {unit}", mean))
-    each = f"; means over the runs at each {dof.words.force} are by the velocity error" * bool(levels)
-    of_units = f"{own.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals{each}."
+    means_of = f"; means over the runs at each {dof.words.force} are by the velocity error" * bool(levels)
+    of_units = f"{sym.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals{means_of}."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
     return Table.of(title, rows, (of_units, *notes), rules).without_empty_rows()
 
@@ -147,15 +157,15 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """Say what a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
     preferred, mixed, turn, lasting = fit.preferred, fit.preferred.mixed, fit.inertial_turn_angle, fit.time_constant
-    dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
+    dof, words, sym = fit.dof, fit.dof.words, fit.dof.symbols
     lines = [*([] if fit.use is None else [fit.use.sentence(dof)]), fit.preference.because, *fit.told_of_known]
     if turn is not None:
         lines.append(
-            f"{words.inertial_length.capitalize()} {own.inertia}/{own.quadratic_print}: {turn.value:.4g} "
+            f"{words.inertial_length.capitalize()} {sym.inertia}/{sym.quadratic_print}: {turn.value:.4g} "
             f"{dof.units.base} {_ends(turn, '.4g')}, whatever the {words.force}'s unit."
         )
     elif lasting is not None:
-        lines.append(f"Time constant {own.inertia}/{own.linear}: {lasting.value:.3g} s {_ends(lasting, '.3g')}.")
+        lines.append(f"Time constant {sym.inertia}/{sym.linear}: {lasting.value:.3g} s {_ends(lasting, '.3g')}.")
     scatter, late = preferred.gain_scatter, preferred.offset
     more = (
         f"{words.force.capitalize()}s switch {late.value:+.2f} sample intervals {_ends(late, '+.2f')} from the middle "
@@ -216,8 +226,8 @@ def _(fit: YawFit) -> Sections:
 def _drawings(fit: YawFit) -> dict[str, Draw]:
     seed, data, use = fit.seed_method, fit.data, fit.use
     if seed is None or data is None:
-        driven = partial(runs.driven_runs_figure, fit, use) if isinstance(use, Use) else None
-        return {"whole_runs": driven or partial(runs.whole_runs_figure, fit)}
+        driven = partial(figures.driven_runs_figure, fit, use) if isinstance(use, Use) else None
+        return {"whole_runs": driven or partial(figures.whole_runs_figure, fit)}
     return {
         fit.dof.steps_key: partial(figures.half_turns_figure, fit),
         "drag": partial(figures.drag_figure, fit, seed),
@@ -227,12 +237,12 @@ def _drawings(fit: YawFit) -> dict[str, Draw]:
 
 
 def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
-    found = {(m, "maximum likelihood"): {**of.estimates, **_added(of)} for m, of in fit.output_error.items()}
+    groups = {(m, "maximum likelihood"): {**of.estimates, **_added(of)} for m, of in fit.output_error.items()}
     for model, drag in () if (seed := fit.seed_method) is None else seed.drag.items():
         if seed and model in fit.output_error:  # with a constant moment: a test of symmetry, no model of its own
             heavy = {fit.dof.symbols.inertia: seed.inertia[model].overall} if model in seed.inertia else {}
-            found[model, "velocity error"] = {**drag.estimates, **heavy}
-    for (model, method), estimates in found.items():
+            groups[model, "velocity error"] = {**drag.estimates, **heavy}
+    for (model, method), estimates in groups.items():
         for name, estimate in estimates.items():
             yield {"model": model, "method": method, "parameter": name} | numbers(estimate)
 
@@ -259,9 +269,9 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
             rows.append(row)
         return rows
     assert isinstance(mixed, MixedFit)
-    read = mixed.reading(dof.position)
+    reading = mixed.reading(dof.position)
     for i, turn in enumerate(fit.turns):
-        off = dof.shown((data.heading[i] - read[i])[data.seen[i]])
+        off = dof.shown((data.heading[i] - reading[i])[data.seen[i]])
         rows.append({
             "run": turn.name, "file": turn.step.run.source, words.force: turn.moment,
             "time_from_s": float(turn.time[0]), "time_to_s": float(turn.time[-1]), "samples": len(turn.time),
@@ -278,3 +288,68 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
             f"rmse_{key}": float(np.sqrt(np.mean(off**2))),
         })  # fmt: skip
     return rows
+
+
+@sections.register
+def _(fit: PlanarFit) -> Sections:
+    use = () if fit.use is None else fit.use.sentences
+    first = (*use[:1], *(f"Warning: {line}" for line in fit.disturbed), *use[1:], *filter(None, [fit.choice.because]))
+    details = list(planar_sentences(fit))
+    tables = [parameter_table(fit), *([] if fit.use is None else [prediction_table(fit.use)]), structure_table(fit)]
+    rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
+    files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
+    files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
+    drawings = {} if fit.use is None else {"planar_runs": partial(figures.driven_runs_figure, fit, fit.use)}
+    listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
+    return Sections([*first, *tables, *details], files, drawings, listed, rows)
+
+
+def planar_sentences(fit: PlanarFit) -> Iterator[str]:
+    yield f"Structure: {fit.structure}. {fit.because}"
+    yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
+    yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
+    noises = fit.found.noises
+    channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
+    yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
+    above = (*(() if fit.use is None else fit.use.sentences), *fit.disturbed)
+    yield from (warning for warning in fit.warnings if warning not in above)
+
+
+def prediction_table(use: PlanarUse) -> Table:
+    """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
+    alone = {ahead.horizon: number(float(YAW.shown(ahead.error)), 3) for ahead in use.yaw_only}
+    rows = []
+    for name, horizons in use.worth.items():
+        for ahead in horizons:
+            sizes = {"model": ahead.error, "constant rate": ahead.constant_rate, "constant": ahead.constant}
+            rows.append({
+                "of": f"{name}, {UNITS[name]}", "s ahead": f"{ahead.horizon:g}",
+                **{word: number(shown(name, size), 3) for word, size in sizes.items()},
+                "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
+                "predictions": ahead.count,
+            })  # fmt: skip
+    source = "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run fitted"
+    return Table.of("Predictions", rows, [
+        f"Root mean square errors. {source}, from its filtered state, which knows the readings until then, by the "
+        "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
+    ])  # fmt: skip
+
+
+def parameter_table(fit: PlanarFit) -> Table:
+    rows = [
+        {"parameter": name, "meaning": WORDS.get(name, ""), "value [95 % interval]": estimate, "unit": estimate.unit}
+        for name, estimate in fit.estimates.items()
+    ]
+    return Table.of("Surge, sway and yaw together", rows, [
+        "Masses and drags are positive where they resist, as in m_u u' = X - X_u u; Fossen's derivatives of these "
+        "names are their negatives.",
+    ])  # fmt: skip
+
+
+def structure_table(fit: PlanarFit) -> Table:
+    best = fit.tried[0].found.criterion
+    return Table.of("Structures", [
+        {"structure": str(tried.structure), "parameters": len(tried.found.model.free),
+         "log likelihood": number(tried.found.log_likelihood, 7), "BIC less the best": tried.found.criterion - best}
+        for tried in fit.tried
+    ])  # fmt: skip

@@ -1,0 +1,48 @@
+"""How names, values and places that came from files are shown in one-line messages."""
+
+import json
+from collections.abc import Iterable, Mapping
+
+MOST_SHOWN = 12  # names listed in a message; a log may have thousands of columns
+LONGEST = 60  # characters of one name or cell shown
+Place = tuple[object, ...]  # keys and numbers of list entries, from the outside in
+
+
+def printable(text: str) -> str:
+    """The same text on one line: control characters and undecodable bytes are written as escapes."""
+    return "".join(letter if letter.isprintable() else _escaped(letter) for letter in text)
+
+
+def _escaped(letter: str) -> str:
+    if "\udc80" <= letter <= "\udcff":  # a byte of a file name that is not UTF-8
+        return f"\\x{ord(letter) - 0xDC00:02x}"
+    return letter.encode("unicode_escape").decode("ascii")
+
+
+def quoted(text: str) -> str:
+    text = printable(text)
+    return f"'{text}'" if len(text) <= LONGEST else f"'{text[:LONGEST]}...'"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names separated by commas; a long list ends with how many more there are."""
+    shown = [printable(name)[:LONGEST] for name in names]
+    more = len(shown) - MOST_SHOWN
+    return ", ".join(shown[:MOST_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def in_words(place: Place) -> str:
+    """Return `models.3.k_rr: `, or nothing at the top; a long path is shortened."""
+    parts = [f"[{part}]" if isinstance(part, int) else f".{printable(str(part)[:LONGEST])}" for part in place]
+    text = "".join(parts).removeprefix(".")
+    return f"{text if len(text) <= 2 * LONGEST else text[: 2 * LONGEST] + '...'}: " if text else ""
+
+
+def told(value: object) -> str:
+    """Return a value in words, short enough for one line."""
+    if value is None or isinstance(value, Mapping):
+        return "nothing" if value is None else "an object"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    text = printable(json.dumps(value, ensure_ascii=False, default=str))
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
