@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from math import radians
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -16,7 +16,15 @@ from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.pipeline.records import Codec, keyed, read_mapping
 from automarine_cli.pipeline.result_files import ResultKind, ResultRecord
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.specification import Commands, between, moment_text, positive, time_to_turn
+from automarine_cli.simulation.specification import (
+    AboveZero,
+    Commands,
+    Limit,
+    Settings,
+    ZeroOrMore,
+    moment_text,
+    time_to_turn,
+)
 
 SCHEMA = "automarine/plan-limits/1"
 KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
@@ -25,48 +33,39 @@ MOST_LEVELS, MOST_RUNS = 20, 500
 
 
 @dataclass(frozen=True)
-class Pool:
-    minutes: float = 60.0
-    runs: int = 24
-    motion_s: float | None = None
-    wait_s: float = 60.0
-    wait_after_long_turn_s: float = 180.0
-    turn_deg: float = 180.0
+class Pool(Settings):
+    minutes: AboveZero = 60.0
+    runs: Annotated[int, Limit(2, MOST_RUNS)] = 24
+    motion_s: AboveZero | None = None
+    wait_s: ZeroOrMore = 60.0
+    wait_after_long_turn_s: ZeroOrMore = 180.0
+    turn_deg: Annotated[float, Limit(LEAST_TURN, 3600.0)] = 180.0
     start_headings_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
 
     def __post_init__(self) -> None:
-        positive(self, "minutes", "motion_s")
-        between(self, 2, MOST_RUNS, "runs")
-        positive(self, "wait_s", "wait_after_long_turn_s", or_zero=True)
-        between(self, LEAST_TURN, 3600.0, "turn_deg")
+        super().__post_init__()
         if not self.start_headings_deg:
             raise SettingError("start_headings_deg is an empty list; expected at least one heading")
 
 
 @dataclass(frozen=True)
-class Moments:
-    largest: float | None = None
-    levels: int = 6
-
-    def __post_init__(self) -> None:
-        positive(self, "largest")
-        between(self, 2, MOST_LEVELS, "levels")
+class Moments(Settings):
+    largest: AboveZero | None = None
+    levels: Annotated[int, Limit(2, MOST_LEVELS)] = 6
 
 
 @dataclass(frozen=True)
-class Runs:
+class Runs(Settings):
     kinds: tuple[str, ...] = KINDS
-    rest_before_s: float = 3.0
-    most_alike: int = 4
-    of_one_size_percent: float = 50.0
+    rest_before_s: Annotated[float, Limit(1.0, 60.0)] = 3.0
+    most_alike: Annotated[int, Limit(2, MOST_RUNS)] = 4
+    of_one_size_percent: Annotated[float, Limit(1.0, 100.0)] = 50.0
     repeat_first_last: bool = True
     voltages_V: tuple[float, ...] = ()
     fit: Literal["whole-runs", "half-turns"] = "whole-runs"
 
     def __post_init__(self) -> None:
-        between(self, 1.0, 60.0, "rest_before_s")
-        between(self, 2, MOST_RUNS, "most_alike")
-        between(self, 1.0, 100.0, "of_one_size_percent")
+        super().__post_init__()
         if unknown := next((kind for kind in self.kinds if kind not in KINDS), None):
             raise SettingError(f"kinds names {unknown!r}; expected some of {', '.join(KINDS)}")
         if "step" not in self.kinds:
@@ -76,50 +75,34 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class Logger:
-    rate_hz: float = 10.0
-    noise_deg: float | None = None
-    rate_noise_deg_s: float | None = None
-    gain_scatter: float | None = None
-
-    def __post_init__(self) -> None:
-        between(self, 0.5, 1000.0, "rate_hz")
-        positive(self, "noise_deg", "rate_noise_deg_s")
-        positive(self, "gain_scatter", or_zero=True)
+class Logger(Settings):
+    rate_hz: Annotated[float, Limit(0.5, 1000.0)] = 10.0
+    noise_deg: AboveZero | None = None
+    rate_noise_deg_s: AboveZero | None = None
+    gain_scatter: ZeroOrMore | None = None
 
 
 @dataclass(frozen=True)
-class Battery:
-    volts: float = 24.0
-    charge_Ah: float = 2.9
-    idle_A: float = 0.3
-    full_A: float = 6.0
-    reserve_percent: float = 20.0
-
-    def __post_init__(self) -> None:
-        positive(self, "volts", "charge_Ah")
-        positive(self, "idle_A", "full_A", or_zero=True)
-        between(self, 0.0, 95.0, "reserve_percent")
+class Battery(Settings):
+    volts: AboveZero = 24.0
+    charge_Ah: AboveZero = 2.9
+    idle_A: ZeroOrMore = 0.3
+    full_A: ZeroOrMore = 6.0
+    reserve_percent: Annotated[float, Limit(0.0, 95.0)] = 20.0
 
 
 @dataclass(frozen=True)
-class Thrusters:
-    largest_command: float | None = None
+class Thrusters(Settings):
+    largest_command: AboveZero | None = None
     pairing: Literal["equal-thrust", "equal-command"] = "equal-thrust"
-    nu_in_Nm: float | None = None
-
-    def __post_init__(self) -> None:
-        positive(self, "largest_command", "nu_in_Nm")
+    nu_in_Nm: AboveZero | None = None
 
 
 @dataclass(frozen=True)
-class Goal:
-    half_width_percent: float | None = None
-    evidence: float = 20.0
+class Goal(Settings):
+    half_width_percent: AboveZero | None = None
+    evidence: AboveZero = 20.0
     use_earlier_runs: bool = True
-
-    def __post_init__(self) -> None:
-        positive(self, "half_width_percent", "evidence")
 
 
 @dataclass(frozen=True)

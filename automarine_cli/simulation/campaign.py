@@ -273,7 +273,7 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
 def _listed(specification: AnySpecification, seed: int) -> Iterator[Plan]:
     turn, vehicle = 0, specification.vehicle.model
     for group in specification.runs:
-        for name, key, commands in group.runs(vehicle, seed):  # type: ignore[arg-type]
+        for name, key, commands in group.runs(vehicle, seed):
             file = f"{group.folder}/{name if group.together is None else group.together}.{group.format}"
             yield Plan(key, name, file, group, turn, *_on_the_grid(commands, specification))
             turn += 1
