@@ -51,10 +51,8 @@ class OverRuns(Estimate):
 
 @dataclass(frozen=True)
 class Difference:
-    """One parameter of the result `of` less that of the result `base`.
-
-    `p_value` is two-sided, None where neither is uncertain; `verdict` allows for how many were compared.
-    """
+    """One parameter of the result `of` less that of the result `base`; `p_value` is two-sided, None where neither is
+    uncertain; `verdict` allows for how many were compared."""
 
     parameter: str
     of: str
@@ -75,8 +73,7 @@ def difference(one: Estimate, other: Estimate) -> Estimate:
     """Take `other` from `one`, both from data of their own; means over runs run by run, of two that both have or more.
 
     The interval takes the distance of each end from its value from the two intervals, so that it is as skew as
-    they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9).
-    """
+    they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9)."""
     if isinstance(one, OverRuns) and isinstance(other, OverRuns):
         both = {run: value - other.by_run[run] for run, value in one.by_run.items() if run in other.by_run}
         return OverRuns.of(both, one.unit)
@@ -147,16 +144,13 @@ def contents(said: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
     parameters, facts = dict[str, Estimate](), dict[str, str]()
     for label, value, place in said:
         if isinstance(value, Given):
-            value = value.known(place) if place else value.estimate or _bound(value)
+            bound = str(value.at_bound) if value.value is None else f"{value.value:.3g}, {value.at_bound}"
+            value = value.known(place) if place else value.estimate or bound
         if isinstance(value, Estimate):
             parameters[label] = value
         elif value is not None:
             facts[label] = value if isinstance(value, str) else f"{value:.3g}"
     return parameters, facts
-
-
-def _bound(given: Given) -> str:
-    return str(given.at_bound) if given.value is None else f"{given.value:.3g}, {given.at_bound}"
 
 
 def shared_models(files: Iterable[ResultRecord]) -> tuple[str, ...]:
@@ -236,10 +230,8 @@ COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Said]] = {
 
 
 def locate(results: Sequence[Path]) -> dict[str, tuple[Path, ResultKind[Any]]]:
-    """Find the result file in each folder (or named itself), by the last parts of its place that tell it apart.
-
-    Raises SettingError for fewer than two, for one that is given twice, and for a folder without a result.
-    """
+    """Find the result file in each folder (or named itself), by the last parts of its place that tell it apart. Raises
+    SettingError for fewer than two, for one that is given twice, and for a folder without a result."""
     folders = [path.parent if path.is_file() else path for path in results]
     if len(folders) < 2:
         raise SettingError("one result was given; give two or more folders of results to compare")
@@ -274,10 +266,8 @@ def inputs_of(results: Sequence[Path]) -> list[Input]:
 
 
 def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str]]:
-    """Read results of one command: its name, the sides, and notes on what must be known of them.
-
-    Raises SettingError for results that cannot be compared, ModelError for a file that is not as automarine wrote it.
-    """
+    """Read results of one command: its name, the sides, and notes on what must be known of them. Raises SettingError
+    for results that cannot be compared, ModelError for a file that is not as automarine wrote it."""
     places = locate(results)
     files = {name: kind.read(path, f"{name}/{path.name}") for name, (path, kind) in places.items()}
     commands = {

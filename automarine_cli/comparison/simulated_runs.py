@@ -41,7 +41,6 @@ def needed_signals(model: YawModel) -> tuple[str, ...]:
 
 
 def step_of(model: YawModel, runs: Sequence[Run]) -> float:
-    """Choose the step [s] to begin with: fit for the drag under the largest command."""
     step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
     return step if np.isfinite(step) else UNSTEADY  # drag that never balances it
 
@@ -51,12 +50,10 @@ def roll(
     step: float | None = None, water: ArrayLike = 0.0,
 ) -> Trajectory:  # fmt: skip
     """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
-    from states of the `water` (W, 1, R).
+    from states of the `water` (W, 1, R); not finite where the model diverges.
 
     `switch_offset` is the share of a sample interval by which commands act later than mid-interval. Without a `step`
-    [s] that is halved until positions settle to 0.01 degrees or cm, four times at most. Returns positions and rates
-    (P, R, N), padded; not finite where the model diverges. Raises RunError as `make_batch`.
-    """
+    [s] that is halved until positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`."""
     signals, position, rate = needed_signals(model), np.atleast_2d(position), np.atleast_2d(rate)
 
     def once(step: float) -> Trajectory:
@@ -112,10 +109,8 @@ class State:
 
 
 def rest_state(run: Run) -> State | None:
-    """Find the position of the rest with which the run begins, rate 0; None where it does not begin at rest.
-
-    Rest is no command over two samples or more, without a slope in the position beyond its noise.
-    """
+    """Find the position of the rest with which the run begins, rate 0: no command over two samples or more, without a
+    slope in the position beyond its noise; None where it does not begin so."""
     first, stop, moment = segments(run.command)[0]
     count = stop - first
     if moment != 0 or count < 2:
@@ -133,11 +128,8 @@ def rest_state(run: Run) -> State | None:
 
 
 def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> list[State]:
-    """Find the start of each run under `model`.
-
-    A run that does not begin at rest starts with the position and rate from which the model follows the first
-    second (at least 5 samples) of the measured position best, by least squares.
-    """
+    """Find the start of each run: at rest, or with the position and rate from which the model follows the first second
+    (at least 5 samples) of the measured position best, by least squares."""
     rests = [rest_state(run) for run in runs]
     still = [run for run, rest in zip(runs, rests) if rest is not None]
     at_rest = iter(aligned(model, still, [rest for rest in rests if rest is not None]))
@@ -246,11 +238,7 @@ class FreeRun:
 
 
 def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> Iterator[FreeRun]:
-    """Simulate all runs under `model`, many at a time, in their order.
-
-    `switch_offset` is the share of a sample interval by which commands act later than mid-interval. Raises
-    RunError as `make_batch`.
-    """
+    """Simulate all runs, many at a time, in their order; see `roll`."""
     states = start_states(model, runs, switch_offset)
     for run, state, (position, rate, water) in zip(runs, states, _paths(model, runs, states, switch_offset)):
         yield FreeRun(run, {model.dof.position: position, model.dof.velocity: rate}, state, water)
@@ -322,10 +310,7 @@ def find_restarts(run: Run) -> Restarts:
 def restarted_errors(
     model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts], switch_offset: float = 0.0
 ) -> list[Floats]:
-    """Return measured less restarted position [rad or m], (N,), of each run; 0 at the first sample of all.
-
-    The first piece of each run is that of the free run; all others are simulated many at a time.
-    """
+    """Return measured less restarted position [rad or m], (N,), of each run, until its first restart the free run's."""
     pieces = [(i, *piece) for i, of_run in enumerate(restarts) for piece in list(pairwise(of_run.at))[1:]]
     runs = [free[i].run.cut(first, last + 1) for i, first, last in pieces]
     states = aligned(model, runs, [state for of_run in restarts for state in of_run.states])
@@ -341,8 +326,7 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
 
     Where a change or ramp `begins` right after `i`, the parabola bends differently before and after the middle of that
     interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor:
-    the mean of the positions carried to `i` by the velocities, and a line through these that may bend.
-    """
+    the mean of the positions carried to `i` by the velocities, and a line through these that may bend."""
     bend = i + 1 in begins
     first, stop = (int(k) for k in np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach]))
     low = max([first, *(c for c in begins if c <= i)])
@@ -382,21 +366,16 @@ def planar_free_runs(model: PlanarModel, runs: Sequence[Run]) -> Iterator[FreeRu
     for run in runs:
         start = planar_start(run, model)
         batch = make_batch([run], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
-        path = simulate(model, batch, start=_start(start))
+        path = simulate(model, batch, start=Start(start[:3, None, None], start[3:, None, None]))
         simulated = {channel.quantity: path.reading(channel)[0, 0] for channel in batch.channels}
         yield FreeRun(run, simulated, State(start[:3], start[3:], ""), np.zeros((len(run), 0)))
-
-
-def _start(state: Floats) -> Start:
-    return Start(state[:3, None, None], state[3:, None, None])
 
 
 def planar_start(run: Run, model: PlanarModel) -> Floats:
     """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
 
     At rest the means of the readings before the first command; under way the state that follows the first `BEGINNING`
-    best under the model.
-    """
+    best under the model."""
     commands = np.stack([run.command_of(dof) for dof in PLANAR.dofs])
     quiet = int(np.argmax(np.append(np.any(commands != commands[:, :1], axis=0), True)))
     still = not commands[:, 0].any() and quiet >= FEWEST_IN_THE_PLANE
@@ -414,7 +393,7 @@ def planar_start(run: Run, model: PlanarModel) -> Floats:
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
     def residuals(state: Floats) -> Floats:
-        path = simulate(model, batch, start=_start(state))
+        path = simulate(model, batch, start=Start(state[:3, None, None], state[3:, None, None]))
         errors = [(path.reading(of)[0] - of.values)[of.seen] / NOISE[of.quantity] for of in channels]
         return np.nan_to_num(np.concatenate([*errors, (state - near) / LOOSE]), nan=FAR, posinf=FAR, neginf=-FAR)
 

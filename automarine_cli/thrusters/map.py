@@ -485,19 +485,24 @@ def load_planar(
     RunError and SettingError as the fits of one motion do."""
     given = map_and_arm(thrusters, arm, columns, YAW)
     campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=read_planar)
-    good: list[Run] = []
-    aside: list[SetAside] = []
-    for run in campaign.runs:
-        try:
-            good.append(driven(run if given is None else by_two_thrusters(run, *given)))
-        except AutomarineError as error:
-            why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
-            aside.append(SetAside(run.source, run.name, why))
+    good, aside = driven_by(campaign.runs, lambda run: driven(run if given is None else by_two_thrusters(run, *given)))
     if strict and aside:
         raise refused_by_strict(aside[0])
     if not good:
         raise none_left(len(campaign.inputs), (*campaign.set_aside, *aside))
     return replace(campaign, runs=tuple(good), set_aside=(*campaign.set_aside, *aside))
+
+
+def driven_by(runs: Sequence[Run], drive: Callable[[Run], Run]) -> tuple[list[Run], list[SetAside]]:
+    """The runs as `drive` commands them, and those that it refuses, with the reasons."""
+    good, aside = list[Run](), list[SetAside]()
+    for run in runs:
+        try:
+            good.append(drive(run))
+        except AutomarineError as error:
+            why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
+            aside.append(SetAside(run.source, run.name, why))
+    return good, aside
 
 
 def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:

@@ -16,8 +16,8 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 
 from automarine_cli.commands.validate import validate
-from automarine_cli.comparison.scores import SCORES
 from automarine_cli.comparison.simulated_runs import free_runs
+from automarine_cli.comparison.validation import SCORES
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.report.figures.runs import validation_figure
