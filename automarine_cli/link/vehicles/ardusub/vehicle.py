@@ -16,7 +16,7 @@ from automarine_cli.link.vehicles.ardusub.packets import STICK_HZ, Attitude, Clo
 from automarine_cli.link.vehicles.ardusub.preflight import Authority, Need, Stick, another_pilot, authority, preflight
 from automarine_cli.link.vehicles.base import Halted
 from automarine_cli.logs.mixing import Part
-from automarine_cli.planning.vehicle import MOMENT_COLUMNS
+from automarine_cli.planning.candidates import MOMENT_COLUMNS
 from automarine_cli.simulation.specification import Limit, Settings
 
 STABILIZE, MANUAL = 0, 19
