@@ -131,8 +131,8 @@ def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.
     """Find the start of each run: at rest, or with the position and rate from which the model follows the first second
     (at least 5 samples) of the measured position best, by least squares."""
     rests = [rest_state(run) for run in runs]
-    still = [run for run, rest in zip(runs, rests) if rest is not None]
-    at_rest = iter(aligned(model, still, [rest for rest in rests if rest is not None]))
+    resting = [run for run, rest in zip(runs, rests) if rest is not None]
+    at_rest = iter(aligned(model, resting, [rest for rest in rests if rest is not None]))
     moving = iter(_fitted(model, [run for run, rest in zip(runs, rests) if rest is None], switch_offset))
     return [next(moving if rest is None else at_rest) for rest in rests]
 
@@ -142,15 +142,15 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
     sensors = [term for term in model.terms if effects.get(term.name).place is effects.Place.SENSOR]
     if not runs or not sensors:
         return list(states)
-    shown = np.array([state.position for state in states])
-    position, gain = shown, np.ones(len(runs))
+    targets = np.array([state.position for state in states])
+    position, gain = targets, np.ones(len(runs))
     begin = [run.cut(0, 2) for run in runs]
     for _ in range(2 * ROUNDS):
         tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
-        read = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
-        gain = (read[1] - read[2]) / (2 * NUDGE)
+        readings = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
+        gain = (readings[1] - readings[2]) / (2 * NUDGE)
         gain = np.where(np.isfinite(gain) & (np.abs(gain) > LEAST_GAIN), gain, 1.0)
-        position = position + np.nan_to_num((shown - read[0]) / gain, posinf=0.0, neginf=0.0)
+        position = position + np.nan_to_num((targets - readings[0]) / gain, posinf=0.0, neginf=0.0)
     return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
 
@@ -164,34 +164,34 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     step = step_of(model, runs) / 2
     rates = np.array([slope(run.time, run.position)[0] for run in begins])
     lead = np.array([run.time.mean() - run.time[0] for run in begins])
-    found = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
+    starts = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
     width = max(len(run) for run in begins)
     position, rate = np.full((2, len(runs), width), np.nan)
     weight = np.zeros((len(runs), 1))
     for i, (run, begin) in enumerate(zip(runs, begins)):
         position[i, : len(begin)] = begin.position
-        if (read := unbiased_velocity(run)) is not None:
-            rate[i, : len(begin)] = read[: len(begin)]
+        if (readings := unbiased_velocity(run)) is not None:
+            rate[i, : len(begin)] = readings[: len(begin)]
             ratio = max(position_noise(run.time, run.position), 1e-9) / max(velocity_noise(run), 1e-9)
             weight[i] = min(ratio, MOST_WEIGHT)
-    read = np.concatenate([position, weight * rate], axis=1)
+    readings = np.concatenate([position, weight * rate], axis=1)
     nudges = NUDGE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[..., None]
     for _ in range(ROUNDS):
-        tried = found + nudges
+        tried = starts + nudges
         states = roll(model, begins, tried[:, 0], tried[:, 1], switch_offset, step)
         with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away within a second keeps the line
-            shown = np.concatenate([states.position, weight * states.velocity], axis=2)
-            left = np.where(np.isnan(read), 0.0, read - shown[0])
-            slopes = np.where(np.isnan(read), 0.0, (shown[1::2] - shown[2::2]) / (2 * NUDGE))
-        good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(left) < RUNAWAY, axis=1)
-        slopes, left = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], left, 0.0)
+            simulated = np.concatenate([states.position, weight * states.velocity], axis=2)
+            residual = np.where(np.isnan(readings), 0.0, readings - simulated[0])
+            slopes = np.where(np.isnan(readings), 0.0, (simulated[1::2] - simulated[2::2]) / (2 * NUDGE))
+        good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(residual) < RUNAWAY, axis=1)
+        slopes, residual = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], residual, 0.0)
         square = np.einsum("irn,jrn->rij", slopes, slopes) + 1e-12 * np.eye(2)
-        found = found + np.linalg.solve(square, np.einsum("irn,rn->ri", slopes, left)[..., None])[..., 0].T
+        starts = starts + np.linalg.solve(square, np.einsum("irn,rn->ri", slopes, residual)[..., None])[..., 0].T
     words = model.dof.words
-    both = f"{words.position} and {words.speed}"
+    quantities = f"{words.position} and {words.speed}"
     return [
-        State(float(x), float(r), f"fitted: {both} that follow the first {len(run)} samples best")
-        for x, r, run in zip(*found, begins)
+        State(float(x), float(r), f"fitted: {quantities} that follow the first {len(run)} samples best")
+        for x, r, run in zip(*starts, begins)
     ]
 
 
@@ -222,10 +222,10 @@ class FreeRun:
 
     def error_of(self, channel: str) -> Floats | None:
         """Measured less simulated, (N,), NaN where nothing was read; None where the log has no such channel."""
-        read = self.run.channel(channel)
-        if read is None or (channel == self.run.dof.position and self.run.summed_up) or not np.isfinite(read).any():
+        data = self.run.channel(channel)
+        if data is None or (channel == self.run.dof.position and self.run.summed_up) or not np.isfinite(data).any():
             return None
-        return np.asarray(read - self.simulated[channel])
+        return np.asarray(data - self.simulated[channel])
 
     @property
     def distance(self) -> Floats | None:
@@ -316,8 +316,8 @@ def restarted_errors(
     states = aligned(model, runs, [state for of_run in restarts for state in of_run.states])
     water = [free[i].water[first] for i, first, _ in pieces]
     errors = [of_run.error.copy() for of_run in free]
-    for (i, first, last), run, (shown, *_) in zip(pieces, runs, _paths(model, runs, states, switch_offset, water)):
-        errors[i][first + 1 : last + 1] = (run.position - shown)[1:]
+    for (i, first, last), run, (simulated, *_) in zip(pieces, runs, _paths(model, runs, states, switch_offset, water)):
+        errors[i][first + 1 : last + 1] = (run.position - simulated)[1:]
     return errors
 
 
@@ -336,9 +336,9 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     middle = 0.5 * (run.time[i] + run.time[i + 1]) if bend else run.time[i]
     t, at, count = run.time[low:high] - middle, run.time[i] - middle, high - low
     sides = [np.minimum(t, 0.0), np.maximum(t, 0.0)]
-    read = unbiased_velocity(run)
-    if read is not None and count >= FEWEST_SMOOTHED and np.isfinite(read[low:high]).all():
-        velocity = read[low:high]
+    logged = unbiased_velocity(run)
+    if logged is not None and count >= FEWEST_SMOOTHED and np.isfinite(logged[low:high]).all():
+        velocity = logged[low:high]
         way = summed(run.time[low:high], velocity)
         position = float(np.mean(run.position[low:high] - way + way[i - low]))
         lines = sides if bend and high > i + 2 and i > low else [t]
@@ -347,9 +347,9 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
         return State(position, float(start + by_time * at), f"smoothed: {how} over {count} samples")
     after = [side**2 for side in sides] if bend else [t**2]
     powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, count - 1)]
-    found = np.zeros(4)
-    found[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
-    position, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
+    c = np.zeros(4)
+    c[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
+    position, rate = c[0] + c[1] * at + c[2] * at**2, c[1] + 2 * c[2] * at
     return State(float(position), float(rate), f"smoothed: parabola over {count} samples")
 
 
@@ -378,16 +378,16 @@ def planar_start(run: Run, model: PlanarModel) -> Floats:
     best under the model."""
     commands = np.stack([run.command_of(dof) for dof in PLANAR.dofs])
     quiet = int(np.argmax(np.append(np.any(commands != commands[:, :1], axis=0), True)))
-    still = not commands[:, 0].any() and quiet >= FEWEST_IN_THE_PLANE
+    at_rest = not commands[:, 0].any() and quiet >= FEWEST_IN_THE_PLANE
     until = run.time <= run.time[0] + BEGINNING
-    if still:
+    if at_rest:
         until &= np.arange(len(run)) < quiet
-    read = {name: run.channel(name) for name in PLANAR.positions if name != run.dof.position or not run.summed_up}
-    rough = {} if still else rough_velocities(run)
-    places, velocities = [read.get(name) for name in PLANAR.positions], [rough.get(dof.velocity) for dof in PLANAR.dofs]
-    near = np.array([_mean(values, until) for values in (*places, *velocities)])
-    if still:
-        return near
+    data = {name: run.channel(name) for name in PLANAR.positions if name != run.dof.position or not run.summed_up}
+    rough = {} if at_rest else rough_velocities(run)
+    places, velocities = [data.get(name) for name in PLANAR.positions], [rough.get(dof.velocity) for dof in PLANAR.dofs]
+    initial = np.array([_mean(values, until) for values in (*places, *velocities)])
+    if at_rest:
+        return initial
     first = run.cut(0, max(int(np.count_nonzero(until)), FEWEST_IN_THE_PLANE))
     batch = make_batch([first], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
@@ -395,9 +395,9 @@ def planar_start(run: Run, model: PlanarModel) -> Floats:
     def residuals(state: Floats) -> Floats:
         path = simulate(model, batch, start=Start(state[:3, None, None], state[3:, None, None]))
         errors = [(path.reading(of)[0] - of.values)[of.seen] / NOISE[of.quantity] for of in channels]
-        return np.nan_to_num(np.concatenate([*errors, (state - near) / LOOSE]), nan=FAR, posinf=FAR, neginf=-FAR)
+        return np.nan_to_num(np.concatenate([*errors, (state - initial) / LOOSE]), nan=FAR, posinf=FAR, neginf=-FAR)
 
-    return np.asarray(least_squares(residuals, near, method="lm").x)
+    return np.asarray(least_squares(residuals, initial, method="lm").x)
 
 
 def _mean(values: Floats | None, until: NDArray[np.bool_]) -> float:

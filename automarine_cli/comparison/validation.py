@@ -154,12 +154,11 @@ def rate_error(free: FreeRun) -> Floats:
     """Return measured less simulated rate, in the unit that people see, as many values as there are.
 
     With a rate in the log, less its bias, at the samples that have one; otherwise both positions are treated alike,
-    put on an even grid and differentiated by Savitzky and Golay's parabola, never across a gap.
-    """
+    put on an even grid and differentiated by Savitzky and Golay's parabola, never across a gap."""
     run, dof = free.run, free.run.dof
-    read = unbiased_velocity(run)
-    if read is not None:
-        return np.asarray(dof.shown((read - free.rate)[~np.isnan(read)]))
+    logged = unbiased_velocity(run)
+    if logged is not None:
+        return np.asarray(dof.shown((logged - free.rate)[~np.isnan(logged)]))
     period, width = run.sample_period, rate_window(run)
     arm = np.arange(width // 2, -width // 2, -1)  # the parabola's slope, as `np.convolve` takes weights
     weights = arm / (arm @ arm) / period
@@ -330,8 +329,7 @@ class Validation(Shown):
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
     model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
     that people see, `channels` the sensors that count. Where the runs are driven there are predictions `ahead` from
-    filtered states.
-    """
+    filtered states."""
 
     stored: StoredModels | StoredPlanar
     models: Mapping[str, Scored]
@@ -349,7 +347,7 @@ class Validation(Shown):
 
     @property
     def dof(self) -> Dof:
-        """The motion, of which the words are; yaw in the plane."""
+        """That of the words; yaw in the plane."""
         return YAW if isinstance(self.stored, StoredPlanar) else self.stored.dof
 
     @property
@@ -368,7 +366,6 @@ class Validation(Shown):
         return tuple(name for name in names if effects.get(name).states)
 
     def key(self, name: str) -> str:
-        """What a score is called in files."""
         return self.dof.fill(self.scores[name].key)
 
     def to_json(self) -> dict[str, object]:
@@ -453,14 +450,18 @@ def compare(
 
 def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
     """Say which model follows the runs best, and whether its lead could be chance."""
+
+    def digits(gap: float) -> str:  # two, all before the point where there are more
+        return f"{gap:.0f}" if abs(gap) >= 10 else f"{gap:.2g}"
+
     if best is None:
         return "No model follows these runs: every simulation diverges."
     parts = []
     for number, gap in leads.items():
-        part = f"{_digits(gap.value)} {dof.units.shown} below model {number}"
+        part = f"{digits(gap.value or 0.0)} {dof.units.shown} below model {number}"
         if gap.ci95 is not None:
             sure = "" if gap.ci95[0] > 0 else ", which may be chance"
-            part += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
+            part += f" (95 % interval {digits(gap.ci95[0])} to {digits(gap.ci95[1])} over runs{sure})"
         parts.append(part)
     for number, scored in models.items():
         if scored.diverged:
@@ -469,12 +470,6 @@ def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str
     if len(models) == 1:
         return f"Model {best} is the only one{tail}."
     return f"Model {best} has the smallest free-run {dof.position} error over all runs{tail}."
-
-
-def _digits(gap: float | None) -> str:
-    """Write a number for a sentence: two digits, all before the point where there are more."""
-    value = gap or 0.0
-    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
 
 
 def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None) -> Ahead | None:
@@ -499,11 +494,11 @@ def _predicted(
 ) -> tuple[Predicted, ...]:
     """Predict with one model, by the sizes that the runs themselves give to what is random."""
     course = make_course(runs, at_rest, needed_signals(model), channels=channels)
-    problem, own = driven_problem(model, course), len(model.theta)
-    held = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[own:]])
-    problem = replace(problem, bounds=held)
-    found = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
-    predicted = predict(model, course, model.theta, problem.noises(found.theta[None]))
+    problem, size = driven_problem(model, course), len(model.theta)
+    bounds = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[size:]])
+    problem = replace(problem, bounds=bounds)
+    fit = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
+    predicted = predict(model, course, model.theta, problem.noises(fit.theta[None]))
     return tuple(ahead for ahead in predicted if len(ahead.error))
 
 
@@ -516,7 +511,15 @@ def usable_runs(
 
     def complete(run: Run) -> Run:
         driven = run if drive is None else drive(run)
-        _refuse_incomplete(driven, tuple(signals))
+        _ = driven.command  # refused where there is none
+        for name in signals:
+            if (signal := driven.signal(name)) is None:
+                raise RunError(f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}")
+            if missing := int(np.count_nonzero(~np.isfinite(signal))):
+                raise RunError(
+                    f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, "
+                    "or validate a model without that effect"
+                )
         return driven
 
     commanded, aside = driven_by(runs, complete)
@@ -529,15 +532,3 @@ def usable_runs(
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
     return usable, [*aside, *undriven]
-
-
-def _refuse_incomplete(run: Run, signals: Sequence[str]) -> None:
-    _ = run.command  # refused where there is none
-    for name in signals:
-        if (signal := run.signal(name)) is None:
-            raise RunError(f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}")
-        if missing := int(np.count_nonzero(~np.isfinite(signal))):
-            raise RunError(
-                f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "
-                "validate a model without that effect"
-            )

@@ -81,15 +81,6 @@ def test_files_and_tables(pool: Path, run: Run, tmp_path: Path) -> None:
     assert (out / "validation.tex").read_text().count(r"\toprule") == 2
 
 
-def test_overwrite_and_no_figures(pool: Path, run: Run, tmp_path: Path) -> None:
-    command = ("validate", pool / "logs", "--model", pool / "yaw_model.json", "-o", tmp_path, "--no-figures")
-    assert run(*command).exit_code == 0
-    assert not list(tmp_path.glob("*.png"))
-    again = run(*command)
-    assert again.exit_code == 1 and "--overwrite" in again.stderr and again.stderr.count("\n") == 1
-    assert run(*command, "--overwrite").exit_code == 0
-
-
 def test_refusals(pool: Path, run: Run, tmp_path: Path) -> None:
     logs, model = pool / "logs", pool / "yaw_model.json"
 
