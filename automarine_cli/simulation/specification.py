@@ -25,7 +25,7 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.store import PLANAR_MODEL, planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
-from automarine_cli.pipeline.records import FILLER, Codec, Place, Record, everything, in_words, key_of, keyed, told
+from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, in_words, key_of, keyed, told
 from automarine_cli.quantities import Floats
 
 
@@ -173,7 +173,7 @@ class RunGroup(Settings):
         return self.name or self.dof.fill(LABELS.get(self.kind, self.kind))
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        """Label and commands of each run of the group, repeats left out."""
+        """Label and commands of each run, repeats left out."""
         raise NotImplementedError
 
 
@@ -328,11 +328,11 @@ class PlanarRuns(RunGroup):
         least, most = self.hold_s
         holds: list[float] = []
         for share in uniform(int(self.duration_s / least) + 1, seed, key, "hold"):
-            left = self.duration_s - sum(holds)
-            if left < least:
+            remaining = self.duration_s - sum(holds)
+            if remaining < least:
                 break
             hold = least + (most - least) * float(share)
-            holds.append(left if left - hold < least else hold)
+            holds.append(remaining if remaining - hold < least else hold)
         draw = np.stack([uniform(len(holds), seed, key, "command", dof.name) for dof in PLANAR.dofs], axis=1)
         commands = np.round((2.0 * draw - 1.0) * np.array(self.largest), 3) + 0.0
         return [(tuple(row), hold) for row, hold in zip(commands.tolist(), holds)]
@@ -340,13 +340,6 @@ class PlanarRuns(RunGroup):
 
 _CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestRuns)
 KINDS: Mapping[str, type[RunGroup]] = {str(vars(group)["kind"]): group for group in _CLASSES}
-
-
-def _group(table: object, codec: Codec, place: Place) -> RunGroup:
-    kind = table.get("kind") if isinstance(table, Mapping) else None
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise codec.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
-    return codec.read(KINDS[kind], table, place)
 
 
 def moment_text(moment: float) -> str:
@@ -400,8 +393,8 @@ class Vehicle(Settings):
             units = ", ".join(map(repr, self.dof.units.forces))
             raise SettingError(f"{key_of(self, 'force_unit')}: expected one of {units}, found {told(self.force_unit)}")
         if self.linear + self.quadratic == 0:
-            both = f"{key_of(self, 'quadratic')} and {key_of(self, 'linear')}"
-            raise SettingError(f"{both} are both 0; expected a drag, or the vehicle never gets steady")
+            keys = f"{key_of(self, 'quadratic')} and {key_of(self, 'linear')}"
+            raise SettingError(f"{keys} are both 0; expected a drag, or the vehicle never gets steady")
 
     @property
     def terms(self) -> list[tuple[str, float]]:
@@ -565,8 +558,8 @@ class EffectSetting:
     @property
     def ordered(self) -> tuple[float, ...]:
         effect = library.get(self.name)
-        named = zip(effect.names_in(self.dof), effect.parameters)
-        return tuple(self.values.get(name, parameter.start) for name, parameter in named)
+        pairs = zip(effect.names_in(self.dof), effect.parameters)
+        return tuple(self.values.get(name, parameter.start) for name, parameter in pairs)
 
 
 @dataclass(frozen=True)
@@ -622,10 +615,6 @@ class Disturbance(Settings):
     yaw_Nm: ZeroOrMore = 0.0
     time_s: AboveZero = 5.0
 
-    @property
-    def sizes(self) -> tuple[float, float, float]:
-        return self.surge_N, self.sway_N, self.yaw_Nm
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarLogger(Settings):
@@ -674,8 +663,8 @@ class PlanarSpecification(Settings):
         super().__post_init__()
         unknown = [name for name in self.sensors if name not in PLANAR_SENSORS]
         if unknown or not self.sensors:
-            found = told(unknown[0]) if unknown else "none"
-            raise SettingError(f"sensors: found {found}, expected some of {', '.join(PLANAR_SENSORS)}")
+            wrong = told(unknown[0]) if unknown else "none"
+            raise SettingError(f"sensors: found {wrong}, expected some of {', '.join(PLANAR_SENSORS)}")
         if "heading_deg" not in self.sensors:
             raise SettingError("sensors: heading_deg is missing; give it, as every log of motion in the plane has it")
         twice = sorted(set(self.vehicle.parameters) & set(self.hidden))
@@ -759,9 +748,21 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     raw = codec.read(_Raw, mapping)
     if not raw.runs and raw.bollard is None:
         raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")
-    effects = tuple(_effect(table, codec, ("effects", i)) for i, table in enumerate(raw.effects))
-    runs = tuple(_group(table, codec, ("runs", i)) for i, table in enumerate(raw.runs))
-    return Specification(base, raw.logger, raw.scatter, raw.campaign, raw.seed, effects, runs, raw.bollard, where)
+    effects, runs = list[EffectSetting](), list[RunGroup]()
+    for i, table in enumerate(raw.effects):
+        if not isinstance(table, Mapping) or "name" not in table:
+            expected = f"a table with name = one of {', '.join(library.names())}"
+            raise codec.refusal(("effects", i), f"found {told(table)}, expected {expected}")
+        values = {key: value for key, value in table.items() if key != "name"}
+        effects.append(codec.read(EffectSetting, {"name": table["name"], "values": values}, ("effects", i)))
+    for i, table in enumerate(raw.runs):
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise codec.refusal(("runs", i), f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
+        runs.append(codec.read(KINDS[kind], table, ("runs", i)))
+    return Specification(
+        base, raw.logger, raw.scatter, raw.campaign, raw.seed, tuple(effects), tuple(runs), raw.bollard, where
+    )
 
 
 def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
@@ -773,12 +774,3 @@ def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
         if isinstance(value, int | float) and value and place != ("seed",) and not SMALLEST <= abs(value) <= LARGEST:
             sizes = f"{SMALLEST:g} to {LARGEST:g}"
             raise SettingError(f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {sizes}")
-
-
-def _effect(table: object, codec: Codec, place: Place) -> EffectSetting:
-    """An effect's table: its name, and every other key a parameter."""
-    if not isinstance(table, Mapping) or "name" not in table:
-        expected = f"a table with name = one of {', '.join(library.names())}"
-        raise codec.refusal(place, f"found {told(table)}, expected {expected}")
-    values = {key: value for key, value in table.items() if key != "name"}
-    return codec.read(EffectSetting, {"name": table["name"], "values": values}, place)
