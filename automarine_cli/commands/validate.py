@@ -37,7 +37,7 @@ def validate(
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
     """
-    from automarine_cli.comparison.validation import ahead_of, compare, compare_planar, usable_runs
+    from automarine_cli.comparison.validation import ahead_of, compare, usable_runs
     from automarine_cli.logs import given_columns
     from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
     from automarine_cli.pipeline.records import schema_in
@@ -57,7 +57,7 @@ def validate(
         planar_model = load_planar_model(model)
         campaign = load_planar(logs, names, thrusters, arm, **execution)
         command_warnings(campaign.runs)  # refused where they cannot be of this map
-        return replace(compare_planar(planar_model, campaign.runs, seed), set_aside=campaign.set_aside)
+        return replace(compare(planar_model, campaign.runs, seed), set_aside=campaign.set_aside)
     stored = load_yaw_models(model)
     if stored.dof.levered or arm is not None:
         _refuse_half_a_drive(thrusters, arm, columns)

@@ -2,7 +2,7 @@
 chance."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -15,7 +15,7 @@ from automarine_cli.comparison.validation import VALIDATION, ValidationFile
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
-from automarine_cli.pipeline.records import ResultKind, ResultRecord
+from automarine_cli.pipeline.records import ResultKind
 from automarine_cli.pipeline.results_folder import MANIFEST, Input, is_manifest, manifest_of
 from automarine_cli.text import listed, printable
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
@@ -51,10 +51,8 @@ class OverRuns(Estimate):
 
 @dataclass(frozen=True)
 class Difference:
-    """One parameter of the result `of` less that of the result `base`.
-
-    `p_value` is two-sided, None where neither is uncertain; `verdict` allows for how many were compared.
-    """
+    """One parameter of the result `of` less that of the result `base`; `p_value` is two-sided, None where neither is
+    uncertain; `verdict` allows for how many were compared."""
 
     parameter: str
     of: str
@@ -71,26 +69,25 @@ class Difference:
         }  # fmt: skip
 
 
-def difference(one: Estimate, other: Estimate) -> Estimate:
-    """Take `other` from `one`, both from data of their own; means over runs run by run, of two that both have or more.
+def difference(estimate: Estimate, other: Estimate) -> Estimate:
+    """Subtract `other`, from data of its own; means over runs run by run, of two that both have or more.
 
     The interval takes the distance of each end from its value from the two intervals, so that it is as skew as
-    they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9).
-    """
-    if isinstance(one, OverRuns) and isinstance(other, OverRuns):
-        both = {run: value - other.by_run[run] for run, value in one.by_run.items() if run in other.by_run}
-        return OverRuns.of(both, one.unit)
-    apart = one.value - other.value
-    low = apart - math.hypot(one.value - one.ci95[0], other.ci95[1] - other.value)
-    high = apart + math.hypot(one.ci95[1] - one.value, other.value - other.ci95[0])
-    return Estimate(apart, math.hypot(one.stderr, other.stderr), (low, high), one.unit)
+    they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9)."""
+    if isinstance(estimate, OverRuns) and isinstance(other, OverRuns):
+        common = {run: value - other.by_run[run] for run, value in estimate.by_run.items() if run in other.by_run}
+        return OverRuns.of(common, estimate.unit)
+    apart = estimate.value - other.value
+    low = apart - math.hypot(estimate.value - estimate.ci95[0], other.ci95[1] - other.value)
+    high = apart + math.hypot(estimate.ci95[1] - estimate.value, other.value - other.ci95[0])
+    return Estimate(apart, math.hypot(estimate.stderr, other.stderr), (low, high), estimate.unit)
 
 
-def comparable(one: Estimate, other: Estimate | None) -> bool:
-    """Tell whether a difference has an interval: of means over runs that of two in common, of others in one unit."""
-    if isinstance(one, OverRuns) and isinstance(other, OverRuns):
-        return len(one.by_run.keys() & other.by_run.keys()) > 1
-    return other is not None and one.unit == other.unit
+def comparable(estimate: Estimate, other: Estimate | None) -> bool:
+    """Whether a difference has an interval: of means over runs that of two in common, of others in one unit."""
+    if isinstance(estimate, OverRuns) and isinstance(other, OverRuns):
+        return len(estimate.by_run.keys() & other.by_run.keys()) > 1
+    return other is not None and estimate.unit == other.unit
 
 
 def p_value(apart: Estimate) -> float | None:
@@ -112,8 +109,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 def differences(sides: Sequence[Side]) -> tuple[Difference, ...]:
     """Compare each result with the first, parameter by parameter, for all parameters that both have in one unit."""
-    found, (base, *others) = list[Difference](), sides
-    for side in others:
+    compared, (base, *later) = list[Difference](), sides
+    for side in later:
         for name, estimate in side.parameters.items():
             first = base.parameters.get(name)
             if first is None or not comparable(estimate, first):
@@ -121,33 +118,30 @@ def differences(sides: Sequence[Side]) -> tuple[Difference, ...]:
             apart = difference(estimate, first)
             p = p_value(apart)
             verdict = ALIKE if apart.value == 0 or (p is not None and p >= LEVEL) else MAY_DIFFER
-            found.append(Difference(name, side.name, base.name, apart, _relative(apart, first), p, verdict))
-    adjusted = holm([apart.p_value or 0.0 for apart in found])
+            percent = None  # where the first's value is not well away from zero
+            if not first.ci95[0] <= 0 <= first.ci95[1] and first.value != 0:
+                scale = 100.0 / abs(first.value)
+                percent = (scale * apart.value, scale * apart.ci95[0], scale * apart.ci95[1])
+            compared.append(Difference(name, side.name, base.name, apart, percent, p, verdict))
+    adjusted = holm([apart.p_value or 0.0 for apart in compared])
     return tuple(
         replace(apart, verdict=DIFFERS) if apart.verdict == MAY_DIFFER and p < LEVEL else apart
-        for apart, p in zip(found, adjusted)
+        for apart, p in zip(compared, adjusted)
     )
-
-
-def _relative(apart: Estimate, base: Estimate) -> tuple[float, float, float] | None:
-    """Give the difference and its ends in percent of the first's value; None where that is not well away from zero."""
-    if base.ci95[0] <= 0 <= base.ci95[1] or base.value == 0:
-        return None
-    scale = 100.0 / abs(base.value)
-    return scale * apart.value, scale * apart.ci95[0], scale * apart.ci95[1]
 
 
 Said = Iterator[tuple[str, Given | Estimate | str | float | None, str]]
 """What a result says: label, value (None for nothing), and the place in the file of a number that needs an interval."""
 
 
-def contents(said: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
+def contents(statements: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
     """Sort into parameters, which are compared, and facts in words. Raises ModelError for a number with a place that
     has no interval."""
     parameters, facts = dict[str, Estimate](), dict[str, str]()
-    for label, value, place in said:
+    for label, value, place in statements:
         if isinstance(value, Given):
-            value = value.known(place) if place else value.estimate or _bound(value)
+            bound = str(value.at_bound) if value.value is None else f"{value.value:.3g}, {value.at_bound}"
+            value = value.known(place) if place else value.estimate or bound
         if isinstance(value, Estimate):
             parameters[label] = value
         elif value is not None:
@@ -155,23 +149,11 @@ def contents(said: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
     return parameters, facts
 
 
-def _bound(given: Given) -> str:
-    return str(given.at_bound) if given.value is None else f"{given.value:.3g}, {given.at_bound}"
-
-
-def shared_models(files: Iterable[ResultRecord]) -> tuple[str, ...]:
-    """Name the models that some result prefers and all have; else all that all have."""
-    fits = [file for file in files if isinstance(file, ModelFile)]
-    common = [n for n in ("1", "2", "3") if fits and all(n in fit.models for fit in fits)]
-    preferred = {fit.preferred for fit in fits}
-    return tuple(number for number in common if number in preferred) or tuple(common)
-
-
 def of_model(file: ModelFile, models: Sequence[str]) -> Said:
-    dof, own = file.dof, file.dof.symbols
+    dof, symbols = file.dof, file.dof.symbols
     names = {
-        "quadratic": own.quadratic_print, "linear": own.linear, "inertia": own.inertia,
-        "ratio": f"{own.inertia}/{own.quadratic_print}", "constant": "constant force",
+        "quadratic": symbols.quadratic_print, "linear": symbols.linear, "inertia": symbols.inertia,
+        "ratio": f"{symbols.inertia}/{symbols.quadratic_print}", "constant": "constant force",
         "difference": "half the difference of drag",
     }  # fmt: skip
     for number in models:
@@ -205,21 +187,21 @@ def of_validation(file: ValidationFile, models: Sequence[str]) -> Said:
         **{f"error {ahead.horizon_s:g} s ahead": ahead.runs for ahead in file.prediction.get(number, ())},
     }
     for name, by_run in errors.items():
-        known = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
-        if len(known) > 1:
-            yield name, OverRuns.of(known, file.dof.units.shown), ""
+        values = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
+        if len(values) > 1:
+            yield name, OverRuns.of(values, file.dof.units.shown), ""
     yield "preferred model", number, ""
 
 
 def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Said:
-    own, names = file.dof.symbols, ", ".join(effect.name for effect in file.effects)
+    symbols, names = file.dof.symbols, ", ".join(effect.name for effect in file.effects)
     yield "verdict", file.verdict + (f": {names}" if names else ""), ""
     for effect in file.effects:
         for name, value in effect.parameters.items():
             if value.stderr != 0:  # a choice of law has no interval
                 yield f"{effect.name}: {name}", value, ""
     for name, moved in file.base.items():
-        label = own.quadratic_print if name == own.quadratic else name
+        label = symbols.quadratic_print if name == symbols.quadratic else name
         yield f"{label} with what was missing", moved.after, f"base.{name}.after"
     gap = file.gap
     for name, size in (("gap before", gap.before), ("gap after", gap.after), ("noise", gap.noise_floor)):
@@ -236,10 +218,8 @@ COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Said]] = {
 
 
 def locate(results: Sequence[Path]) -> dict[str, tuple[Path, ResultKind[Any]]]:
-    """Find the result file in each folder (or named itself), by the last parts of its place that tell it apart.
-
-    Raises SettingError for fewer than two, for one that is given twice, and for a folder without a result.
-    """
+    """Find the result file in each folder (or named itself), by the last parts of its place that tell it apart. Raises
+    SettingError for fewer than two, for one that is given twice, and for a folder without a result."""
     folders = [path.parent if path.is_file() else path for path in results]
     if len(folders) < 2:
         raise SettingError("one result was given; give two or more folders of results to compare")
@@ -268,16 +248,14 @@ def _result_file(folder: Path) -> tuple[Path, ResultKind[Any]]:
 def inputs_of(results: Sequence[Path]) -> list[Input]:
     """List the result files as inputs of a manifest, then the manifests beside them."""
     places = [(name, path) for name, (path, _) in locate(results).items()]
-    places += [(name, beside) for name, path in places if is_manifest(beside := path.with_name(MANIFEST))]
+    places += [(name, manifest) for name, path in places if is_manifest(manifest := path.with_name(MANIFEST))]
     roles = {MANIFEST: "manifest"}
     return [Input(f"{name}/{path.name}", path, roles.get(path.name, "result")) for name, path in places]
 
 
 def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str]]:
-    """Read results of one command: its name, the sides, and notes on what must be known of them.
-
-    Raises SettingError for results that cannot be compared, ModelError for a file that is not as automarine wrote it.
-    """
+    """Read results of one command: its name, the sides, and notes on what must be known of them. Raises SettingError
+    for results that cannot be compared, ModelError for a file that is not as automarine wrote it."""
     places = locate(results)
     files = {name: kind.read(path, f"{name}/{path.name}") for name, (path, kind) in places.items()}
     commands = {
@@ -287,15 +265,18 @@ def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str
     units = {name: getattr(file, "force_unit", None) or "" for name, file in files.items()}
     motions = {name: file.dof.name for name, file in files.items()}
     force = next(iter(files.values())).dof.words.force
-    for what, values, only in (
+    for subject, values, only in (
         ("results of", commands, "results of one command"),
         ("results in", motions, "results of one motion"),
         (f"{force}s in", units, "results in one unit: there is no factor between the two"),
     ):
         if len(different := dict.fromkeys(values.values())) > 1:
             listing = "; ".join(f"{name}: {value}" for name, value in values.items())
-            raise SettingError(f"{what} {' and '.join(different)} cannot be compared ({listing}); compare {only}")
-    models, sides = shared_models(files.values()), []
+            raise SettingError(f"{subject} {' and '.join(different)} cannot be compared ({listing}); compare {only}")
+    fits, sides = [file for file in files.values() if isinstance(file, ModelFile)], []
+    common = [n for n in ("1", "2", "3") if fits and all(n in fit.models for fit in fits)]
+    preferred = {fit.preferred for fit in fits}
+    models = [number for number in common if number in preferred] or common
     for name, (path, kind) in places.items():
         try:
             sides.append(Side(name, *contents(COMPARED[kind](files[name], models)), files[name].runs.used))

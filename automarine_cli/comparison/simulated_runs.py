@@ -41,7 +41,6 @@ def needed_signals(model: YawModel) -> tuple[str, ...]:
 
 
 def step_of(model: YawModel, runs: Sequence[Run]) -> float:
-    """Choose the step [s] to begin with: fit for the drag under the largest command."""
     step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
     return step if np.isfinite(step) else UNSTEADY  # drag that never balances it
 
@@ -51,12 +50,10 @@ def roll(
     step: float | None = None, water: ArrayLike = 0.0,
 ) -> Trajectory:  # fmt: skip
     """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
-    from states of the `water` (W, 1, R).
+    from states of the `water` (W, 1, R); not finite where the model diverges.
 
     `switch_offset` is the share of a sample interval by which commands act later than mid-interval. Without a `step`
-    [s] that is halved until positions settle to 0.01 degrees or cm, four times at most. Returns positions and rates
-    (P, R, N), padded; not finite where the model diverges. Raises RunError as `make_batch`.
-    """
+    [s] that is halved until positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`."""
     signals, position, rate = needed_signals(model), np.atleast_2d(position), np.atleast_2d(rate)
 
     def once(step: float) -> Trajectory:
@@ -112,10 +109,8 @@ class State:
 
 
 def rest_state(run: Run) -> State | None:
-    """Find the position of the rest with which the run begins, rate 0; None where it does not begin at rest.
-
-    Rest is no command over two samples or more, without a slope in the position beyond its noise.
-    """
+    """Find the position of the rest with which the run begins, rate 0: no command over two samples or more, without a
+    slope in the position beyond its noise; None where it does not begin so."""
     first, stop, moment = segments(run.command)[0]
     count = stop - first
     if moment != 0 or count < 2:
@@ -133,14 +128,11 @@ def rest_state(run: Run) -> State | None:
 
 
 def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> list[State]:
-    """Find the start of each run under `model`.
-
-    A run that does not begin at rest starts with the position and rate from which the model follows the first
-    second (at least 5 samples) of the measured position best, by least squares.
-    """
+    """Find the start of each run: at rest, or with the position and rate from which the model follows the first second
+    (at least 5 samples) of the measured position best, by least squares."""
     rests = [rest_state(run) for run in runs]
-    still = [run for run, rest in zip(runs, rests) if rest is not None]
-    at_rest = iter(aligned(model, still, [rest for rest in rests if rest is not None]))
+    resting = [run for run, rest in zip(runs, rests) if rest is not None]
+    at_rest = iter(aligned(model, resting, [rest for rest in rests if rest is not None]))
     moving = iter(_fitted(model, [run for run, rest in zip(runs, rests) if rest is None], switch_offset))
     return [next(moving if rest is None else at_rest) for rest in rests]
 
@@ -150,15 +142,15 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
     sensors = [term for term in model.terms if effects.get(term.name).place is effects.Place.SENSOR]
     if not runs or not sensors:
         return list(states)
-    shown = np.array([state.position for state in states])
-    position, gain = shown, np.ones(len(runs))
+    targets = np.array([state.position for state in states])
+    position, gain = targets, np.ones(len(runs))
     begin = [run.cut(0, 2) for run in runs]
     for _ in range(2 * ROUNDS):
         tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
-        read = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
-        gain = (read[1] - read[2]) / (2 * NUDGE)
+        readings = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
+        gain = (readings[1] - readings[2]) / (2 * NUDGE)
         gain = np.where(np.isfinite(gain) & (np.abs(gain) > LEAST_GAIN), gain, 1.0)
-        position = position + np.nan_to_num((shown - read[0]) / gain, posinf=0.0, neginf=0.0)
+        position = position + np.nan_to_num((targets - readings[0]) / gain, posinf=0.0, neginf=0.0)
     return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
 
@@ -172,34 +164,34 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     step = step_of(model, runs) / 2
     rates = np.array([slope(run.time, run.position)[0] for run in begins])
     lead = np.array([run.time.mean() - run.time[0] for run in begins])
-    found = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
+    starts = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
     width = max(len(run) for run in begins)
     position, rate = np.full((2, len(runs), width), np.nan)
     weight = np.zeros((len(runs), 1))
     for i, (run, begin) in enumerate(zip(runs, begins)):
         position[i, : len(begin)] = begin.position
-        if (read := unbiased_velocity(run)) is not None:
-            rate[i, : len(begin)] = read[: len(begin)]
+        if (readings := unbiased_velocity(run)) is not None:
+            rate[i, : len(begin)] = readings[: len(begin)]
             ratio = max(position_noise(run.time, run.position), 1e-9) / max(velocity_noise(run), 1e-9)
             weight[i] = min(ratio, MOST_WEIGHT)
-    read = np.concatenate([position, weight * rate], axis=1)
+    readings = np.concatenate([position, weight * rate], axis=1)
     nudges = NUDGE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[..., None]
     for _ in range(ROUNDS):
-        tried = found + nudges
+        tried = starts + nudges
         states = roll(model, begins, tried[:, 0], tried[:, 1], switch_offset, step)
         with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away within a second keeps the line
-            shown = np.concatenate([states.position, weight * states.velocity], axis=2)
-            left = np.where(np.isnan(read), 0.0, read - shown[0])
-            slopes = np.where(np.isnan(read), 0.0, (shown[1::2] - shown[2::2]) / (2 * NUDGE))
-        good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(left) < RUNAWAY, axis=1)
-        slopes, left = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], left, 0.0)
+            simulated = np.concatenate([states.position, weight * states.velocity], axis=2)
+            residual = np.where(np.isnan(readings), 0.0, readings - simulated[0])
+            slopes = np.where(np.isnan(readings), 0.0, (simulated[1::2] - simulated[2::2]) / (2 * NUDGE))
+        good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(residual) < RUNAWAY, axis=1)
+        slopes, residual = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], residual, 0.0)
         square = np.einsum("irn,jrn->rij", slopes, slopes) + 1e-12 * np.eye(2)
-        found = found + np.linalg.solve(square, np.einsum("irn,rn->ri", slopes, left)[..., None])[..., 0].T
+        starts = starts + np.linalg.solve(square, np.einsum("irn,rn->ri", slopes, residual)[..., None])[..., 0].T
     words = model.dof.words
-    both = f"{words.position} and {words.speed}"
+    quantities = f"{words.position} and {words.speed}"
     return [
-        State(float(x), float(r), f"fitted: {both} that follow the first {len(run)} samples best")
-        for x, r, run in zip(*found, begins)
+        State(float(x), float(r), f"fitted: {quantities} that follow the first {len(run)} samples best")
+        for x, r, run in zip(*starts, begins)
     ]
 
 
@@ -230,10 +222,10 @@ class FreeRun:
 
     def error_of(self, channel: str) -> Floats | None:
         """Measured less simulated, (N,), NaN where nothing was read; None where the log has no such channel."""
-        read = self.run.channel(channel)
-        if read is None or (channel == self.run.dof.position and self.run.summed_up) or not np.isfinite(read).any():
+        data = self.run.channel(channel)
+        if data is None or (channel == self.run.dof.position and self.run.summed_up) or not np.isfinite(data).any():
             return None
-        return np.asarray(read - self.simulated[channel])
+        return np.asarray(data - self.simulated[channel])
 
     @property
     def distance(self) -> Floats | None:
@@ -246,11 +238,7 @@ class FreeRun:
 
 
 def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> Iterator[FreeRun]:
-    """Simulate all runs under `model`, many at a time, in their order.
-
-    `switch_offset` is the share of a sample interval by which commands act later than mid-interval. Raises
-    RunError as `make_batch`.
-    """
+    """Simulate all runs, many at a time, in their order; see `roll`."""
     states = start_states(model, runs, switch_offset)
     for run, state, (position, rate, water) in zip(runs, states, _paths(model, runs, states, switch_offset)):
         yield FreeRun(run, {model.dof.position: position, model.dof.velocity: rate}, state, water)
@@ -322,17 +310,14 @@ def find_restarts(run: Run) -> Restarts:
 def restarted_errors(
     model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts], switch_offset: float = 0.0
 ) -> list[Floats]:
-    """Return measured less restarted position [rad or m], (N,), of each run; 0 at the first sample of all.
-
-    The first piece of each run is that of the free run; all others are simulated many at a time.
-    """
+    """Return measured less restarted position [rad or m], (N,), of each run, until its first restart the free run's."""
     pieces = [(i, *piece) for i, of_run in enumerate(restarts) for piece in list(pairwise(of_run.at))[1:]]
     runs = [free[i].run.cut(first, last + 1) for i, first, last in pieces]
     states = aligned(model, runs, [state for of_run in restarts for state in of_run.states])
     water = [free[i].water[first] for i, first, _ in pieces]
     errors = [of_run.error.copy() for of_run in free]
-    for (i, first, last), run, (shown, *_) in zip(pieces, runs, _paths(model, runs, states, switch_offset, water)):
-        errors[i][first + 1 : last + 1] = (run.position - shown)[1:]
+    for (i, first, last), run, (simulated, *_) in zip(pieces, runs, _paths(model, runs, states, switch_offset, water)):
+        errors[i][first + 1 : last + 1] = (run.position - simulated)[1:]
     return errors
 
 
@@ -341,8 +326,7 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
 
     Where a change or ramp `begins` right after `i`, the parabola bends differently before and after the middle of that
     interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor:
-    the mean of the positions carried to `i` by the velocities, and a line through these that may bend.
-    """
+    the mean of the positions carried to `i` by the velocities, and a line through these that may bend."""
     bend = i + 1 in begins
     first, stop = (int(k) for k in np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach]))
     low = max([first, *(c for c in begins if c <= i)])
@@ -352,9 +336,9 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     middle = 0.5 * (run.time[i] + run.time[i + 1]) if bend else run.time[i]
     t, at, count = run.time[low:high] - middle, run.time[i] - middle, high - low
     sides = [np.minimum(t, 0.0), np.maximum(t, 0.0)]
-    read = unbiased_velocity(run)
-    if read is not None and count >= FEWEST_SMOOTHED and np.isfinite(read[low:high]).all():
-        velocity = read[low:high]
+    logged = unbiased_velocity(run)
+    if logged is not None and count >= FEWEST_SMOOTHED and np.isfinite(logged[low:high]).all():
+        velocity = logged[low:high]
         way = summed(run.time[low:high], velocity)
         position = float(np.mean(run.position[low:high] - way + way[i - low]))
         lines = sides if bend and high > i + 2 and i > low else [t]
@@ -363,9 +347,9 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
         return State(position, float(start + by_time * at), f"smoothed: {how} over {count} samples")
     after = [side**2 for side in sides] if bend else [t**2]
     powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, count - 1)]
-    found = np.zeros(4)
-    found[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
-    position, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
+    c = np.zeros(4)
+    c[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
+    position, rate = c[0] + c[1] * at + c[2] * at**2, c[1] + 2 * c[2] * at
     return State(float(position), float(rate), f"smoothed: parabola over {count} samples")
 
 
@@ -382,43 +366,38 @@ def planar_free_runs(model: PlanarModel, runs: Sequence[Run]) -> Iterator[FreeRu
     for run in runs:
         start = planar_start(run, model)
         batch = make_batch([run], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
-        path = simulate(model, batch, start=_start(start))
+        path = simulate(model, batch, start=Start(start[:3, None, None], start[3:, None, None]))
         simulated = {channel.quantity: path.reading(channel)[0, 0] for channel in batch.channels}
         yield FreeRun(run, simulated, State(start[:3], start[3:], ""), np.zeros((len(run), 0)))
-
-
-def _start(state: Floats) -> Start:
-    return Start(state[:3, None, None], state[3:, None, None])
 
 
 def planar_start(run: Run, model: PlanarModel) -> Floats:
     """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
 
     At rest the means of the readings before the first command; under way the state that follows the first `BEGINNING`
-    best under the model.
-    """
+    best under the model."""
     commands = np.stack([run.command_of(dof) for dof in PLANAR.dofs])
     quiet = int(np.argmax(np.append(np.any(commands != commands[:, :1], axis=0), True)))
-    still = not commands[:, 0].any() and quiet >= FEWEST_IN_THE_PLANE
+    at_rest = not commands[:, 0].any() and quiet >= FEWEST_IN_THE_PLANE
     until = run.time <= run.time[0] + BEGINNING
-    if still:
+    if at_rest:
         until &= np.arange(len(run)) < quiet
-    read = {name: run.channel(name) for name in PLANAR.positions if name != run.dof.position or not run.summed_up}
-    rough = {} if still else rough_velocities(run)
-    places, velocities = [read.get(name) for name in PLANAR.positions], [rough.get(dof.velocity) for dof in PLANAR.dofs]
-    near = np.array([_mean(values, until) for values in (*places, *velocities)])
-    if still:
-        return near
+    data = {name: run.channel(name) for name in PLANAR.positions if name != run.dof.position or not run.summed_up}
+    rough = {} if at_rest else rough_velocities(run)
+    places, velocities = [data.get(name) for name in PLANAR.positions], [rough.get(dof.velocity) for dof in PLANAR.dofs]
+    initial = np.array([_mean(values, until) for values in (*places, *velocities)])
+    if at_rest:
+        return initial
     first = run.cut(0, max(int(np.count_nonzero(until)), FEWEST_IN_THE_PLANE))
     batch = make_batch([first], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
     def residuals(state: Floats) -> Floats:
-        path = simulate(model, batch, start=_start(state))
+        path = simulate(model, batch, start=Start(state[:3, None, None], state[3:, None, None]))
         errors = [(path.reading(of)[0] - of.values)[of.seen] / NOISE[of.quantity] for of in channels]
-        return np.nan_to_num(np.concatenate([*errors, (state - near) / LOOSE]), nan=FAR, posinf=FAR, neginf=-FAR)
+        return np.nan_to_num(np.concatenate([*errors, (state - initial) / LOOSE]), nan=FAR, posinf=FAR, neginf=-FAR)
 
-    return np.asarray(least_squares(residuals, near, method="lm").x)
+    return np.asarray(least_squares(residuals, initial, method="lm").x)
 
 
 def _mean(values: Floats | None, until: NDArray[np.bool_]) -> float:

@@ -1,4 +1,5 @@
-"""All runs under all models of a file: free and restarted runs, scores, which model does best, what filters predict.
+"""All runs under all models of a file: free and restarted runs, their scores (sums a run, so that runs pool and
+resample exactly) with intervals over runs, which model does best, what filters predict.
 
 Predictions are from filtered states on driven and disturbed runs, beside somebody who expects no change. The models'
 own parameters are held; the sizes of what is random (disturbance, unsteady thrust, scatter of the gain, noise) are
@@ -8,25 +9,12 @@ fitted on these very runs, for no file knows the weather of their day.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.comparison.scores import (
-    PLANAR_SCORES,
-    SCORES,
-    Overall,
-    RunScore,
-    Score,
-    lead,
-    noise_floor,
-    overall,
-    planar_score,
-    rate_source,
-    resamples,
-    score,
-)
 from automarine_cli.comparison.simulated_runs import (
     FreeRun,
     Restarts,
@@ -39,7 +27,7 @@ from automarine_cli.comparison.simulated_runs import (
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects.thruster_imbalance import lacking_signal
-from automarine_cli.errors import AutomarineError, FitError, ModelError, RunError, SettingError
+from automarine_cli.errors import FitError, ModelError, RunError, SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.driven import STEPS, ForecastScore, base_starts, disturbed, driven_problem, judged_of, worth_of
@@ -50,18 +38,199 @@ from automarine_cli.models.store import StoredModels, StoredPlanar, Use
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, counted, silent
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, keyed
-from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
+from automarine_cli.quantities import Floats
+from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice, unbiased_velocity
 from automarine_cli.runs.checks import without_undriven
-from automarine_cli.runs.run import Run, SetAside, runs_json
+from automarine_cli.runs.load import GAP_IN_PERIODS
+from automarine_cli.runs.run import Run, SetAside, position_noise, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.text import told
+from automarine_cli.thrusters.map import driven_by
+
+SMOOTHED = 1.0  # s over which a position is smoothed for its rate
+FEWEST_RUNS = 3  # for an interval over runs
+DRAWS = 2000  # bootstrap resamples: how often each run is in each
+ALONE = np.ones((1, 1), dtype=np.int64)  # the only resample of one run
+RMS, MAX, FIT = "rms", "max", "fit"
+
+
+class Score(NamedTuple):
+    """A size of errors of one kind; its key in files, its heading in tables and what it means are templates."""
+
+    errors: str
+    size: str
+    key: str
+    heading: str
+    meaning: str
+
+
+FREE = "free run: measured less simulated {position} from the start of each run to its end"
+ANEW = "{position} error with the state set anew from the smoothed measured {position} at each restart"
+LESS = "free run: measured less simulated {rate}"
+MOST = "free run: the largest {position} error"
+APART = "free run: distance between measured and simulated position"
+SCORES = {
+    "rmse": Score("position", RMS, "rmse_{shown_unit}", "rmse {shown_unit}", FREE),
+    "max_abs": Score("position", MAX, "max_abs_{shown_unit}", "max {shown_unit}", MOST),
+    "fit_percent": Score(
+        "position", FIT, "fit_percent", "fit %", "free run: 100 (1 - |error| / |measured - its mean|)"
+    ),
+    "restarted_rmse": Score("restarted", RMS, "restarted_rmse_{shown_unit}", "restarted rmse {shown_unit}", ANEW),
+    "rate_rmse": Score("rate", RMS, "{speed}_rmse_{shown_unit}_s", "{speed} rmse {shown_unit}/s", LESS),
+}
+"""The scores of one degree of freedom."""
+PLANAR_SCORES = {
+    score.key: score
+    for score in (
+        Score("heading", RMS, "heading_rmse_deg", "heading deg", FREE),
+        Score("heading", MAX, "heading_max_abs_deg", "max deg", MOST),
+        Score("position", RMS, "position_rmse_m", "position m", APART),
+        Score("position", MAX, "position_max_abs_m", "max m", "free run: the largest such distance"),
+        Score("surge", RMS, "surge_rmse_m_s", "surge m/s", "free run: measured less simulated surge speed"),
+        Score("sway", RMS, "sway_rmse_m_s", "sway m/s", "free run: measured less simulated sway speed"),
+        Score("yaw_rate", RMS, "yaw_rate_rmse_deg_s", "yaw rate deg/s", LESS),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Overall:
+    """One score over all runs, with its 95 % interval over runs where there are three or more."""
+
+    value: float | None
+    ci95: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class RunScore:
+    """Errors (n,) of one run under one model by kind, in the unit that people see, none at all where the simulation
+    diverges; `measured` is the position about its mean."""
+
+    errors: Mapping[str, Floats]
+
+    @property
+    def diverged(self) -> bool:
+        return not self.errors
+
+    def value(self, name: str) -> float | None:
+        return pooled([self], (SCORES | PLANAR_SCORES)[name], ALONE).value
+
+    def of(self, kind: str) -> Floats:
+        return self.errors.get(kind, np.zeros(0))
+
+
+def score(free: FreeRun, restarted: Floats) -> RunScore:
+    """Score a free run and its restarted errors (N,) [rad or m]; no restarted score where a restart diverges."""
+    if free.diverged:
+        return RunScore({})
+    dof = free.run.dof
+    again = dof.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
+    measured = dof.shown(free.run.position)
+    return RunScore({
+        "position": dof.shown(free.error), "restarted": again, "rate": rate_error(free),
+        "measured": measured - measured.mean(),
+    })  # fmt: skip
+
+
+def planar_score(free: FreeRun) -> RunScore:
+    """Score a free run in the plane by what its log holds."""
+    if free.diverged:
+        return RunScore({})
+    names = (YAW.position, *(dof.velocity for dof in PLANAR.dofs))
+    errors = {"position": free.distance} | {name: free.error_of(name) for name in names}
+    scale = {name: YAW.logged(1.0) for name in YAW.channels}
+    return RunScore({
+        name: scale.get(name, 1.0) * error[np.isfinite(error)] for name, error in errors.items() if error is not None
+    })  # fmt: skip
+
+
+def rate_source(run: Run) -> str:
+    if run.dof.velocity in run.extras:
+        return f"{run.dof.words.rate} in the log"
+    return f"slope of the {run.dof.position} smoothed over {rate_window(run) * run.sample_period:.3g} s"
+
+
+def rate_error(free: FreeRun) -> Floats:
+    """Return measured less simulated rate, in the unit that people see, as many values as there are.
+
+    With a rate in the log, less its bias, at the samples that have one; otherwise both positions are treated alike,
+    put on an even grid and differentiated by Savitzky and Golay's parabola, never across a gap."""
+    run, dof = free.run, free.run.dof
+    logged = unbiased_velocity(run)
+    if logged is not None:
+        return np.asarray(dof.shown((logged - free.rate)[~np.isnan(logged)]))
+    period, width = run.sample_period, rate_window(run)
+    arm = np.arange(width // 2, -width // 2, -1)  # the parabola's slope, as `np.convolve` takes weights
+    weights = arm / (arm @ arm) / period
+    edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
+    slopes = [np.zeros(0)]
+    for time, error in zip(np.split(run.time, edges), np.split(free.error, edges)):
+        even = np.arange(time[0], time[-1] + 1e-6 * period, period)
+        if len(even) >= width:
+            slopes.append(np.convolve(np.interp(even, time, error), weights, mode="valid"))
+    return np.asarray(dof.shown(np.concatenate(slopes)))
+
+
+def rate_window(run: Run) -> int:
+    """Samples, an odd number, over which a position is smoothed for its rate: a second, 5 at least."""
+    return max(5, 2 * round(SMOOTHED / run.sample_period / 2) + 1)
+
+
+def noise_floor(run: Run) -> float:
+    """Estimate the white noise of the position without a model, in the unit that people see."""
+    return float(run.dof.shown(position_noise(run.time, run.position)))
+
+
+def overall(scores: Sequence[RunScore], drawn: NDArray[np.int64], table: Mapping[str, Score]) -> dict[str, Overall]:
+    """Score all runs together, over the resamples `drawn`; nothing under a model that diverged in any run."""
+    diverged = any(run.diverged for run in scores)
+    return {name: Overall(None) if diverged else pooled(scores, score, drawn) for name, score in table.items()}
+
+
+def pooled(scores: Sequence[RunScore], score: Score, drawn: NDArray[np.int64]) -> Overall:
+    """Return one score over runs, all samples pooled or the largest error of all."""
+    errors = [run.of(score.errors) for run in scores]
+    if score.size == MAX:
+        return Overall(max((float(np.abs(error).max()) for error in errors if len(error)), default=None))
+    below = _squares(scores, "measured") if score.size == FIT else np.array([float(len(error)) for error in errors])
+    if below.sum() <= 0:
+        return Overall(None)
+    root, roots = _roots(_squares(scores, score.errors), below, drawn)
+    if score.size == FIT:
+        root, roots = 100.0 * (1.0 - root), 100.0 * (1.0 - roots)
+    return Overall(root, _interval(roots, int(np.sum(below > 0))))
+
+
+def lead(better: Sequence[RunScore], worse: Sequence[RunScore], drawn: NDArray[np.int64]) -> Overall:
+    """Return by how much the pooled free-run rmse of one model is below another's, over the same resamples."""
+    counts = np.array([float(len(run.of("position"))) for run in worse])
+    (first, firsts), (second, seconds) = (_roots(_squares(s, "position"), counts, drawn) for s in (worse, better))
+    return Overall(first - second, _interval(firsts - seconds, len(better)))
+
+
+def _squares(scores: Sequence[RunScore], kind: str) -> Floats:
+    return np.array([run.of(kind) @ run.of(kind) for run in scores])
+
+
+def _roots(above: Floats, below: Floats, drawn: NDArray[np.int64]) -> tuple[float, Floats]:
+    """Return the root of a ratio of sums over runs, and of each resample of these."""
+    sums = drawn @ below
+    return float(np.sqrt(above.sum() / below.sum())), np.sqrt((drawn @ above)[sums > 0] / sums[sums > 0])
+
+
+def _interval(draws: Floats, runs: int) -> tuple[float, float] | None:
+    if runs < FEWEST_RUNS:
+        return None
+    low, high = np.percentile(draws, [2.5, 97.5])
+    return float(low), float(high)
+
 
 START = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_rad_s")
 
 
 @dataclass(frozen=True)
 class Scored:
-    """One model: its free runs and scores in the order of the runs, and its scores over all of them."""
+    """One model: its free runs and scores in the order of the runs, and its scores over all of them by name."""
 
     free: tuple[FreeRun, ...]
     scores: tuple[RunScore, ...]
@@ -73,7 +242,6 @@ class Scored:
 
     @cached_property
     def values(self) -> list[dict[str, float | None]]:
-        """The scores of each run by name."""
         return [{name: score.value(name) for name in self.overall} for score in self.scores]
 
 
@@ -89,7 +257,6 @@ class Ahead:
 
     @cached_property
     def worth(self) -> dict[str, tuple[ForecastScore, ...]]:
-        """What the models are worth by horizon."""
         return {number: worth_of(predicted) for number, predicted in self.predicted.items()}
 
     @property
@@ -162,8 +329,7 @@ class Validation(Shown):
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
     model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
     that people see, `channels` the sensors that count. Where the runs are driven there are predictions `ahead` from
-    filtered states.
-    """
+    filtered states."""
 
     stored: StoredModels | StoredPlanar
     models: Mapping[str, Scored]
@@ -181,7 +347,7 @@ class Validation(Shown):
 
     @property
     def dof(self) -> Dof:
-        """The motion, of which the words are; yaw in the plane."""
+        """That of the words; yaw in the plane."""
         return YAW if isinstance(self.stored, StoredPlanar) else self.stored.dof
 
     @property
@@ -200,7 +366,6 @@ class Validation(Shown):
         return tuple(name for name in names if effects.get(name).states)
 
     def key(self, name: str) -> str:
-        """What a score is called in files."""
         return self.dof.fill(self.scores[name].key)
 
     def to_json(self) -> dict[str, object]:
@@ -258,16 +423,23 @@ class Validation(Shown):
         }
 
 
-def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Validation:
+def compare(
+    stored: StoredModels | StoredPlanar, runs: Sequence[Run], seed: int = 0, progress: Progress = silent
+) -> Validation:
     """Simulate and score `runs` under every model. Raises RunError as `make_batch`."""
-    restarts = tuple(map(find_restarts, runs))
-    drawn = resamples(len(runs), seed)
+    drawn = np.random.default_rng(seed).multinomial(len(runs), np.full(len(runs), 1.0 / len(runs)), size=DRAWS)
     models: dict[str, Scored] = {}
+    if isinstance(stored, StoredPlanar):
+        free = tuple(planar_free_runs(stored.model, runs))
+        scores = tuple(map(planar_score, free))
+        models[PLANAR.name] = Scored(free, scores, overall(scores, drawn, PLANAR_SCORES))
+        return Validation(stored, models, PLANAR.name)
+    restarts = tuple(map(find_restarts, runs))
     for number, model in stored.models.items():
         simulated = free_runs(model, runs, stored.switch_offset)
         free = tuple(counted(progress, f"simulating model {number}", simulated, len(runs)))
         scores = tuple(map(score, free, restarted_errors(model, free, restarts, stored.switch_offset)))
-        models[number] = Scored(free, scores, overall(scores, drawn))
+        models[number] = Scored(free, scores, overall(scores, drawn, SCORES))
     values = {number: scored.overall["rmse"].value for number, scored in models.items()}
     ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)
     best = ranked[0][2] if ranked else None
@@ -276,24 +448,20 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     return Validation(stored, models, best, because, restarts, tuple(map(noise_floor, runs)))
 
 
-def compare_planar(stored: StoredPlanar, runs: Sequence[Run], seed: int = 0) -> Validation:
-    """Simulate and score `runs` under a model of the plane."""
-    free = tuple(planar_free_runs(stored.model, runs))
-    scores = tuple(map(planar_score, free))
-    scored = Scored(free, scores, overall(scores, resamples(len(runs), seed), PLANAR_SCORES))
-    return Validation(stored, {PLANAR.name: scored}, PLANAR.name)
-
-
 def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
     """Say which model follows the runs best, and whether its lead could be chance."""
+
+    def digits(gap: float) -> str:  # two, all before the point where there are more
+        return f"{gap:.0f}" if abs(gap) >= 10 else f"{gap:.2g}"
+
     if best is None:
         return "No model follows these runs: every simulation diverges."
     parts = []
     for number, gap in leads.items():
-        part = f"{_digits(gap.value)} {dof.units.shown} below model {number}"
+        part = f"{digits(gap.value or 0.0)} {dof.units.shown} below model {number}"
         if gap.ci95 is not None:
             sure = "" if gap.ci95[0] > 0 else ", which may be chance"
-            part += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
+            part += f" (95 % interval {digits(gap.ci95[0])} to {digits(gap.ci95[1])} over runs{sure})"
         parts.append(part)
     for number, scored in models.items():
         if scored.diverged:
@@ -302,12 +470,6 @@ def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str
     if len(models) == 1:
         return f"Model {best} is the only one{tail}."
     return f"Model {best} has the smallest free-run {dof.position} error over all runs{tail}."
-
-
-def _digits(gap: float | None) -> str:
-    """Write a number for a sentence: two digits, all before the point where there are more."""
-    value = gap or 0.0
-    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
 
 
 def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None) -> Ahead | None:
@@ -332,11 +494,11 @@ def _predicted(
 ) -> tuple[Predicted, ...]:
     """Predict with one model, by the sizes that the runs themselves give to what is random."""
     course = make_course(runs, at_rest, needed_signals(model), channels=channels)
-    problem, own = driven_problem(model, course), len(model.theta)
-    held = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[own:]])
-    problem = replace(problem, bounds=held)
-    found = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
-    predicted = predict(model, course, model.theta, problem.noises(found.theta[None]))
+    problem, size = driven_problem(model, course), len(model.theta)
+    bounds = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[size:]])
+    problem = replace(problem, bounds=bounds)
+    fit = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
+    predicted = predict(model, course, model.theta, problem.noises(fit.theta[None]))
     return tuple(ahead for ahead in predicted if len(ahead.error))
 
 
@@ -346,15 +508,21 @@ def usable_runs(
     """Select the runs that every model can be driven by and that their commands may have moved, commanded by `drive`;
     return the others with their reasons. Raises ModelError for commands in another unit than the models'."""
     signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
-    commanded, aside = list[Run](), list[SetAside]()
-    for run in runs:
-        try:
-            driven = run if drive is None else drive(run)
-            _refuse_incomplete(driven, tuple(signals))
-            commanded.append(driven)
-        except AutomarineError as error:
-            why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
-            aside.append(SetAside(run.source, run.name, why))
+
+    def complete(run: Run) -> Run:
+        driven = run if drive is None else drive(run)
+        _ = driven.command  # refused where there is none
+        for name in signals:
+            if (signal := driven.signal(name)) is None:
+                raise RunError(f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}")
+            if missing := int(np.count_nonzero(~np.isfinite(signal))):
+                raise RunError(
+                    f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, "
+                    "or validate a model without that effect"
+                )
+        return driven
+
+    commanded, aside = driven_by(runs, complete)
     usable, undriven = without_undriven(commanded)
     for run in usable:
         if run.moment_unit != stored.moment_unit:
@@ -364,15 +532,3 @@ def usable_runs(
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
     return usable, [*aside, *undriven]
-
-
-def _refuse_incomplete(run: Run, signals: Sequence[str]) -> None:
-    _ = run.command  # refused where there is none
-    for name in signals:
-        if (signal := run.signal(name)) is None:
-            raise RunError(f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}")
-        if missing := int(np.count_nonzero(~np.isfinite(signal))):
-            raise RunError(
-                f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "
-                "validate a model without that effect"
-            )

@@ -18,7 +18,7 @@ from automarine_cli.diagnosis.diagnose import (
     listed_rivals,
     stretch,
 )
-from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
+from automarine_cli.diagnosis.residual_regions import Column, ResidualRegions, find_regions
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.models.store import DIAGNOSIS
@@ -108,7 +108,7 @@ class ThrusterDiagnosis(Shown):
         """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
         final = self.final
         form = family.form_of(frozenset().union(*(effects for _, effects in final.shape.curves))).name
-        result = ThrusterMap(form, *final.both_ways, self.data.n_unit, self.data.points.n_range).to_json()
+        result = ThrusterMap(form, *final.both_ways, self.data.n_unit, self.data.n_range).to_json()
         estimates = _curve_parameters(final)
         if final.shape.tied:
             estimates = {name: estimates["both"] for name, _ in SIDES}
@@ -147,7 +147,7 @@ class ThrusterDiagnosis(Shown):
             "full_scale_N": self.data.full_scale,
             "noise_floor_from": self.floor_from,
             "levels": {"fitted": self.base.data.levels, "held_out": self.held_out.levels if self.held_out else 0},
-            "runs": runs_json(len(np.unique(self.data.points.record)), self.set_aside),
+            "runs": runs_json(len(np.unique(self.data.record)), self.set_aside),
         }  # fmt: skip
 
 
@@ -160,8 +160,8 @@ def start_shape(base: ThrusterMap, data: family.BollardData, voltage: bool = Fal
         free = FORMS[base.form].mask[1:]
         return frozenset(name for name, *on in zip(family.CURVE_EFFECTS, free, acting) if all(on))
 
-    both = base.forward == base.backward and len(data.sides) == 2
-    curves = {"both": base.forward} if both else {name: getattr(base, name) for name in data.sides}
+    tied = base.forward == base.backward and len(data.sides) == 2
+    curves = {"both": base.forward} if tied else {name: getattr(base, name) for name in data.sides}
     shape = tuple((name, used(curve)) for name, curve in curves.items() if curve is not None)
     return family.Shape(shape, voltage and data.step is not None)
 
@@ -173,8 +173,7 @@ def diagnose_thrusters(
     """Diagnose `base` on bollard tests in which `thrusters` equal thrusters pulled together.
 
     `hold_out` None holds out a quarter of the levels; `voltage` says that the map was made with a power of the voltage.
-    Raises FitError where the logs cannot carry a curve, RunError where the unit of the control signal is another one.
-    """
+    Raises FitError where the logs cannot carry a curve, RunError where the control signal is in another unit."""
     if base.n_unit and n_unit and base.n_unit != n_unit:
         raise RunError(
             f"the map's control signal is in {base.n_unit}, the logs' in {n_unit}; give logs and map of one signal"
@@ -204,19 +203,19 @@ def diagnose_thrusters(
     effects = _named_effects(search, floor)
     verdict, why = _verdict(search, effects, where, gap(search.final), floor, seed)
     final = search.final if verdict == NAMED else search.base
-    data = data.with_flags(~out, fitted.points.weight, fitted.points.flag)
+    data = data.with_flags(~out, fitted.weight, fitted.flag)
     return ThrusterDiagnosis(
         verdict, why, base, data, held_out, search, final, effects if verdict in (NAMED, SUSPECTED) else (), where,
         _faults(data, final), GapSizes(search.base.rmse(), final.rmse(), floor), gap(final),
         GapSizes(search.base.rmse(held_out=True), final.rmse(held_out=True), floor),
-        _rms(fitted, base.force(fitted.points.n)), floor_from, logs.set_aside,
+        _rms(fitted, base.force(fitted.n)), floor_from, logs.set_aside,
     )  # fmt: skip
 
 
 def _rms(data: family.BollardData, thrust: Floats) -> float:
-    """Gap [N] of a thrust at the points, weighted as in the fit."""
-    rest = data.points.force - thrust
-    return float(np.sqrt(data.points.weight @ rest**2 / data.points.weight.sum()))
+    """ResidualGrid [N] of a thrust at the points, weighted as in the fit."""
+    residual = data.force - thrust
+    return float(np.sqrt(data.weight @ residual**2 / data.weight.sum()))
 
 
 def _verdict(
@@ -244,36 +243,37 @@ def _verdict(
         return NOTHING, ""
     tied = next((effect for effect in effects if effect.confidence < EVEN), None)
     if tied is not None:
-        others = " or ".join(rival.name for rival in tied.rivals)
-        return SUSPECTED, f"A tie: the levels do not tell {tied.name} ({tied.confidence:.0%}) from {others}."
+        alternatives = " or ".join(rival.name for rival in tied.rivals)
+        return SUSPECTED, f"A tie: the levels do not tell {tied.name} ({tied.confidence:.0%}) from {alternatives}."
     return NAMED, ""
 
 
 def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
     """p-value of neighbouring levels' residuals being alike: products of neighbours, against signs thrown."""
     data, random = fit.data, np.random.default_rng(seed)
-    step = np.zeros(len(data.points)) if data.step is None else data.step
-    order = np.lexsort((data.points.n, np.sign(data.points.n), step))
-    rest = (np.sqrt(data.points.weight) * fit.residual)[order]
-    together = rest[1:] * rest[:-1]
+    step = np.zeros(len(data)) if data.step is None else data.step
+    order = np.lexsort((data.n, np.sign(data.n), step))
+    residual = (np.sqrt(data.weight) * fit.residual)[order]
+    together = residual[1:] * residual[:-1]
     signs = random.choice([-1.0, 1.0], size=(THROWS, len(together)))
     return float((1.0 + np.sum(signs @ together >= together.sum())) / (1.0 + THROWS))
 
 
 def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
-    named = []
+    effects = []
     for name, p_value in search.p_values.items():
         rivals = {rival.name: rival for rival in search.alternatives if rival.instead_of == name}
         splits = {other: _split_by(search.final, rival, floor) for other, rival in rivals.items()}
-        weight, others = listed_rivals({other: rival.odds for other, rival in rivals.items()}, splits, 1.0 - p_value)
+        weight, listed = listed_rivals({other: rival.odds for other, rival in rivals.items()}, splits, 1.0 - p_value)
         values = effect_parameters(search.final, name, search.base)
         worded = []
-        for key, one in values.items():
+        for key, estimate in values.items():
             word = WORDS.get(key, key.replace("_forward", " forward").replace("_backward", " backward"))
-            worded.append(f"{word} = " + ("beyond what was measured" if one.value is None else f"{one.value:.3g}"))
+            size = "beyond what was measured" if estimate.value is None else f"{estimate.value:.3g}"
+            worded.append(f"{word} = {size}")
         says = f"{SAYS[name]}: {', '.join(worded)}."
-        named.append(NamedEffect(name, "", says, values, weight, p_value, others))
-    return tuple(named)
+        effects.append(NamedEffect(name, "", says, values, weight, p_value, listed))
+    return tuple(effects)
 
 
 def _split_by(final: family.Fitted, rival: family.Alternative, floor: float) -> str:
@@ -281,16 +281,15 @@ def _split_by(final: family.Fitted, rival: family.Alternative, floor: float) -> 
     for name in (rival.name, rival.instead_of):
         if name in SPLIT_BY:
             return SPLIT_BY[name]
-    n = final.data.points.n
+    n = final.data.n
     along = np.linspace(min(float(n.min()), 0.0), max(float(n.max()), 0.0), 801)
     mine, other = (np.nan_to_num(fit.along(along)) for fit in (final, rival.fit))
     at = int(np.argmax(np.abs(mine - other)))
     apart_N = max(abs(float(mine[at] - other[at])), 1e-12)
-    times = max(1, int(np.ceil((3.0 * floor / apart_N) ** 2)))
-    often = "a pull" if times == 1 else f"{times} pulls"
-    return (
-        f"{often} at n = {along[at]:.3g}: {mine[at]:.3g} N with {rival.instead_of}, {other[at]:.3g} N with {rival.name}"
-    )
+    times = int(np.ceil((3.0 * floor / apart_N) ** 2))
+    often = f"{times} pulls" if times > 1 else "a pull"
+    thrusts = f"{mine[at]:.3g} N with {rival.instead_of}, {other[at]:.3g} N with {rival.name}"
+    return f"{often} at n = {along[at]:.3g}: {thrusts}"
 
 
 def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> dict[str, Parameter]:
@@ -303,8 +302,8 @@ def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> d
         name = "p" if effect == family.VOLTAGE else "share_lost"
         return {name: Parameter.of(Estimate.from_stderr(value, stderr, data.levels - 1, "1"))}
     if effect == family.ASYMMETRY:
-        sides = [np.where(data.points.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
-        ends = [fit.along(np.array([sign * np.max(np.abs(data.points.n))]))[0] for sign in (1.0, -1.0)]
+        sides = [np.where(data.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
+        ends = [fit.along(np.array([sign * np.max(np.abs(data.n))]))[0] for sign in (1.0, -1.0)]
         relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
         estimate = Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")
@@ -323,7 +322,7 @@ def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Parameter]]:
     gain, effects = fit.gain(fit.data), dict(fit.shape.curves)
     return {
         name: parameters(
-            family.without_gain(side, gain[index]), family.form_of(effects[name]), fit.curves[name], fit.at_bound[name],
+            side.without(gain[index]), family.form_of(effects[name]), fit.curves[name], fit.at_bound[name],
             fit.data.n_unit,
         )
         for name, (index, side) in fit.data.parts(fit.shape.tied).items()
@@ -332,40 +331,37 @@ def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Parameter]]:
 
 def _stderr(fit: family.Fitted, column: Floats, steps: Ints | None) -> float:
     """Standard error of one parameter from its own derivative: by levels, or by voltage steps if that is more."""
-    weight = fit.data.points.weight
+    weight = fit.data.weight
     sums = [sums_of(weight * column * fit.residual, unit) for unit in (fit.data.level, steps) if unit is not None]
-    most = max(np.sqrt(one @ one * len(one) / max(len(one) - 1, 1)) for one in sums)
+    most = max(np.sqrt(total @ total * len(total) / max(len(total) - 1, 1)) for total in sums)
     return float(most / (weight @ column**2))
 
 
 def _regions(fit: family.Fitted, floor: float, seed: int) -> ResidualRegions:
     """Regions in which the residuals of a fit stand out against dealing the points in another order."""
     data = fit.data
-    points, count = data.points, len(data.points)
+    count = len(data)
     if not np.any(np.abs(fit.residual) > 1e-9 * data.full_scale):
         return ResidualRegions()
-    columns = [Column("n", data.n_unit, points.n)]
+    columns = [Column("n", data.n_unit, data.n)]
     if data.step is not None:
-        columns.append(Column("voltage", "V", points.voltage))
-    if abs(np.corrcoef(data.order, points.n)[0, 1]) < SWEEP:
+        columns.append(Column("voltage", "V", data.voltage))
+    if abs(np.corrcoef(data.order, data.n)[0, 1]) < SWEEP:
         columns.append(Column("run-order", "", np.arange(1.0, count + 1.0)))
-    rest = (np.sqrt(points.weight) * fit.residual)[:, None]
-    sign = np.sign(points.n)[:, None]
+    residual = (np.sqrt(data.weight) * fit.residual)[:, None]
+    sign = np.sign(data.n)[:, None]
     gap = ResidualGrid(
-        names=tuple(data.place(i) for i in range(count)), residual=rest, raw=rest, sign=sign,
-        observed=np.ones((count, 1), bool), gain=rest[:, 0], floor=floor, gain_unit="N",
+        names=tuple(data.place(i) for i in range(count)), residual=residual, raw=residual, sign=sign,
+        seen=np.ones((count, 1), bool), gain=residual[:, 0], floor=floor, gain_unit="N",
     )  # fmt: skip
     return find_regions(columns, {}, gap, seed)
 
 
 def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[Fault, ...]:
-    points = data.points
-    flagged = np.flatnonzero(points.flag != "")
-    new = (np.diff(flagged) > 1) | (np.diff(points.record[flagged]) != 0)
+    flagged = np.flatnonzero(data.flag != "")
+    new = (np.diff(flagged) > 1) | (np.diff(data.record[flagged]) != 0)
     stretches = np.split(flagged, np.flatnonzero(new) + 1)
-    faults = [
-        _fault(data, fit, index, "faulty-stretch", str(points.flag[index[0]])) for index in stretches if len(index)
-    ]
+    faults = [_fault(data, fit, index, "faulty-stretch", str(data.flag[index[0]])) for index in stretches if len(index)]
     rough = {name: _off_polynomial(data, sign) for name, sign in SIDES}
     for (name, sign), other in zip(SIDES, ("backward", "forward")):
         if rough[name] < COMPUTED * data.full_scale < 0.2 * rough[other] < np.inf:
@@ -373,27 +369,26 @@ def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[Fault, ...]:
                 f"the {name} half lies on a polynomial to {rough[name]:.2g} N while the other half scatters: it looks "
                 "computed, not measured, and its agreement with any map says little"
             )
-            faults.append(_fault(data, fit, np.flatnonzero(points.n * sign > 0), "computed", why))
+            faults.append(_fault(data, fit, np.flatnonzero(data.n * sign > 0), "computed", why))
     return tuple(sorted(faults, key=lambda fault: -fault.gap_N))
 
 
 def _fault(data: family.BollardData, fit: family.Fitted, index: Ints, kind: str, why: str) -> Fault:
-    n, place = data.points.n[index], data.place(int(index[0]))
-    record = np.flatnonzero(data.points.record == data.points.record[index[0]])
+    n, place = data.n[index], data.place(int(index[0]))
+    record = np.flatnonzero(data.record == data.record[index[0]])
     first, last = (int(np.searchsorted(record, index[end])) + 1 for end in (0, -1))
-    gap = float(np.sqrt(np.mean((data.points.force[index] - fit.thrust(data)[index]) ** 2)))
+    gap = float(np.sqrt(np.mean((data.force[index] - fit.thrust(data)[index]) ** 2)))
     low, high = float(n.min()), float(n.max())
-    what = (
-        f"{len(index)} readings from n = {low:.4g} to {high:.4g}" if len(index) > 1 else f"1 reading at n = {low:.4g}"
-    )
-    return Fault(kind, place, (first, last), low, high, len(index), gap, f"{place}: {what}: {why}.")
+    several = f"{len(index)} readings from n = {low:.4g} to {high:.4g}"
+    description = several if len(index) > 1 else f"1 reading at n = {low:.4g}"
+    return Fault(kind, place, (first, last), low, high, len(index), gap, f"{place}: {description}: {why}.")
 
 
 def _off_polynomial(data: family.BollardData, sign: float) -> float:
     """Root mean square [N] of one direction about a polynomial in n; infinite with too few points."""
-    mask = data.points.n * sign > 0
+    mask = data.n * sign > 0
     if np.count_nonzero(mask) < DEGREE + 7:
         return np.inf
-    matrix = np.vander(data.points.n[mask] / np.max(np.abs(data.points.n[mask])), DEGREE + 1)
-    force = data.points.force[mask]
+    matrix = np.vander(data.n[mask] / np.max(np.abs(data.n[mask])), DEGREE + 1)
+    force = data.force[mask]
     return float(np.sqrt(np.mean((force - matrix @ np.linalg.lstsq(matrix, force, rcond=None)[0]) ** 2)))

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
 from automarine_cli.planning.candidates import PLAN, Candidate, Supply
-from automarine_cli.simulation.specification import between, positive
+from automarine_cli.simulation.specification import AboveZero, Limit, Settings, ZeroOrMore
 from automarine_cli.text import printable, told
 
 SCHEMA = "automarine/link-campaign/1"
@@ -34,20 +34,20 @@ SHORT = 8
 
 
 @dataclass(frozen=True)
-class PlannedRun:
+class PlannedRun(Settings):
     """One run: `commands` (moment, seconds) follow the rest at its start; the water needs `wait_s` after it."""
 
     name: str
     commands: tuple[tuple[float, float], ...]
     start_heading_deg: float = 0.0
-    wait_s: float = 0.0
+    wait_s: ZeroOrMore = 0.0
 
     def __post_init__(self) -> None:
         if not SAFE_NAME.fullmatch(self.name):
             raise SettingError(f"name is {self.name!r}; expected at most 100 letters, digits and - + _ .")
         if self.name.endswith(ENDS[1:]):
             raise SettingError(f"name is {self.name!r}; expected another end, this one marks runs that were cut short")
-        positive(self, "wait_s", or_zero=True)
+        super().__post_init__()
         if not 0 < len(self.commands) <= MOST_COMMANDS:
             raise SettingError(f"commands has {len(self.commands)} entries; expected 1 to {MOST_COMMANDS}")
         if min(seconds for _, seconds in self.commands) <= 0:
@@ -65,19 +65,14 @@ class PlannedRun:
 
 
 @dataclass(frozen=True)
-class Battery:
+class Battery(Settings):
     """What is stored and must stay, and what is drawn: `idle_A` always, `full_A` more at the moment `at_moment`."""
 
-    charge_Ah: float
-    reserve_percent: float
-    idle_A: float
-    full_A: float
-    at_moment: float
-
-    def __post_init__(self) -> None:
-        positive(self, "charge_Ah", "at_moment")
-        positive(self, "idle_A", "full_A", or_zero=True)
-        between(self, 0.0, 99.0, "reserve_percent")
+    charge_Ah: AboveZero
+    reserve_percent: Annotated[float, Limit(0.0, 99.0)]
+    idle_A: ZeroOrMore
+    full_A: ZeroOrMore
+    at_moment: AboveZero
 
     @property
     def supply(self) -> Supply:
@@ -85,19 +80,18 @@ class Battery:
 
 
 @dataclass(frozen=True)
-class LinkCampaign:
+class LinkCampaign(Settings):
     """Runs in order, each logged at `rate_hz` from `rest_s` before its first command; moments in `moment_unit`."""
 
     schema: Literal["automarine/link-campaign/1"]
     moment_unit: Literal["nu", "N m"]
-    rate_hz: float
-    rest_s: float
+    rate_hz: Annotated[float, Limit(0.5, 200.0)]
+    rest_s: Annotated[float, Limit(0.0, 60.0)]
     battery: Battery
     runs: tuple[PlannedRun, ...]
 
     def __post_init__(self) -> None:
-        between(self, 0.5, 200.0, "rate_hz")
-        between(self, 0.0, 60.0, "rest_s")
+        super().__post_init__()
         if not 0 < len(self.runs) <= MOST_RUNS:
             raise SettingError(f"runs has {len(self.runs)} entries; expected 1 to {MOST_RUNS}")
         names = [run.name for run in self.runs]

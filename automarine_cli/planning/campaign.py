@@ -22,13 +22,12 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, silent
-from automarine_cli.pipeline.records import Document, Shown, Source, to_mapping
+from automarine_cli.pipeline.records import Codec, Document, Shown, Source, read_mapping, to_mapping
 from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info
-from automarine_cli.planning.candidates import PLAN, Candidate, Limits, Slot, Supply
+from automarine_cli.planning.candidates import PLAN, Candidate, Drive, Limits, Slot, Supply, consumption, drive_of
 from automarine_cli.planning.information import Fitting, Intervals, Logger, PriorResults
 from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head_start, pairs_of, splits, with_effect
-from automarine_cli.planning.vehicle import Drive, consumption, drive_of
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import SCHEMA
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
@@ -69,9 +68,9 @@ class PlanBudget:
     alike: float
 
     def fits(self, counts: Floats) -> NDArray[np.int64]:
-        left = self.room - counts @ self.costs
+        room = self.room - counts @ self.costs
         rare = self.sizes @ (counts @ self.sizes) < self.alike
-        return np.flatnonzero((counts < self.most) & rare & np.all(self.costs <= left + 1e-9, axis=1))
+        return np.flatnonzero((counts < self.most) & rare & np.all(self.costs <= room + 1e-9, axis=1))
 
     def holds(self, counts: Floats) -> bool:
         few = np.all(counts <= np.maximum(self.most, self.fixed))
@@ -104,75 +103,76 @@ def select(
 
     Runs that turn far are for splitting explanations only: to narrow an interval on water that turns along would be to
     narrow it about the wrong value."""
-    found = pool.candidates(fitting.base, limits, largest)
+    candidates = pool.candidates(fitting.base, limits, largest)
     most = FAR * np.deg2rad(limits.pool.turn_deg)
-    furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, found))
-    found = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(found, furthest))
+    furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, candidates))
+    candidates = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(candidates, furthest))
     # at one of the start headings and somewhere in the campaign: what depends on either is worked out again later
-    headings, seconds, count = limits.pool.start_headings_deg, 60.0 * limits.pool.minutes, len(found)
+    headings, seconds, count = limits.pool.start_headings_deg, 60.0 * limits.pool.minutes, len(candidates)
     spread = [
         replace(run, start_heading=headings[i // 2 % len(headings)], clock=round(seconds * (7 * i % count) / count, 1))
-        for i, run in enumerate(found)
+        for i, run in enumerate(candidates)
     ]
     check = pool.full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
-    fixed = np.array([2.0 * (check is not None and one.label == check.label) for one in found])
-    cost = pool.costs(found, limits, supply)
+    fixed = np.array([2.0 * (check is not None and candidate.label == check.label) for candidate in candidates])
+    cost = pool.costs(candidates, limits, supply)
     room, most_alike = pool.allowance(limits), np.full(count, float(limits.runs.most_alike))
     with np.errstate(divide="ignore"):
         runs = np.floor(np.min(room / cost.min(axis=0)))  # that there can be at all
     of_one_size = float(max(2.0, np.ceil(runs * limits.runs.of_one_size_percent / 100.0)))
-    budget = PlanBudget(cost, room, fixed, most_alike, np.array(pool.mirrors(found)), sizes_of(found), of_one_size)
+    mirrors = np.array(pool.mirrors(candidates))
+    budget = PlanBudget(cost, room, fixed, most_alike, mirrors, sizes_of(candidates), of_one_size)
     _refuse_too_little(budget, limits)
     progress("choosing runs", 0, 2)
     split = _split(pairs, spread, budget, limits) if pairs else fixed
     progress("choosing runs", 1, 2)
-    each = fitting.information(spread)
+    information = fitting.information(spread)
     goal = limits.goal.half_width_percent
-    intervals = Intervals(each, before, wanted, None if goal is None else goal / (100.0 * QUANTILE))
-    near = np.where([one.turns for one in found], 0.0, budget.most)
-    counts = choose(intervals, replace(budget, fixed=split, most=near))
+    intervals = Intervals(information, before, wanted, None if goal is None else goal / (100.0 * QUANTILE))
+    most_each = np.where([candidate.turns for candidate in candidates], 0.0, budget.most)
+    counts = choose(intervals, replace(budget, fixed=split, most=most_each))
     progress("choosing runs", 2, 2)
-    chosen = tuple(one for one, count in zip(found, counts) for _ in range(count))
+    chosen = tuple(candidate for candidate, count in zip(candidates, counts) for _ in range(count))
     names = " and ".join(dict.fromkeys(f"{a.name} from {b.name}" for a, b in pairs[::2]))
-    why = {one.label: NARROW for one in chosen}
-    why |= {one.label: f"splits {names}" for one, count in zip(found, split - fixed) if count > 0}
+    why = {candidate.label: NARROW for candidate in chosen}
+    why |= {candidate.label: f"splits {names}" for candidate, count in zip(candidates, split - fixed) if count > 0}
     if check is not None:
         why[check.label] = DRIFT
-    return Choice(chosen, why, check, found, each, cost)
+    return Choice(chosen, why, check, candidates, information, cost)
 
 
 def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudget, limits: Limits) -> Floats:
     """How often to run each candidate so that every pair is split, as cheaply as may be, (K,)."""
     starts = np.array([head_start(a, b, limits.pool.runs) for a, b in pairs])
-    asked = np.maximum(MARGIN * limits.goal.evidence - starts, 1.0)
+    required = np.maximum(MARGIN * limits.goal.evidence - starts, 1.0)
     about, counts = tuple(pairs), budget.fixed
     for _ in range(ROUNDS):
         contests = tuple(contest(a.fitting, b.fitting, spread) for a, b in about)
-        counts = choose(Splitting(contests, asked), budget).astype(float)
+        counts = choose(Splitting(contests, required), budget).astype(float)
         runs = [spread[i] for i, count in enumerate(counts.astype(int)) for _ in range(count)]
         outcome, about = splits(pairs, runs)
-        short = np.array([one.evidence < limits.goal.evidence for one in outcome])
+        short = np.array([split.evidence < limits.goal.evidence for split in outcome])
         if not short.any():
             break
-        asked = np.where(short, MARGIN * asked, asked)
+        required = np.where(short, MARGIN * required, required)
     return counts
 
 
-def sizes_of(found: Sequence[Candidate]) -> Floats:
+def sizes_of(candidates: Sequence[Candidate]) -> Floats:
     """Tell which size of moment each candidate has, (K, S) of ones and zeros; a rest has none."""
-    largest = np.array([max(abs(moment) for moment, _ in one.commands) for one in found])
+    largest = np.array([max(abs(moment) for moment, _ in candidate.commands) for candidate in candidates])
     return (largest[:, None] == np.unique(largest[largest > 0])).astype(float)
 
 
 def _refuse_too_little(budget: PlanBudget, limits: Limits) -> None:
     need = budget.fixed @ budget.costs if budget.fixed.any() else 2.0 * budget.costs.min(axis=0)
     names = ("pool.minutes", "pool.runs", "pool.motion_s", "battery.charge_Ah (less the reserve)")
-    for name, asked, given in zip(names, need, budget.room):
-        if asked > given + 1e-9:
+    for name, needed, allowed in zip(names, need, budget.room):
+        if needed > allowed + 1e-9:
             wait = limits.pool.wait_s / 60.0 if name == "pool.minutes" else 0.0
             raise SettingError(
-                f"the limits allow no campaign: two runs already need {asked - wait:.3g} of {name}, and it is "
-                f"{given - wait:.3g}; give more, or set runs.repeat_first_last = false"
+                f"the limits allow no campaign: two runs already need {needed - wait:.3g} of {name}, and it is "
+                f"{allowed - wait:.3g}; give more, or set runs.repeat_first_last = false"
             )
 
 
@@ -207,9 +207,9 @@ def _fill(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     """Add the run of the best worth for its cost until none fits or nothing more is wanted."""
     ones = np.eye(len(counts))
     while not objective.reached(counts) and len(fits := budget.fits(counts)):
-        left = budget.room - counts @ budget.costs
+        room = budget.room - counts @ budget.costs
         gain = objective.scores(counts, fits) - _score(objective, counts)
-        worth = gain / np.sum(budget.costs[fits] / np.maximum(left, 1e-12), axis=1)
+        worth = gain / np.sum(budget.costs[fits] / np.maximum(room, 1e-12), axis=1)
         if worth.max() <= BETTER:
             break
         counts = counts + ones[fits[int(np.argmax(worth))]]
@@ -239,10 +239,10 @@ def _rebuild(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats
     ones = np.eye(len(counts))
     now = _score(objective, counts)
     for out in budget.free(counts):
-        for gone in dict.fromkeys((1.0, float(counts[out] - budget.fixed[out]))):
-            if counts[out] - budget.fixed[out] < gone:
+        for removed in dict.fromkeys((1.0, float(counts[out] - budget.fixed[out]))):
+            if counts[out] - budget.fixed[out] < removed:
                 continue
-            trial = _fill(objective, budget, counts - gone * ones[out])
+            trial = _fill(objective, budget, counts - removed * ones[out])
             worth = _score(objective, trial)
             if worth > now + MARKED:
                 counts, now = trial, worth
@@ -262,16 +262,16 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
     """As many runs to one side as to the other, candidate by candidate, where that costs next to nothing."""
     least, enough = _score(objective, counts) - ALIKE, objective.reached(counts)
     lean = 0
-    for one, mirror in ((k, other) for k, other in enumerate(budget.mirrors) if k < other):
-        both = counts[one] + counts[mirror]
+    for place, mirror in ((k, other) for k, other in enumerate(budget.mirrors) if k < other):
+        total = counts[place] + counts[mirror]
         trial = counts.copy()
-        trial[one] = max((both + (1 if lean <= 0 else -1) * (both % 2)) / 2.0, budget.fixed[one])
-        trial[mirror] = max(both - trial[one], budget.fixed[mirror])
-        trial[one] = both - trial[mirror]
-        kept = objective.reached(trial) if enough else _score(objective, trial) >= least
-        if kept and budget.holds(trial):
+        trial[place] = max((total + (1 if lean <= 0 else -1) * (total % 2)) / 2.0, budget.fixed[place])
+        trial[mirror] = max(total - trial[place], budget.fixed[mirror])
+        trial[place] = total - trial[mirror]
+        acceptable = objective.reached(trial) if enough else _score(objective, trial) >= least
+        if acceptable and budget.holds(trial):
             counts = trial
-        lean += int(counts[one] - counts[mirror])
+        lean += int(counts[place] - counts[mirror])
     return counts
 
 
@@ -318,25 +318,25 @@ class Campaign:
 
 
 def plan_campaign(
-    known: PriorResults, limits: Limits, largest: float, supply: Supply, *, wanted: tuple[str, ...] = (), seed: int = 0,
+    prior: PriorResults, limits: Limits, largest: float, supply: Supply, *, wanted: tuple[str, ...] = (), seed: int = 0,
     progress: Progress = silent,
 ) -> Campaign:  # fmt: skip
-    """Choose runs for what is `known` within `limits`; moments up to `largest`.
+    """Choose runs beside the `prior` results within `limits`; moments up to `largest`.
 
     Doubts that a diagnosis left are split first, then the intervals of the `wanted` parameters (all by default) are
     narrowed; `seed` draws the order. A wanted parameter of an effect that the model lacks is planned for as if it were
     there. Raises SettingError where the limits allow no campaign, ModelError for a parameter that there is not."""
     for name in dict.fromkeys(parameter.partition(" ")[0] for parameter in wanted):
-        if name in effects.names() and name not in {term.name for term in known.model.terms} and not info.lacking(name):
-            start = with_effect(fitting_of(known, limits), known.model, name, largest)[0]
-            known = replace(known, model=start.model)
-    fitting = fitting_of(known, limits)
+        if name in effects.names() and name not in {term.name for term in prior.model.terms} and not info.lacking(name):
+            start = with_effect(fitting_of(prior, limits), prior.model, name, largest)[0]
+            prior = replace(prior, model=start.model)
+    fitting = fitting_of(prior, limits)
     wanted_ones = info.wanted_directions(fitting, wanted)
-    earlier = info.covariance_now(fitting, known.now) if limits.goal.use_earlier_runs else None
+    earlier = info.covariance_now(fitting, prior.now) if limits.goal.use_earlier_runs else None
     before = info.information_now(fitting, earlier)
     grid = pool.scheduled(pool.paper_grid(fitting.base, largest), limits, supply)
     grid_runs = [slot.candidate for slot in grid]
-    pairs = pairs_of(known, fitting, grid_runs, largest)
+    pairs = pairs_of(prior, fitting, grid_runs, largest)
     choice = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
     slots = pool.scheduled(pool.in_order(choice.chosen, choice.check, seed), limits, supply)
     runs = [slot.candidate for slot in slots]
@@ -358,31 +358,31 @@ def plan_campaign(
     together: dict[str, Estimate] = {}
     if earlier is not None:
         new = np.linalg.pinv(info.reported_covariance(info.moving(per_run)), hermitian=True)
-        dof = float(max(len(per_run) + known.used - 1, 1))
+        dof = float(max(len(per_run) + prior.used - 1, 1))
         covariance = np.asarray(np.linalg.inv(new + before))
         together = fitting.estimates(covariance, dict.fromkeys(fitting.directions, dof))
     return Campaign(
-        fitting=fitting, limits=limits, wanted=wanted, slots=slots, now=known.now, alone=fitting.predicted(per_run),
+        fitting=fitting, limits=limits, wanted=wanted, slots=slots, now=prior.now, alone=fitting.predicted(per_run),
         together=together, splits=outcome, grid_splits=splits(pairs, grid_runs)[0],
         plan=curve_of("this plan", fitting, slots, per_run, before, limits),
         grid=curve_of("the paper's grid", fitting, grid, of_grid, before, limits),
         more=one_more(fitting, choice, slots, per_run, before, limits),
-        notes=(*known.notes, *((DISTURBED,) if fitting.random else ()), *short),
+        notes=(*prior.notes, *((DISTURBED,) if fitting.random else ()), *short),
     )  # fmt: skip
 
 
-def fitting_of(known: PriorResults, limits: Limits) -> Fitting:
+def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
     """Say how the campaign will be fitted: by `diagnose` where the model holds effects, else by `fit-yaw`."""
-    base = Fitting(known.model, "whole-runs", 1.0, 0.0).base
-    noise = limits.logger.noise_deg or known.noise_deg or info.NOISE_DEG
-    rate_noise = limits.logger.rate_noise_deg_s or known.rate_noise_deg_s
-    given = limits.logger.gain_scatter
-    scatter = known.scatter if given is None else given
-    names = (*(term.name for term in known.model.terms), *(doubt.rival for doubt in known.doubts))
+    base = Fitting(prior.model, "whole-runs", 1.0, 0.0).base
+    noise = limits.logger.noise_deg or prior.noise_deg or info.NOISE_DEG
+    rate_noise = limits.logger.rate_noise_deg_s or prior.rate_noise_deg_s
+    gain = limits.logger.gain_scatter
+    scatter = prior.scatter if gain is None else gain
+    names = (*(term.name for term in prior.model.terms), *(doubt.rival for doubt in prior.doubts))
     electric = limits.runs.voltages_V or any("voltage" in effects.get(name).needs for name in names)
-    random = known.random if given is None else {**known.random, "gain-scatter": given} if known.random else {}
+    random = prior.random if gain is None else {**prior.random, "gain-scatter": gain} if prior.random else {}
     return Fitting(
-        known.model, limits.runs.fit if known.model == base else "diagnosis", float(np.deg2rad(noise)),
+        prior.model, limits.runs.fit if prior.model == base else "diagnosis", float(np.deg2rad(noise)),
         info.SCATTER if scatter is None else scatter, limits.logger.rate_hz, limits.runs.rest_before_s,
         limits.battery.volts if electric else None, base,
         None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
@@ -423,7 +423,7 @@ def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
 def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str]:
     """Return plain data of the specification (none where it cannot be simulated), and what it leaves out."""
     fitting, limits, model = campaign.fitting, campaign.limits, campaign.fitting.model
-    own, (linear, quadratic) = model.dof.symbols, model.drag()
+    symbols, (linear, quadratic) = model.dof.symbols, model.drag()
     if linear < 0 or quadratic < 0:
         return {}, "No plan.toml: a vehicle with negative drag cannot be simulated."
     added = model.terms[len(fitting.base.terms) :]
@@ -433,7 +433,7 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str
         "schema": SCHEMA,
         "seed": seed,
         "vehicle": {
-            own.inertia: model.inertia, own.quadratic: quadratic, own.linear: linear,
+            symbols.inertia: model.inertia, symbols.quadratic: quadratic, symbols.linear: linear,
             f"{model.dof.words.force}_unit": model.moment_unit,
         },
         "effects": [
@@ -480,8 +480,8 @@ def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
     back, twist = [0.0], 0.0
     for turn, heading in zip(turned[:-1], start_headings[1:]):
         twist += turn
-        wanted = (heading - start_headings[0] + 180.0) % 360.0 - 180.0
-        ways = [wanted - twist, *([360.0 + wanted - twist] if wanted == -180.0 else [])]
+        target = (heading - start_headings[0] + 180.0) % 360.0 - 180.0
+        ways = [target - twist, *([360.0 + target - twist] if target == -180.0 else [])]
         back.append(min(ways, key=abs))
         twist += back[-1]
     return np.array(back)
@@ -574,44 +574,45 @@ def make_plan(
     `parameters` are those whose intervals are to shrink (all by default), `limits` say what the pool day allows;
     `thrusters` and `arm` [m] make control signals of moments, and with `thruster_tests` that logged a current or a
     power the battery's use; `seed` draws the order. Raises ModelError, SettingError, LogError or RunError."""
-    known = info.read_prior_results(model, diagnosis)
-    if not known.model.dof.wraps:
-        source, motion = known.stored.source, known.model.dof.name
+    prior = info.read_prior_results(model, diagnosis)
+    if not prior.model.dof.wraps:
+        source, motion = prior.stored.source, prior.model.dof.name
         raise ModelError(f"{source} is a model of {motion}; give a model of yaw, for no other campaigns are planned")
-    limits = limits if isinstance(limits, Limits) else Limits() if limits is None else pool.read_limits(limits)
+    if not isinstance(limits, Limits):
+        limits = Limits() if limits is None else Codec(limits.name).read(Limits, read_mapping(limits))
     names = given_columns(columns)
-    drive = _drive(thrusters, arm, names, known, limits)
-    largest = _largest_moment(known, limits, drive)
+    drive = _drive(thrusters, arm, names, prior, limits)
+    largest = _largest_moment(prior, limits, drive)
     records = load_thruster_logs(thruster_tests, names, progress=progress).records if thruster_tests else None
     per_test = int(names.defaults.get("thrusters_per_test", 1))
-    supply, source = _supply(limits, largest, known.stored.moment_unit, drive, per_test, records)
-    campaign = plan_campaign(known, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
-    return Plan(campaign, known.stored.source, drive, names, supply, source, seed)
+    supply, source = _supply(limits, largest, prior.stored.moment_unit, drive, per_test, records)
+    campaign = plan_campaign(prior, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
+    return Plan(campaign, prior.stored.source, drive, names, supply, source, seed)
 
 
 def _drive(
-    thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: PriorResults, limits: Limits
+    thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, prior: PriorResults, limits: Limits
 ) -> Drive | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
     levered = map_and_arm(thrusters, arm, columns, YAW)
     if levered is None:
         return None
-    unit = 1.0 if known.stored.moment_unit != "nu" else limits.thrusters.nu_in_Nm
+    unit = 1.0 if prior.stored.moment_unit != "nu" else limits.thrusters.nu_in_Nm
     if unit is None:
         raise SettingError(
-            f"{known.stored.source} is a model of normalised moments, the thruster map gives N m; say what one unit is "
+            f"{prior.stored.source} is a model of normalised moments, the thruster map gives N m; say what one unit is "
             "with thrusters.nu_in_Nm in the limits"
         )
     return drive_of(*levered, limits.thrusters.largest_command, limits.thrusters.pairing == "equal-thrust", unit)
 
 
-def _largest_moment(known: PriorResults, limits: Limits, drive: Drive | None) -> float:
+def _largest_moment(prior: PriorResults, limits: Limits, drive: Drive | None) -> float:
     """The largest moment of runs, in the model's unit. Raises SettingError where none is told or it is too large."""
-    largest, unit = limits.moments.largest, known.stored.moment_unit
+    largest, unit = limits.moments.largest, prior.stored.moment_unit
     if drive is None:
         if largest is None and unit != "nu":
             raise SettingError(
-                f"{known.stored.source} is a model of moments in {unit}; say how large they may be with "
+                f"{prior.stored.source} is a model of moments in {unit}; say how large they may be with "
                 "moments.largest in the limits (--limits), or give --thrusters and --arm"
             )
         return LARGEST_NU if largest is None else largest

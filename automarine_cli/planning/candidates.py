@@ -1,21 +1,37 @@
 """What a day at the pool allows, from TOML (schema automarine/plan-limits/1), the runs that a campaign may be made of,
-what each costs, and their order at the pool."""
+what each costs, and their order at the pool; what two thrusters can give and draw (a moment by the inverse of their
+map), and the files that the vehicle's computer plays."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
-from math import radians
-from pathlib import Path
-from typing import Literal
+from math import floor, log10, radians
+from typing import Annotated, Literal
 
 import numpy as np
+from scipy import optimize
 
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import RunError, SettingError
+from automarine_cli.logs import ColumnMap, ColumnRule
+from automarine_cli.logs.columns import CANONICAL
 from automarine_cli.models.yaw_model import YawModel, steady_rate
-from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, keyed, read_mapping
+from automarine_cli.pipeline.records import ResultKind, ResultRecord, keyed
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.specification import Commands, between, moment_text, positive, time_to_turn
+from automarine_cli.runs.run import FAR_BEYOND
+from automarine_cli.simulation.specification import (
+    AboveZero,
+    Commands,
+    Limit,
+    Settings,
+    ZeroOrMore,
+    moment_text,
+    time_to_turn,
+)
+from automarine_cli.thrusters.bollard_data import Series
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 SCHEMA = "automarine/plan-limits/1"
 KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
@@ -24,48 +40,39 @@ MOST_LEVELS, MOST_RUNS = 20, 500
 
 
 @dataclass(frozen=True)
-class Pool:
-    minutes: float = 60.0
-    runs: int = 24
-    motion_s: float | None = None
-    wait_s: float = 60.0
-    wait_after_long_turn_s: float = 180.0
-    turn_deg: float = 180.0
+class Pool(Settings):
+    minutes: AboveZero = 60.0
+    runs: Annotated[int, Limit(2, MOST_RUNS)] = 24
+    motion_s: AboveZero | None = None
+    wait_s: ZeroOrMore = 60.0
+    wait_after_long_turn_s: ZeroOrMore = 180.0
+    turn_deg: Annotated[float, Limit(LEAST_TURN, 3600.0)] = 180.0
     start_headings_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
 
     def __post_init__(self) -> None:
-        positive(self, "minutes", "motion_s")
-        between(self, 2, MOST_RUNS, "runs")
-        positive(self, "wait_s", "wait_after_long_turn_s", or_zero=True)
-        between(self, LEAST_TURN, 3600.0, "turn_deg")
+        super().__post_init__()
         if not self.start_headings_deg:
             raise SettingError("start_headings_deg is an empty list; expected at least one heading")
 
 
 @dataclass(frozen=True)
-class Moments:
-    largest: float | None = None
-    levels: int = 6
-
-    def __post_init__(self) -> None:
-        positive(self, "largest")
-        between(self, 2, MOST_LEVELS, "levels")
+class Moments(Settings):
+    largest: AboveZero | None = None
+    levels: Annotated[int, Limit(2, MOST_LEVELS)] = 6
 
 
 @dataclass(frozen=True)
-class Runs:
+class Runs(Settings):
     kinds: tuple[str, ...] = KINDS
-    rest_before_s: float = 3.0
-    most_alike: int = 4
-    of_one_size_percent: float = 50.0
+    rest_before_s: Annotated[float, Limit(1.0, 60.0)] = 3.0
+    most_alike: Annotated[int, Limit(2, MOST_RUNS)] = 4
+    of_one_size_percent: Annotated[float, Limit(1.0, 100.0)] = 50.0
     repeat_first_last: bool = True
     voltages_V: tuple[float, ...] = ()
     fit: Literal["whole-runs", "half-turns"] = "whole-runs"
 
     def __post_init__(self) -> None:
-        between(self, 1.0, 60.0, "rest_before_s")
-        between(self, 2, MOST_RUNS, "most_alike")
-        between(self, 1.0, 100.0, "of_one_size_percent")
+        super().__post_init__()
         if unknown := next((kind for kind in self.kinds if kind not in KINDS), None):
             raise SettingError(f"kinds names {unknown!r}; expected some of {', '.join(KINDS)}")
         if "step" not in self.kinds:
@@ -75,50 +82,34 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class Logger:
-    rate_hz: float = 10.0
-    noise_deg: float | None = None
-    rate_noise_deg_s: float | None = None
-    gain_scatter: float | None = None
-
-    def __post_init__(self) -> None:
-        between(self, 0.5, 1000.0, "rate_hz")
-        positive(self, "noise_deg", "rate_noise_deg_s")
-        positive(self, "gain_scatter", or_zero=True)
+class Logger(Settings):
+    rate_hz: Annotated[float, Limit(0.5, 1000.0)] = 10.0
+    noise_deg: AboveZero | None = None
+    rate_noise_deg_s: AboveZero | None = None
+    gain_scatter: ZeroOrMore | None = None
 
 
 @dataclass(frozen=True)
-class Battery:
-    volts: float = 24.0
-    charge_Ah: float = 2.9
-    idle_A: float = 0.3
-    full_A: float = 6.0
-    reserve_percent: float = 20.0
-
-    def __post_init__(self) -> None:
-        positive(self, "volts", "charge_Ah")
-        positive(self, "idle_A", "full_A", or_zero=True)
-        between(self, 0.0, 95.0, "reserve_percent")
+class Battery(Settings):
+    volts: AboveZero = 24.0
+    charge_Ah: AboveZero = 2.9
+    idle_A: ZeroOrMore = 0.3
+    full_A: ZeroOrMore = 6.0
+    reserve_percent: Annotated[float, Limit(0.0, 95.0)] = 20.0
 
 
 @dataclass(frozen=True)
-class Thrusters:
-    largest_command: float | None = None
+class Thrusters(Settings):
+    largest_command: AboveZero | None = None
     pairing: Literal["equal-thrust", "equal-command"] = "equal-thrust"
-    nu_in_Nm: float | None = None
-
-    def __post_init__(self) -> None:
-        positive(self, "largest_command", "nu_in_Nm")
+    nu_in_Nm: AboveZero | None = None
 
 
 @dataclass(frozen=True)
-class Goal:
-    half_width_percent: float | None = None
-    evidence: float = 20.0
+class Goal(Settings):
+    half_width_percent: AboveZero | None = None
+    evidence: AboveZero = 20.0
     use_earlier_runs: bool = True
-
-    def __post_init__(self) -> None:
-        positive(self, "half_width_percent", "evidence")
 
 
 @dataclass(frozen=True)
@@ -156,10 +147,6 @@ def example_limits() -> str:
     return files("automarine_cli.planning").joinpath("limits.toml").read_text(encoding="utf-8")
 
 
-def read_limits(path: Path) -> Limits:
-    return Codec(path.name).read(Limits, read_mapping(path))
-
-
 POWER_LAW = 1.5
 """Power against thrust of a propeller at rest in the water: P = F^1.5/sqrt(2 rho A) by momentum theory (Rankine)."""
 TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)  # lengths of steps that are tried, as shares of how far they may turn
@@ -176,8 +163,7 @@ HALF_TURN_MARGIN = 1.1
 class Candidate:
     """One run on paper: `commands` (moment, seconds) follow the rest at the log's start; `label` names it.
 
-    `turns` whether it turns further than steps may, so that the water needs longer; `voltage` [V] None for the usual.
-    """
+    `turns`: further than steps may, so that the water needs longer; `voltage` [V] None for the usual."""
 
     kind: str
     label: str
@@ -204,18 +190,49 @@ def levels(limits: Limits, largest: float) -> tuple[float, ...]:
 
 def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
     """List every run that the limits allow, in a fixed order, both sides of each."""
-    kinds = [kind for kind in MAKERS if kind in limits.runs.kinds]
-    makers = [MAKERS[kind] for kind in kinds if kind == "step" or limits.runs.fit != "half-turns"]
-    every = (candidate for make in makers for candidate in make(model, limits, largest))
-    unique = {candidate.label: candidate for candidate in every if candidate.driven <= LONGEST_S}
+    sizes, sides, only_steps = levels(limits, largest), (1, -1), limits.runs.fit == "half-turns"
+    first_parts = [  # moment, seconds and label of the steps after which a run goes on
+        (side * size, _seconds(model, size, degrees), f"{moment_text(side * size)}_{degrees:.0f}deg")
+        for size in sizes[1::2] for degrees in (limits.pool.turn_deg / 3, 2 * limits.pool.turn_deg / 3)
+        for side in sides
+    ]  # fmt: skip
+    constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
+    coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
+    every: dict[str, Iterable[Candidate]] = {
+        "step": (
+            _step(model, side * size, share * _furthest(limits))
+            for size in sizes for share in ((1.0,) if only_steps else TURNS) for side in sides
+        ),
+        "coast-down": (
+            Candidate("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
+            for moment, hold, label in first_parts
+        ),
+        "reversal": (
+            Candidate("reversal", f"reversal_{label}", ((moment, hold), (-moment, round(1.5 * hold, 1))))
+            for moment, hold, label in first_parts
+        ),
+        "slow-ramp": (_ramp(side * size) for size in (sizes[0], sizes[len(sizes) // 2]) for side in sides),
+        "long-turn": (
+            _step(model, moment, model.dof.shown(model.dof.limits.long), "long-turn", f"long_{moment_text(moment)}")
+            for size in (largest, sizes[limits.moments.levels // 2]) for moment in (size, -size)
+        ),
+        "rest": (Candidate("rest", "rest", ((0.0, REST_S),)),),
+        "other-voltage": (
+            replace(step, kind="other-voltage", label=f"{step.label}_{volts:g}V", voltage=volts)
+            for volts in limits.runs.voltages_V for side in sides
+            for step in (_step(model, side * largest, _furthest(limits)),)
+        ),
+    }  # fmt: skip
+    kinds = ["step"] if only_steps else [kind for kind in KINDS if kind in limits.runs.kinds]
+    unique = {run.label: run for kind in kinds for run in every[kind] if run.driven <= LONGEST_S}
     return tuple(unique.values())
 
 
-def mirrors(found: Sequence[Candidate]) -> list[int]:
+def mirrors(candidates: Sequence[Candidate]) -> list[int]:
     """Return the place of the same run to the other side, of each candidate; its own where it has no sides."""
-    places = {(one.kind, one.commands, one.voltage): i for i, one in enumerate(found)}
-    turned = (tuple((-moment, seconds) for moment, seconds in one.commands) for one in found)
-    return [places.get((one.kind, other, one.voltage), i) for i, (one, other) in enumerate(zip(found, turned))]
+    places = {(run.kind, run.commands, run.voltage): i for i, run in enumerate(candidates)}
+    turned = (tuple((-moment, seconds) for moment, seconds in run.commands) for run in candidates)
+    return [places.get((run.kind, other, run.voltage), i) for i, (run, other) in enumerate(zip(candidates, turned))]
 
 
 def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
@@ -238,70 +255,15 @@ def _seconds(model: YawModel, moment: float, degrees: float) -> float:
     return max(round(time_to_turn(radians(degrees), moment, model), 1), 0.5)
 
 
-def _step(model: YawModel, moment: float, degrees: float) -> Candidate:
-    label = f"step_{moment_text(moment)}_{degrees:.0f}deg"
-    return Candidate("step", label, ((moment, _seconds(model, moment, degrees)),))
+def _step(model: YawModel, moment: float, degrees: float, kind: str = "step", label: str = "") -> Candidate:
+    label = label or f"step_{moment_text(moment)}_{degrees:.0f}deg"
+    return Candidate(kind, label, ((moment, _seconds(model, moment, degrees)),))
 
 
-def _steps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    shares = (1.0,) if limits.runs.fit == "half-turns" else TURNS
-    for size in levels(limits, largest):
-        for share in shares:
-            for side in (1, -1):
-                yield _step(model, side * size, share * _furthest(limits))
-
-
-def _first_parts(model: YawModel, limits: Limits, largest: float) -> Iterator[tuple[float, float, str]]:
-    """Moment, seconds and label of the steps after which a run goes on."""
-    for size in levels(limits, largest)[1::2]:
-        for share in (1 / 3, 2 / 3):
-            degrees = share * limits.pool.turn_deg
-            for side in (1, -1):
-                label = f"{moment_text(side * size)}_{degrees:.0f}deg"
-                yield side * size, _seconds(model, size, degrees), label
-
-
-def _coast_downs(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
-    coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
-    for moment, hold, label in _first_parts(model, limits, largest):
-        yield Candidate("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
-
-
-def _reversals(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    for moment, hold, label in _first_parts(model, limits, largest):
-        back = round(1.5 * hold, 1)
-        yield Candidate("reversal", f"reversal_{label}", ((moment, hold), (-moment, back)))
-
-
-def _ramps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    sizes = levels(limits, largest)
-    for size in (sizes[0], sizes[len(sizes) // 2]):
-        for side in (1, -1):
-            stairs = [side * size * (2.0 * (i + 0.5) / STAIRS - 1.0) for i in range(STAIRS)]
-            commands = tuple((round(stair, 6), RAMP_S / STAIRS) for stair in stairs)
-            yield Candidate("slow-ramp", f"ramp_{moment_text(side * size)}", commands)
-
-
-def _long_turns(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    for size in (largest, levels(limits, largest)[limits.moments.levels // 2]):
-        for side in (1, -1):
-            hold = _seconds(model, size, model.dof.shown(model.dof.limits.long))
-            yield Candidate("long-turn", f"long_{moment_text(side * size)}", ((side * size, hold),))
-
-
-def _rests(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    yield Candidate("rest", "rest", ((0.0, REST_S),))
-
-
-def _other_voltages(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    for volts in limits.runs.voltages_V:
-        for side in (1, -1):
-            step = _step(model, side * largest, _furthest(limits))
-            yield replace(step, kind="other-voltage", label=f"{step.label}_{volts:g}V", voltage=volts)
-
-
-MAKERS = dict(zip(KINDS, (_steps, _coast_downs, _reversals, _ramps, _long_turns, _rests, _other_voltages)))
+def _ramp(moment: float) -> Candidate:
+    stairs = [moment * (2.0 * (i + 0.5) / STAIRS - 1.0) for i in range(STAIRS)]
+    commands = tuple((round(stair, 6), RAMP_S / STAIRS) for stair in stairs)
+    return Candidate("slow-ramp", f"ramp_{moment_text(moment)}", commands)
 
 
 @dataclass(frozen=True)
@@ -315,10 +277,10 @@ class Supply:
     def current(self, moment: float) -> float:
         return self.idle + self.full * (abs(moment) / self.largest) ** POWER_LAW
 
-    def drawn(self, candidate: Candidate, still: float) -> float:
-        """Charge [Ah] of a run and of `still` seconds without any moment."""
+    def drawn(self, candidate: Candidate, at_rest: float) -> float:
+        """Charge [Ah] of a run and of `at_rest` seconds without any moment."""
         driven = sum(self.current(moment) * seconds for moment, seconds in candidate.commands)
-        return float((driven + self.idle * still) / 3600.0)
+        return float((driven + self.idle * at_rest) / 3600.0)
 
 
 def wait_after(candidate: Candidate, limits: Limits) -> float:
@@ -327,10 +289,9 @@ def wait_after(candidate: Candidate, limits: Limits) -> float:
 
 def costs(candidates: Sequence[Candidate], limits: Limits, supply: Supply) -> Floats:
     """Return minutes (wait included), runs, motion [s] and charge [Ah] of each candidate, (K, 4)."""
-    still = [limits.runs.rest_before_s + wait_after(one, limits) for one in candidates]
-    return np.array(
-        [((one.driven + s) / 60.0, 1.0, one.motion, supply.drawn(one, s)) for one, s in zip(candidates, still)]
-    )
+    at_rest = [limits.runs.rest_before_s + wait_after(run, limits) for run in candidates]
+    rows = [((run.driven + s) / 60.0, 1.0, run.motion, supply.drawn(run, s)) for run, s in zip(candidates, at_rest)]
+    return np.array(rows)
 
 
 def allowance(limits: Limits) -> Floats:
@@ -359,31 +320,185 @@ class Slot:
     def name(self) -> str:
         return f"{self.number:02d}_{self.candidate.label}"
 
-    def ends(self, rest: float) -> float:
+    def ends(self, rest_s: float) -> float:
         """When its log ends [s after the first log's start]."""
-        return self.begins + rest + self.candidate.driven
+        return self.begins + rest_s + self.candidate.driven
 
 
 def in_order(chosen: Sequence[Candidate], check: Candidate | None, seed: int) -> list[Candidate]:
     """Put the runs in random order, those at another voltage last; with `check`, that run first and last."""
-    rest = list(chosen)
+    remaining = list(chosen)
     if check is not None:
         for _ in range(2):
-            rest.remove(check)
-    drawn = np.random.default_rng(seed).permutation(len(rest))
-    shuffled = sorted((rest[int(i)] for i in drawn), key=lambda one: one.voltage is not None)
+            remaining.remove(check)
+    drawn = np.random.default_rng(seed).permutation(len(remaining))
+    shuffled = sorted((remaining[int(i)] for i in drawn), key=lambda candidate: candidate.voltage is not None)
     return shuffled if check is None else [check, *shuffled, check]
 
 
 def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tuple[Slot, ...]:
     """Lay the runs out one after the other, start headings in turn; times to the tenth of a second."""
-    headings, rest = limits.pool.start_headings_deg, limits.runs.rest_before_s
-    clock, left, slots = 0.0, limits.battery.charge_Ah, list[Slot]()
-    for i, one in enumerate(runs):
-        one = replace(one, start_heading=headings[i % len(headings)], clock=round(clock, 1))
-        wait = wait_after(one, limits) if i + 1 < len(runs) else 0.0
-        left -= supply.drawn(one, rest)
-        slots.append(Slot(i + 1, one, one.clock, wait, left))
-        left -= supply.idle * wait / 3600.0
-        clock += rest + one.driven + wait
+    headings, rest_s = limits.pool.start_headings_deg, limits.runs.rest_before_s
+    clock, charge, slots = 0.0, limits.battery.charge_Ah, list[Slot]()
+    for i, run in enumerate(runs):
+        run = replace(run, start_heading=headings[i % len(headings)], clock=round(clock, 1))
+        wait = wait_after(run, limits) if i + 1 < len(runs) else 0.0
+        charge -= supply.drawn(run, rest_s)
+        slots.append(Slot(i + 1, run, run.clock, wait, charge))
+        charge -= supply.idle * wait / 3600.0
+        clock += rest_s + run.driven + wait
     return tuple(slots)
+
+
+ROUND_DOWN = 1e-6
+FEWEST = 6  # rows of thruster tests from which on the current is told
+MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
+DIGITS = 6
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Two equal thrusters `arm` [m] off the centre line, control signals up to `most`.
+
+    With `equal_thrust` one pulls ahead as much as the other astern, so that the vehicle is not pushed ahead; else both
+    get the same size of signal. `unit` is one unit of the model's moment in N m."""
+
+    ahead: Curve
+    astern: Curve
+    arm: float
+    most: float
+    equal_thrust: bool
+    unit: float
+
+    @property
+    def largest(self) -> float:
+        ahead, astern = self._thrusts(self.most, self.most)
+        pull = 2.0 * min(ahead, astern) if self.equal_thrust else ahead + astern
+        return self.arm * pull / self.unit * (1.0 - ROUND_DOWN)
+
+    @property
+    def largest_rounded(self) -> float:
+        """The same, rounded down to three digits."""
+        unit = 10.0 ** (floor(log10(self.largest)) - 2)
+        return float(f"{floor(self.largest / unit) * unit:.3g}")
+
+    def forces(self, moment: float) -> tuple[float, float]:
+        """Return the thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
+        return self._thrusts(*self._signals(moment))
+
+    def commands(self, moment: float) -> tuple[float, float]:
+        """Return control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
+        if moment == 0.0:
+            return 0.0, 0.0
+        ahead, astern = self._signals(moment)
+        return (ahead, -astern) if moment > 0 else (-astern, ahead)
+
+    def _signals(self, moment: float) -> tuple[float, float]:
+        force = abs(moment) * self.unit / self.arm
+        if self.equal_thrust:
+            return self.ahead.signal(force / 2.0), self.astern.signal(force / 2.0)
+        n = optimize.brentq(lambda n: sum(self._thrusts(n, n)) - force, 0.0, self.most, xtol=1e-12 * self.most)
+        return float(n), float(n)
+
+    def _thrusts(self, ahead: float, astern: float) -> tuple[float, float]:
+        return float(self.ahead.thrust(np.asarray(ahead))), float(self.astern.thrust(np.asarray(astern)))
+
+
+def drive_of(thruster_map: ThrusterMap, arm: float, most: float | None, equal_thrust: bool, unit: float) -> Drive:
+    """Make the drive of a map. Raises SettingError for a map of one direction, and for an unknown largest signal."""
+    ahead, astern = thruster_map.both_ways
+    largest = thruster_map.largest if most is None else most
+    if largest is None:
+        raise SettingError(
+            "the thruster map does not say how far the control signal goes; give thrusters.largest_command in "
+            "the limits"
+        )
+    if thruster_map.n_range is not None and largest > FAR_BEYOND * max(map(abs, thruster_map.n_range)):
+        measured = "from {:.4g} to {:.4g}".format(*thruster_map.n_range) + f" {thruster_map.n_unit}".rstrip()
+        raise SettingError(
+            f"thrusters.largest_command is {largest:g}, but the thruster map was measured {measured}; give it in the "
+            "map's own unit"
+        )
+    return Drive(ahead, astern, arm, largest, equal_thrust, unit)
+
+
+def consumption(records: Sequence[Series], per_test: int, volts: float) -> tuple[float, float, float]:
+    """Return a [W], c ahead and c astern [W/N^1.5] of one thruster's electrical power, a + c |F|^1.5: by least squares
+    over all rows with a power or a current, none below zero; `per_test` equal thrusters pulled together, `volts` of
+    the supply where a current was logged without a voltage.
+
+    Raises RunError where no test has such a column, or too few rows."""
+    force, power = [], []
+    for series in records:
+        if "power_W" in series.extras:
+            drawn = series.extras["power_W"]
+        elif "current_A" in series.extras:
+            drawn = series.extras["current_A"] * (volts if series.voltage is None else series.voltage)
+        else:
+            continue
+        good = np.isfinite(drawn)
+        force.append(series.force[good] / per_test)
+        power.append(drawn[good] / per_test)
+    count = sum(map(len, force))
+    if count < FEWEST:
+        raise RunError(
+            f"{count} rows of the thruster tests hold a power or a current, and {FEWEST} are needed; name the column "
+            "power_W or current_A, or state the current at full moment with battery.full_A in the limits"
+        )
+    f, p = np.concatenate(force), np.concatenate(power)
+    size = np.abs(f) ** POWER_LAW
+    design = np.stack([np.ones_like(f), np.where(f > 0, size, 0.0), np.where(f < 0, size, 0.0)], axis=1)
+    idle, ahead, astern = map(float, optimize.nnls(design, p)[0])
+    return idle, ahead or astern, astern or ahead
+
+
+@dataclass(frozen=True)
+class CommandTable:
+    """What is commanded in a run: from each time [s since the log's start] on, a value for each of the `names`, which
+    are columns of ours; `rules` say how the vehicle holds them, `factors` are those of their units."""
+
+    names: tuple[str, ...]
+    rules: tuple[ColumnRule, ...]
+    factors: tuple[float, ...]
+    rows: tuple[tuple[float, tuple[float, ...]], ...]
+
+    def held(self, values: Sequence[float]) -> list[float]:
+        return [rule.written(value, factor) for rule, value, factor in zip(self.rules, values, self.factors)]
+
+
+def command_table(
+    candidate: Candidate, rest_s: float, unit: str, drive: Drive | None, names: ColumnMap
+) -> CommandTable:
+    """Tabulate the moment, or `n_port` and `n_stbd` where a `drive` makes it, between a rest [s] and neutral."""
+    columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
+    rules = tuple(names.columns.get(name, ColumnRule(name)) for name in columns)
+    rules = tuple(rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules))
+    factors = tuple(CANONICAL[name].factor(rule.unit) for name, rule in zip(columns, rules))
+    rows, time = [], 0.0
+    for moment, seconds in ((0.0, rest_s), *candidate.commands, (0.0, 0.0)):
+        rows.append((time, (moment,) if drive is None else drive.commands(moment)))
+        time += seconds
+    return CommandTable(columns, rules, factors, tuple(rows))
+
+
+def command_file(candidate: Candidate, rest_s: float, unit: str, drive: Drive | None, names: ColumnMap) -> str:
+    """Write CSV with `time_s` since the log's start and the commands of `command_table`, under the names and in the
+    units of the logs where `names` says what these are (pulses about their neutral, percent)."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    table = command_table(candidate, rest_s, unit, drive, names)
+    writer.writerow(("time_s", *(rule.source for rule in table.rules)))
+    for time, values in table.rows:
+        writer.writerow((f"{round(time, 3):g}", *(f"{value + 0.0:.{DIGITS}g}" for value in table.held(values))))
+    return text.getvalue()
+
+
+def in_words(candidate: Candidate, unit: str) -> str:
+    commands = candidate.commands
+    if candidate.kind == "rest":
+        return f"nothing for {commands[0][1]:g} s, thrusters idle"
+    if candidate.kind == "slow-ramp":
+        first, last, total = commands[0][0], commands[-1][0], candidate.driven
+        return f"{first:+g} to {last:+g} {unit} in {len(commands)} equal stairs over {total:g} s"
+    parts = (f"{f'{moment:+g} {unit}' if moment else 'nothing'} for {seconds:g} s" for moment, seconds in commands)
+    return ("" if candidate.voltage is None else f"at {candidate.voltage:g} V: ") + ", then ".join(parts)

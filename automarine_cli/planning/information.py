@@ -131,7 +131,7 @@ class Fitting:
     def number(self) -> str:
         """ "1", "2" or "3", by the drag terms that the model begins with."""
         names = tuple(term.name for term in self.model.terms)
-        return max((n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n]))
+        return max((n for n, t in BASE_TERMS.items() if names[: len(t)] == t), key=lambda n: len(BASE_TERMS[n]))
 
     @property
     def fitted(self) -> float:
@@ -161,15 +161,15 @@ class Fitting:
         dof, runs = self.model.dof, [self.logger.run(candidate) for candidate in candidates]
         largest, drawn = max(float(np.abs(run.command).max()) for run in runs), np.random.default_rng(0)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)), self.logger.signals)
-        shown = simulate(self.model, batch, start=self._drawn(batch, drawn))
-        states = dict(zip(dof.channels, (shown.position[0], shown.velocity[0])))
+        simulated = simulate(self.model, batch, start=self._drawn(batch, drawn))
+        states = dict(zip(dof.channels, (simulated.position[0], simulated.velocity[0])))
         sizes, noisy = dict(zip(dof.channels, (self.noise, self.rate_noise or 0.0))), []
         for i, run in enumerate(runs):
-            read = {
+            readings = {
                 name: states[name][i, : len(run)] + sizes[name] * drawn.standard_normal(len(run))
                 for name in self.channels or (dof.position,)
             }
-            noisy.append(replace(run, position=read.pop(dof.position), extras={**run.extras, **read}))
+            noisy.append(replace(run, position=readings.pop(dof.position), extras={**run.extras, **readings}))
         at_rest = np.array([starts_at_rest(run) for run in runs])
         course = make_course(noisy, at_rest, self.logger.signals, channels=self.channels)
         problem = driven_problem(self.model, course)
@@ -182,8 +182,8 @@ class Fitting:
             for name, least in (("disturbance", 0.0), ("disturbance-time", 1.0), ("thrust-noise", 0.0))
         )
         runs, windows = len(batch.names), batch.windows
-        held = batch.length[..., None] * (batch.window[..., None] == np.arange(windows))
-        pushed = np.einsum("rm,rmw->rw", np.abs(batch.force[0]), held) / np.maximum(held.sum(axis=1), 1e-9)
+        durations = batch.length[..., None] * (batch.window[..., None] == np.arange(windows))
+        pushed = np.einsum("rm,rmw->rw", np.abs(batch.force[0]), durations) / np.maximum(durations.sum(axis=1), 1e-9)
         fresh = lasting(size * drawn.standard_normal((runs, windows)), np.exp(-WINDOW / held_s))
         uneven = thrust * pushed / np.sqrt(WINDOW) * drawn.standard_normal((runs, windows))
         return Start(
@@ -195,21 +195,19 @@ class Fitting:
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
         drag = self.model.drag()
-        names, moments, intervals = list[str](), list[float](), list[float]()
+        moments = [candidate.commands[0][0] for candidate in candidates]
         times, headings, velocities = list[Floats](), list[Floats](), list[Floats]()
-        for candidate in candidates:
-            run, moment = self.logger.run(candidate), candidate.commands[0][0]
+        for candidate, moment in zip(candidates, moments):
+            run = self.logger.run(candidate)
             first = int(np.argmax(run.command != 0))
             time = np.asarray((np.arange(len(run)) - first + 0.5) / self.rate)
             heading, velocity = response(time, moment, self.model.inertia, *drag)
             inside = np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise
             inside &= np.arange(len(run)) >= first - MOST_REST
-            names.append(candidate.label)
             times.append(time[inside])
             headings.append(heading[inside])
             velocities.append(velocity[inside])
-            moments.append(moment)
-            intervals.append(1.0 / self.rate)
+        names, intervals = [candidate.label for candidate in candidates], [1.0 / self.rate] * len(candidates)
         data = step_data(names, times, headings, moments, intervals, self.model.dof)
         return step_problem(data if self.rate_noise is None else data.rated(velocities), self.number)
 
@@ -224,14 +222,14 @@ class Fitting:
 
     def variances(self, problem: Problem) -> Floats:
         """Return logarithms of noise and factors, as the linear half of the mixed model takes them."""
-        own = problem.effects
-        factors = {GAIN: max(self.scatter, own.limits[own.factor_names.index(GAIN)][0]), SWITCHES: 1.0}
+        run_effects = problem.effects
+        factors = {GAIN: max(self.scatter, run_effects.limits[run_effects.factor_names.index(GAIN)][0]), SWITCHES: 1.0}
         for name in varying_terms(self.model):
             amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
-            largest = float(own.of(own.scale, name).max())
+            largest = float(run_effects.of(run_effects.scale, name).max())
             factors[name] = max(amplitude / (np.sqrt(2.0) * largest), QUIET)
         noises = [self.noise] if self.rate_noise is None else [self.noise, self.rate_noise]
-        return np.log([*noises, *(factors.get(name, QUIET) for name in own.factor_names)])
+        return np.log([*noises, *(factors.get(name, QUIET) for name in run_effects.factor_names)])
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -242,16 +240,16 @@ class Fitting:
     def labels(self) -> tuple[str, ...]:
         """Name all parameters: those of an effect beside the drag begin with the effect's."""
         dof = self.model.dof
-        own = [dof.symbols.inertia]
+        labels = [dof.symbols.inertia]
         for i, term in enumerate(self.model.terms):
             prefix = "" if i < len(self.base.terms) else f"{term.name} "
-            own += [f"{prefix}{name}" for name in effects.get(term.name).names_in(dof)]
-        return tuple(own)
+            labels += [f"{prefix}{name}" for name in effects.get(term.name).names_in(dof)]
+        return tuple(labels)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        held = [h for term in self.model.terms for h in effects.get(term.name).held(term.values)]
-        return ~np.array([False, *held, False])
+        fixed = [h for term in self.model.terms for h in effects.get(term.name).held(term.values)]
+        return ~np.array([False, *fixed, False])
 
     @property
     def loose_information(self) -> Floats:
@@ -267,10 +265,10 @@ class Fitting:
         free = np.flatnonzero(self.free)
         if self.random:
             return self.fitted * self._by_innovations(candidates, free)
-        found = np.zeros((len(candidates), len(free), len(free)))
+        total = np.zeros((len(candidates), len(free), len(free)))
         for places in alike(candidates).values():
-            found[places] = self._of_problem(self.problem([candidates[i] for i in places]), free)
-        return self.fitted * found
+            total[places] = self._of_problem(self.problem([candidates[i] for i in places]), free)
+        return self.fitted * total
 
     def _by_innovations(self, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
         """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
@@ -284,18 +282,18 @@ class Fitting:
             runs[places] = slopes.information
         names = [problem.names[i] for i in problem.free]
         at = [names.index(name) for name in (*self.model.parameter_names, SWITCH) if name in names]
-        rest = [i for i in range(len(names)) if i not in at]
+        nuisance = [i for i in range(len(names)) if i not in at]
         total = runs.sum(axis=0) + problem.prior_information
         back = np.eye(len(names))[at]
-        back[:, rest] = -np.linalg.solve(total[np.ix_(rest, rest)], total[np.ix_(rest, at)]).T
+        back[:, nuisance] = -np.linalg.solve(total[np.ix_(nuisance, nuisance)], total[np.ix_(nuisance, at)]).T
         natural = phi[: size + 1].copy()
         natural[-1] = 1.0
         positive = np.append(problem.positive[:size], False)
         scale = np.where(np.array(self.on_log) & ~positive, natural, 1.0)[free]
         back *= scale[:, None]
-        found = back @ runs @ back.T
-        found[:, -1, :-1] = found[:, :-1, -1] = 0.0  # such fits confine the switches to their interval
-        return np.asarray(found)
+        projected = back @ runs @ back.T
+        projected[:, -1, :-1] = projected[:, :-1, -1] = 0.0  # such fits confine the switches to their interval
+        return np.asarray(projected)
 
     def _of_problem(self, problem: Problem, free: NDArray[np.int64]) -> Floats:
         variances, phi = self.variances(problem), self.phi(problem)
@@ -319,11 +317,11 @@ class Fitting:
     @cached_property
     def directions(self) -> dict[str, Floats]:
         """What is wanted, as directions (p,) of the search's coordinates: every parameter, inertia over drag."""
-        found = {name: axis for name, axis in zip(self.names, np.eye(len(self.names))) if name != OFFSET}
-        own = self.model.dof.symbols
-        if own.quadratic in found:
-            found[ANGLE] = found[own.inertia] - found[own.quadratic]
-        return found
+        axes = {name: axis for name, axis in zip(self.names, np.eye(len(self.names))) if name != OFFSET}
+        symbols = self.model.dof.symbols
+        if symbols.quadratic in axes:
+            axes[ANGLE] = axes[symbols.inertia] - axes[symbols.quadratic]
+        return axes
 
     @cached_property
     def relative_directions(self) -> dict[str, Floats]:
@@ -335,12 +333,12 @@ class Fitting:
 
     def estimates(self, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
         """Make estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
-        found = {}
+        estimates = {}
         for name, direction in self.directions.items():
             value, on_log, unit = self.parameters[name]
             form = Estimate.from_log if on_log else Estimate.from_stderr
-            found[name] = form(value, stderr_along(covariance, direction), dof[name], unit)
-        return found
+            estimates[name] = form(value, stderr_along(covariance, direction), dof[name], unit)
+        return estimates
 
     @cached_property
     def parameters(self) -> dict[str, tuple[float, bool, str]]:
@@ -357,7 +355,7 @@ class Fitting:
 @lru_cache(maxsize=64)
 def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> DiagnosisProblem:
     base = YawModel(*drag, logger.unit, logger.dof)
-    runs = tuple(logger.run(one) for one in candidates)
+    runs = tuple(logger.run(candidate) for candidate in candidates)
     return DiagnosisProblem(runs, base, False, logger.signals, channels=logger.channels)
 
 
@@ -373,12 +371,12 @@ def reported_covariance(per_run: Floats) -> Floats:
     From ENOUGH_RUNS on fits report the jackknife over runs: run i moves the solution by (A - A_i)^-1 g_i, and g_i at
     the solution has covariance A_i - A_i A^-1 A_i, so that on average it is  (R - 1)/R sum (A - A_i)^-1 A_i A^-1.
     With fewer runs they report the larger of it and the likelihood's."""
-    whole = per_run.sum(axis=0)
-    inverse = linear_mixed.covariance_of(whole)
+    total = per_run.sum(axis=0)
+    inverse = linear_mixed.covariance_of(total)
     runs = len(per_run)
     if runs < FEWEST:
         return inverse
-    without = np.array([linear_mixed.covariance_of(whole - one) for one in per_run])
+    without = np.array([linear_mixed.covariance_of(total - information) for information in per_run])
     jackknife = (runs - 1) / runs * np.sum(without @ per_run, axis=0) @ inverse
     jackknife = 0.5 * (jackknife + jackknife.T)
     if runs >= ENOUGH_RUNS:
@@ -427,12 +425,12 @@ class Intervals:
         `reported_covariance`. A parameter that hangs on a single run is not known."""
         base = np.tensordot(counts, self.information, axes=1) + self.known
         more = np.zeros((1, *base.shape)) if extras is None else self.information[extras]
-        whole = base + more
-        inverse = np.linalg.inv(whole)
+        after = base + more
+        inverse = np.linalg.inv(after)
         ran = np.flatnonzero(counts)
-        moves = np.linalg.inv(whole[:, None] - self.information[ran]) @ self.information[ran]
+        moves = np.linalg.inv(after[:, None] - self.information[ran]) @ self.information[ran]
         total = inverse @ self.known + np.tensordot(moves, counts[ran], axes=((1,), (0,)))
-        covariance = (total + np.linalg.inv(whole - more) @ more) @ inverse
+        covariance = (total + np.linalg.inv(after - more) @ more) @ inverse
         covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
         return np.asarray(self.wanted.T @ covariance @ self.wanted)
 
@@ -477,23 +475,23 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     chosen = stored.models[stored.preferred]
     entry, symbols = file.chosen, file.dof.symbols
     drag = {symbols.inertia: entry.inertia, symbols.quadratic: entry.quadratic, symbols.linear: entry.linear}
-    added = {f"{effect.name} {n}": given for effect in file.effects for n, given in effect.parameters.items()}
+    added = {f"{effect.name} {n}": entry for effect in file.effects for n, entry in effect.parameters.items()}
     now = _some({**drag, ANGLE: entry.ratio or file.ratio, **added})
     spread = file.gain_scatter.value if file.gain_scatter else None
     notes: tuple[str, ...] = ()
     doubts: tuple[Doubt, ...] = ()
     judged = None
     if diagnosis is not None:
-        judged, named, estimates, open_rivals = _read_diagnosis(diagnosis, stored)
-        named = {effect: values for effect, values in named.items() if effect not in stored.effects}
-        base = _some({name: moved.after for name, moved in judged.base.items()}) if named else {}
+        judged, new_effects, estimates, open_rivals = _read_diagnosis(diagnosis, stored)
+        new_effects = {effect: values for effect, values in new_effects.items() if effect not in stored.effects}
+        base = _some({name: moved.after for name, moved in judged.base.items()}) if new_effects else {}
         if base:
             at = [base[n].value if n in base else v for n, v in zip(chosen.short_names, chosen.theta)]
             chosen = chosen.with_theta(at)
-        for effect, values in named.items():
+        for effect, values in new_effects.items():
             chosen = chosen.with_effect(effect, values)
         now = {**now, **base, **estimates}
-        if named:
+        if new_effects:
             now.pop(ANGLE, None)
         doubts = tuple(doubt for doubt in open_rivals if not lacking(doubt.rival))
         unlogged = [(doubt.rival, lacking(doubt.rival)[0]) for doubt in open_rivals if doubt not in doubts]
@@ -504,7 +502,7 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     chosen = replace(chosen, terms=tuple(term for term in chosen.terms if not lacking(term.name)))
     rates = (sensor.noise for sensor in file.channels if sensor.used and sensor.quantity == stored.dof.velocity)
     rate = next((noise.value for noise in rates if noise is not None), None)
-    random = {name: given.value for name, given in file.random.items() if given.value is not None}
+    random = {name: entry.value for name, entry in file.random.items() if entry.value is not None}
     noise, scatter, rate = (value if value is not None and value > 0 else None for value in (file.noise, spread, rate))
     return PriorResults(
         stored, chosen, now, noise, scatter, file.runs.used, doubts, notes, rate, random,
@@ -522,12 +520,12 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
         return None
     size = {n: now[n].stderr / (abs(now[n].value) if fitting.parameters[n][1] else 1.0) for n in names}
     covariance = np.diag([size[n] ** 2 for n in names])
-    own = fitting.model.dof.symbols
-    if ANGLE in now and own.quadratic in names:
-        i, k = names.index(own.inertia), names.index(own.quadratic)
+    symbols = fitting.model.dof.symbols
+    if ANGLE in now and symbols.quadratic in names:
+        i, k = names.index(symbols.inertia), names.index(symbols.quadratic)
         relative = now[ANGLE].stderr / now[ANGLE].value
-        shared = 0.5 * (size[own.inertia] ** 2 + size[own.quadratic] ** 2 - relative**2)
-        most = 0.999 * size[own.inertia] * size[own.quadratic]
+        shared = 0.5 * (size[symbols.inertia] ** 2 + size[symbols.quadratic] ** 2 - relative**2)
+        most = 0.999 * size[symbols.inertia] * size[symbols.quadratic]
         covariance[i, k] = covariance[k, i] = float(np.clip(shared, -most, most))
     return covariance
 
@@ -543,11 +541,11 @@ def information_now(fitting: Fitting, covariance: Floats | None) -> Floats:
 
 def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
     """Return the directions (p, m) whose intervals count, of `names` or all. Raises ModelError for another name."""
-    known = fitting.relative_directions
+    directions = fitting.relative_directions
     for name in names:
-        if name not in known:
-            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")
-    return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
+        if name not in directions:
+            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(directions)}")
+    return np.stack([directions[name] for name in names or [n for n in directions if n != ANGLE]], axis=1)
 
 
 def lacking(effect: str) -> list[str]:
@@ -557,7 +555,7 @@ def lacking(effect: str) -> list[str]:
 
 def _some(entries: Mapping[str, Given | None]) -> dict[str, Estimate]:
     """Those of which the interval is known; a file written by hand may have none."""
-    return {name: given.estimate for name, given in entries.items() if given is not None and given.estimate is not None}
+    return {name: entry.estimate for name, entry in entries.items() if entry is not None and entry.estimate is not None}
 
 
 def _read_diagnosis(
@@ -574,21 +572,21 @@ def _read_diagnosis(
             f"{where}: a diagnosis of {force}s in {told(file.force_unit)}, but {stored.source} is a model of {force}s "
             f"in {stored.moment_unit}; give the diagnosis of this model"
         )
-    named, estimates, doubts = dict[str, tuple[float, ...]](), dict[str, Given | None](), []
+    values_by_effect, estimates, doubts = dict[str, tuple[float, ...]](), dict[str, Given | None](), []
     for i, entry in enumerate(file.effects):
         name = _known(entry.name, f"{where}: effects[{i}]")
         values, effect = [], effects.get(name)
         for key, parameter in zip(effect.names_in(stored.dof), effect.parameters):
-            given = estimates[f"{name} {key}"] = entry.parameters.get(key)
-            estimate = given and given.estimate
+            number = estimates[f"{name} {key}"] = entry.parameters.get(key)
+            estimate = number and number.estimate
             if not estimate and not parameter.optional:
                 raise ModelError(f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate")
             values.append(estimate.value if estimate else parameter.start)
-        named[name] = tuple(values)
+        values_by_effect[name] = tuple(values)
         for j, rival in enumerate(entry.rivals):
             if not rival.name.startswith(PREFIX):  # a curve that was not fitted has no size to look for
                 doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
-    return file, named, _some(estimates), doubts
+    return file, values_by_effect, _some(estimates), doubts
 
 
 def _known(name: str, where: str) -> str:

@@ -83,20 +83,20 @@ class Splitting:
         return self.scores(counts)[0] >= len(self.contests) - 1e-9
 
 
-def pairs_of(known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
+def pairs_of(prior: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
     """Pair each doubt both ways, (true, other): the rival as it would look like the effect named on the runs of `grid`.
 
     A rival that could imitate only by vanishing is asked for one way alone."""
-    found: list[Pair] = []
+    pairs: list[Pair] = []
     half = grid[: len(grid) // 2]
-    for doubt in known.doubts:
-        starts = with_effect(fitting, without(known.model, doubt.effect), doubt.rival, largest)
+    for doubt in prior.doubts:
+        starts = with_effect(fitting, without(prior.model, doubt.effect), doubt.rival, largest)
         true = Explanation(doubt.effect, replace(fitting, fit="diagnosis"))
         other = Explanation(doubt.rival, closest(true.fitting, starts, half)[0])
-        found.append((true, other))
+        pairs.append((true, other))
         if shows(other, half):
-            found.append((other, true))
-    return tuple(found)
+            pairs.append((other, true))
+    return tuple(pairs)
 
 
 def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) -> list[Fitting]:
@@ -105,8 +105,8 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
     options = []
     for parameter in effect.parameters:
         if parameter.reference:
-            known = {"moment": largest, "clock": 0.0, "voltage": fitting.voltage or 1.0}
-            options.append([known.get(parameter.reference, 1.0)])
+            references = {"moment": largest, "clock": 0.0, "voltage": fitting.voltage or 1.0}
+            options.append([references.get(parameter.reference, 1.0)])
         elif parameter.choices:
             options.append([float(i) for i in range(len(parameter.choices))])
         else:
@@ -130,13 +130,13 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
     square, gradient = np.zeros(count), np.zeros((count, len(free)))
     hessian = np.zeros((count, len(free), len(free)))
     for places in alike(candidates).values():
-        here = [candidates[i] for i in places]
-        truth, problem = true.problem(here), other.problem(here)
-        wanted = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
+        group = [candidates[i] for i in places]
+        truth, problem = true.problem(group), other.problem(group)
+        target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
         phi, b = other.phi(problem), np.zeros_like(problem.effects.scale)
         headings, by_phi, by_run = derivatives(problem, phi, b)
-        left = np.where(problem.seen, wanted - headings, 0.0)
-        gram = problem.inner(by_phi, by_run, left).keep(free)
+        residual = np.where(problem.seen, target - headings, 0.0)
+        gram = problem.inner(by_phi, by_run, residual).keep(free)
         weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
         square[places] = other.fitted * weighted.square
         gradient[places] = other.fitted * weighted.gradient
@@ -153,9 +153,9 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     problem = other.problem(candidates[:1])
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])
-    here, now = _about(true, other, candidates)
+    current, now = _about(true, other, candidates)
     for _ in range(ROUNDS if np.isfinite(now) else 0):
-        step = _step(here, (bounds - phi[:, None])[free])
+        step = _step(current, (bounds - phi[:, None])[free])
         for _ in range(HALVINGS):
             trial = phi.copy()
             trial[free] += step
@@ -166,17 +166,17 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
             step /= 2.0
         else:
             break
-        gained, phi, other, here, now = now - then, trial, moved, there, then
+        gained, phi, other, current, now = now - then, trial, moved, there, then
         if gained < SETTLED * max(now, 1.0):
             break
     return other, now
 
 
-def _step(here: Contest, bounds: Floats) -> Floats:
+def _step(current: Contest, bounds: Floats) -> Floats:
     """Change of the free parameters (p,) to the best of the linearised contest, no bolder than their own sizes."""
-    whole = here.hessian.sum(axis=0) + here.ridge
-    step = linear_mixed.bounded_solution(whole, here.gradient.sum(axis=0), bounds)
-    boldest = LOOSE * float(np.max(np.abs(step) * np.sqrt(np.diagonal(here.ridge))))
+    hessian = current.hessian.sum(axis=0) + current.ridge
+    step = linear_mixed.bounded_solution(hessian, current.gradient.sum(axis=0), bounds)
+    boldest = LOOSE * float(np.max(np.abs(step) * np.sqrt(np.diagonal(current.ridge))))
     return step / max(boldest, 1.0)
 
 
@@ -184,33 +184,33 @@ def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     """The contest about `other`, its misfit as it stands (infinite where it runs away), the common instant free."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            here = contest(true, other, candidates)
+            current = contest(true, other, candidates)
         except FitError:
             return NOTHING, np.inf
-    offset, pull = here.hessian[:, -1, -1].sum(), here.gradient[:, -1].sum()
-    return here, float(here.square.sum() - pull**2 / max(offset, 1e-12))
+    offset, pull = current.hessian[:, -1, -1].sum(), current.gradient[:, -1].sum()
+    return current, float(current.square.sum() - pull**2 / max(offset, 1e-12))
 
 
-def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
+def closest(true: Fitting, starts: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
     """Return of several starts the one whose fit comes closest: the best that the other explanation can do."""
     rough, few = [], candidates[:: max(1, len(candidates) // FEW)]
-    for other in others:
-        here, now = _about(true, other, few)
-        rough.append(float(here.misfit(np.ones((1, len(few))))[0]) if np.isfinite(now) else np.inf)
+    for other in starts:
+        current, now = _about(true, other, few)
+        rough.append(float(current.misfit(np.ones((1, len(few))))[0]) if np.isfinite(now) else np.inf)
     best = np.argsort(rough, kind="stable")[:2]
-    found = [fitted(true, others[int(i)], candidates) for i in best]
-    return min(found, key=lambda pair: pair[1])
+    ends = [fitted(true, starts[int(i)], candidates) for i in best]
+    return min(ends, key=lambda pair: pair[1])
 
 
 def splits(pairs: Sequence[Pair], candidates: Sequence[Candidate]) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
     """Return what a campaign is expected to say of each pair (true, other), and the pairs with the other at best."""
-    found, moved = [], []
+    outcomes, moved = [], []
     for true, other in pairs:
         best, misfit = fitted(true.fitting, other.fitting, candidates)
         lead = head_start(true, other, len(candidates))
-        found.append(Split(true.name, other.name, misfit + lead, misfit))
+        outcomes.append(Split(true.name, other.name, misfit + lead, misfit))
         moved.append((true, Explanation(other.name, best)))
-    return tuple(found), tuple(moved)
+    return tuple(outcomes), tuple(moved)
 
 
 def head_start(true: Explanation, other: Explanation, runs: int) -> float:
@@ -223,10 +223,10 @@ def head_start(true: Explanation, other: Explanation, runs: int) -> float:
     return cost(other) - cost(true)
 
 
-def shows(one: Explanation, candidates: Sequence[Candidate]) -> bool:
+def shows(explanation: Explanation, candidates: Sequence[Candidate]) -> bool:
     """Tell whether the effect is seen at all on these runs: what imitates by vanishing only is no rival."""
-    bare = replace(one.fitting, model=without(one.fitting.model, one.name))
-    return fitted(one.fitting, bare, candidates)[1] > SEEN
+    bare = replace(explanation.fitting, model=without(explanation.fitting.model, explanation.name))
+    return fitted(explanation.fitting, bare, candidates)[1] > SEEN
 
 
 def without(model: YawModel, effect: str) -> YawModel:

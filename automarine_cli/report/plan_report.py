@@ -10,8 +10,7 @@ import numpy as np
 
 from automarine_cli.estimate import Estimate
 from automarine_cli.planning.campaign import Campaign, Plan, command_path, specification
-from automarine_cli.planning.candidates import PLAN
-from automarine_cli.planning.vehicle import command_file, in_words
+from automarine_cli.planning.candidates import PLAN, command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
 from automarine_cli.report.tables import MISSING, Table, interval, number

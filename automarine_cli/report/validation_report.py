@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from automarine_cli.comparison.scores import Overall
-from automarine_cli.comparison.validation import Ahead, Validation
+from automarine_cli.comparison.validation import Ahead, Overall, Validation
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.innovations import channel_sentences, measured_noises
 from automarine_cli.models.store import StoredPlanar

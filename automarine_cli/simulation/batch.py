@@ -134,19 +134,20 @@ def make_batch(
     commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
     grids = [_grid(run, force, max_step) for run, force in zip(runs, commanded)]
     if hold and any(dof.has_constant for dof in motion.dofs):
-        grids = [_held(run, grid) for run, grid in zip(runs, grids)]
+        loose = [grid.held >= released(run) for run, grid in zip(runs, grids)]
+        grids = [replace(g, length=g.length * on, stretch=g.stretch * on) for g, on in zip(grids, loose)]
     steps = max(len(g.length) for g in grids)
     samples = max(len(run) for run in runs)
     switches = max(1, *(len(g.interval) for g in grids))
     lengths = padded([g.length for g in grids], steps)
-    held = [force[:, g.held] for force, g in zip(commanded, grids)]
+    forces = [force[:, g.held] for force, g in zip(commanded, grids)]
     return Batch(
         motion=motion,
         names=tuple(run.name for run in runs),
         length=lengths,
         stretch=padded([g.stretch for g in grids], steps),
         switch=padded([g.switch for g in grids], steps),
-        force=np.stack([padded([force[d] for force in held], steps) for d in range(len(motion.dofs))]),
+        force=np.stack([padded([force[d] for force in forces], steps) for d in range(len(motion.dofs))]),
         node=padded([g.node for g in grids], samples),
         seen=padded([np.ones(len(run), dtype=bool) for run in runs], samples),
         channels=tuple(_channels(runs, motion, samples, channels)),
@@ -175,7 +176,7 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
 
 def signals_of(runs: Sequence[Run], name: str) -> list[Floats]:
     """A signal of every run that has it, (N,) each; measured ones without noise where they are nothing else."""
-    signals = [found for run in runs if (found := run.signal(name)) is not None]
+    signals = [signal for run in runs if (signal := run.signal(name)) is not None]
     return signals if name in PARTS else [without_noise(signal) for signal in signals]
 
 
@@ -198,30 +199,22 @@ def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
     return out
 
 
-def _channels(runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None) -> Iterator[Channel]:
+def _channels(runs: Sequence[Run], motion: Motion, samples: int, quantities: Sequence[str] | None) -> Iterator[Channel]:
     """The channels of the motion that are wanted, without readings where no run has any; by default its positions that
     any run has. The first position stands there always, if only to show."""
     for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions)):
         for quantity in (position, dof.velocity):
             first = d == 0 and quantity == position
-            asked = quantity == position if wanted is None else quantity in wanted
+            counts = quantity == position if quantities is None else quantity in quantities
             columns = [run.channel(quantity) for run in runs]
-            if not (first or asked) or (wanted is None and all(column is None for column in columns)):
+            if not (first or counts) or (quantities is None and all(column is None for column in columns)):
                 continue
             values = [np.full(len(run), np.nan) if c is None else c for run, c in zip(runs, columns)]
-            seen = padded([np.isfinite(column) for column in values], samples)
+            mask = padded([np.isfinite(column) for column in values], samples)
             filled = padded([np.nan_to_num(column) for column in values], samples)
-            if asked and quantity == position:
-                seen &= np.array([[not run.summed_up] for run in runs])
-            yield Channel(quantity, d, quantity == dof.velocity, filled, seen, counts=asked)
-
-
-def _held(run: Run, grid: _Grid) -> _Grid:
-    first = released(run)
-    if not first:
-        return grid
-    before = grid.held < first
-    return replace(grid, length=np.where(before, 0.0, grid.length), stretch=np.where(before, 0.0, grid.stretch))
+            if counts and quantity == position:
+                mask &= np.array([[not run.summed_up] for run in runs])
+            yield Channel(quantity, d, quantity == dof.velocity, filled, mask, counts=counts)
 
 
 def _grid(run: Run, force: Floats, max_step: float) -> _Grid:

@@ -156,8 +156,9 @@ def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) 
     drawn = Drawn(float(inner(start)), gain, switches)
     if isinstance(specification, PlanarSpecification):
         disturbance, windows = specification.disturbance, int(time[-1] / WINDOW) + 2
-        share, sizes = np.exp(-WINDOW / disturbance.time_s), zip(disturbance.sizes, PLANAR.dofs)
-        pushed = [size * lasting(normal(windows, seed, key, dof.name), share) for size, dof in sizes]
+        share = np.exp(-WINDOW / disturbance.time_s)
+        sizes = (disturbance.surge_N, disturbance.sway_N, disturbance.yaw_Nm)
+        pushed = [size * lasting(normal(windows, seed, key, dof.name), share) for size, dof in zip(sizes, PLANAR.dofs)]
         return replace(drawn, disturbance=np.stack(pushed))
     bias = specification.logger.rate_bias or 0.0
     return replace(
@@ -195,11 +196,11 @@ def _truth(
     clocks = [_knots(time, draw.switches, specification.campaign.held) for time, draw in zip(times, drawn)]
     runs = []
     for plan, draw, clock in zip(plans, drawn, clocks):
-        held = commanded(clock, draw.switches, plan)
-        extras = {SURGE.command: held[:, 0], SWAY.command: held[:, 1]} if motion.turns else {}
+        commands = commanded(clock, draw.switches, plan)
+        extras = {SURGE.command: commands[:, 0], SWAY.command: commands[:, 1]} if motion.turns else {}
         unit = model.moment_unit if isinstance(model, YawModel) else "N m"
-        time, still = plan.start + clock, np.zeros_like(clock)
-        runs.append(Run(plan.name, plan.file, time, still, held[:, -1], unit, extras, dof=motion.dofs[-1]))
+        time, zeros = plan.start + clock, np.zeros_like(clock)
+        runs.append(Run(plan.name, plan.file, time, zeros, commands[:, -1], unit, extras, dof=motion.dofs[-1]))
     batch = make_batch(runs, step, hold=False, motion=motion)
     size, last = len(motion.dofs), len(motion.dofs) - 1
     position = np.zeros((size, 1, len(plans)))
@@ -227,20 +228,20 @@ def _truth(
 
 def _own_phases(model: YawModel, plans: Sequence[Plan], seed: int) -> dict[str, Floats]:
     """Sine and cosine (1, R, 2) of each run's own wave, for effects that vary from run to run, at any phase."""
-    own = {}
+    phases = {}
     for term in model.terms:
         if effects.get(term.name).varies(term.values):
             phase = np.array([2.0 * np.pi * uniform(1, seed, plan.key, term.name)[0] for plan in plans])
-            own[term.name] = term.values[0] * np.stack([np.cos(phase), np.sin(phase)], axis=1)[None]
-    return own
+            phases[term.name] = term.values[0] * np.stack([np.cos(phase), np.sin(phase)], axis=1)[None]
+    return phases
 
 
-def _knots(time: Floats, switches: Floats, held: bool) -> Floats:
+def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
     """Instants at which a run is simulated [s]: its samples, and close to both sides of each change of command.
 
-    They begin with the first sample; with the first change where that comes earlier or the vehicle is `held`."""
+    They begin with the first sample; with the first change where that comes earlier, or where the vehicle `is_held`."""
     first = time[0]
-    if len(switches) and (held or switches[0] < first):
+    if len(switches) and (is_held or switches[0] < first):
         first = switches[0]
     knots = np.unique(np.concatenate([[first], time, switches - AROUND, switches + AROUND]))
     return np.asarray(knots[knots >= first])
@@ -251,9 +252,9 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
 
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
     more than half a thousand million samples."""
-    asked = sum(group.repeats for group in specification.runs)  # before any is made: it may be a thousand million
-    plans = [] if asked > MOST_RUNS else list(islice(_listed(specification, seed), MOST_RUNS + 1))
-    if max(asked, len(plans)) > MOST_RUNS:
+    count = sum(group.repeats for group in specification.runs)  # before any is made: it may be a thousand million
+    plans = [] if count > MOST_RUNS else list(islice(_listed(specification, seed), MOST_RUNS + 1))
+    if max(count, len(plans)) > MOST_RUNS:
         raise SettingError(f"{specification.source}: more than {MOST_RUNS} runs would be made; ask for fewer")
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
@@ -272,7 +273,7 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
 def _listed(specification: AnySpecification, seed: int) -> Iterator[Plan]:
     turn, vehicle = 0, specification.vehicle.model
     for group in specification.runs:
-        for name, key, commands in group.runs(vehicle, seed):  # type: ignore[arg-type]
+        for name, key, commands in group.runs(vehicle, seed):
             file = f"{group.folder}/{name if group.together is None else group.together}.{group.format}"
             yield Plan(key, name, file, group, turn, *_on_the_grid(commands, specification))
             turn += 1
@@ -284,15 +285,15 @@ def _on_the_grid(
     """Number of samples (in the plane the end is one), first sample of each command, the commands; rests included."""
     schedule, turns = specification.campaign, specification.motion.turns
     nothing = (0.0, 0.0, 0.0) if turns else 0.0
-    whole = ((nothing, schedule.rest_before_s), *commands, (nothing, schedule.rest_after_s))
-    ends = np.round(np.cumsum([seconds for _, seconds in whole]) * specification.logger.rate_hz)
-    begins, held = np.concatenate([[0.0], ends[:-1]]), nothing
+    padded = ((nothing, schedule.rest_before_s), *commands, (nothing, schedule.rest_after_s))
+    ends = np.round(np.cumsum([seconds for _, seconds in padded]) * specification.logger.rate_hz)
+    begins, current = np.concatenate([[0.0], ends[:-1]]), nothing
     changes, moments = [], []
-    for (moment, _), begin, end in zip(whole, begins, ends):
-        if moment != held and end > begin:
+    for (moment, _), begin, end in zip(padded, begins, ends):
+        if moment != current and end > begin:
             changes.append(int(begin))
             moments.append(moment)
-            held = moment
+            current = moment
     return int(ends[-1]) + turns, tuple(changes), tuple(moments)
 
 
@@ -400,11 +401,11 @@ def lasting(drawn: Floats, share: float) -> Floats:
 def _sensed(sensor: spec.Sensor, time: Floats, true: Floats, seed: int, key: str, name: str) -> Floats:
     """What a sensor logs of the `true` values (N,): held between its readings, noisy, biased, rounded, wrapped."""
     count = len(time)
-    read = true + (sensor.noise * normal(count, seed, key, name) + sensor.bias * normal(1, seed, key, name, "bias"))
+    reading = true + (sensor.noise * normal(count, seed, key, name) + sensor.bias * normal(1, seed, key, name, "bias"))
     if sensor.every_s is not None:
         rows = np.flatnonzero(np.diff(np.floor((time + 1e-9) / sensor.every_s), prepend=-1.0) > 0)
-        read = read[rows[np.searchsorted(rows, np.arange(count), side="right") - 1]]
-    return _turned(read, 0.0) if name == "heading_deg" else _rounded(read)
+        reading = reading[rows[np.searchsorted(rows, np.arange(count), side="right") - 1]]
+    return _turned(reading, 0.0) if name == "heading_deg" else _rounded(reading)
 
 
 Column: TypeAlias = Floats | Sequence[str]

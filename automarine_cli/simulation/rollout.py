@@ -50,8 +50,8 @@ class Start:
     def bind(self, term: Bound) -> Bound:
         if not term.effect.per_run:
             return term
-        own = self.own.get(term.effect.name, np.zeros((1, 1, term.effect.per_run)))
-        return replace(term, values=(*term.values, *np.moveaxis(own, 2, 0)))
+        coefficients = self.own.get(term.effect.name, np.zeros((1, 1, term.effect.per_run)))
+        return replace(term, values=(*term.values, *np.moveaxis(coefficients, 2, 0)))
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Trajectory:
 
     @cached_property
     def position(self) -> Floats:
-        """Positions of the first degree of freedom as its sensor reads them, (P, R, N)."""
+        """Of the first degree of freedom as its sensor reads it, (P, R, N)."""
         return self._at_samples(self.nodes[0][0])
 
     @cached_property
@@ -77,17 +77,17 @@ class Trajectory:
 
     @cached_property
     def positions(self) -> Floats:
-        return np.stack([self._at_samples(one) for one in self.nodes[1]], axis=-1)
+        return np.stack([self._at_samples(column) for column in self.nodes[1]], axis=-1)
 
     @cached_property
     def velocities(self) -> Floats:
-        return np.stack([self._at_samples(one) for one in self.nodes[2]], axis=-1)
+        return np.stack([self._at_samples(column) for column in self.nodes[2]], axis=-1)
 
     @cached_property
     def water(self) -> Floats:
         """States of the water, (P, R, N, W)."""
         none = np.zeros((*self.position.shape, 0))
-        return np.concatenate([none, *(self._at_samples(one)[..., None] for one in self.nodes[3])], axis=-1)
+        return np.concatenate([none, *(self._at_samples(column)[..., None] for column in self.nodes[3])], axis=-1)
 
     def reading(self, channel: Channel) -> Floats:
         if channel.dof == 0:
@@ -115,29 +115,26 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
     terms = [start.bind(term) for term in model.forces(theta)]
     commands = list(batch.commands(start.switch_delay))
     for term in actuators(terms):
-        held = commands[term.dof]
-        forward = replace(held, length=np.maximum(held.length, 0.0))  # it only knows time to pass
-        commands[term.dof] = replace(held, force=term.effect.deliver(forward, term.wide()))
+        commanded = commands[term.dof]
+        forward = replace(commanded, length=np.maximum(commanded.length, 0.0))  # it only knows time to pass
+        commands[term.dof] = replace(commanded, force=term.effect.deliver(forward, term.wide()))
     # a fit may try parameters that no vehicle has; it sees the infinity
     with np.errstate(over="ignore", invalid="ignore"):
         true, velocities, stirred = _integrate(model, theta, terms, batch, commands, start, shape)
         clock = commands[0]
         time = np.concatenate([np.zeros_like(clock.start[..., :1]), clock.start + clock.length], axis=2)
-        read = true
+        readings = true
         for term in terms:
             if term.effect.place is Place.SENSOR:
-                fed = (_at_nodes(commands[term.dof]),) if term.effect.fed else ()
-                shown = term.effect.read(read[term.dof], time, (*term.wide(), *fed))
-                read = shown[None] if len(read) == 1 else np.stack(
-                    [shown if d == term.dof else one for d, one in enumerate(read)]
+                fed: tuple[Floats, ...] = ()
+                if term.effect.fed:  # what is delivered as each node is reached
+                    force, before = commands[term.dof].force, commands[term.dof].before
+                    fed = (np.concatenate([np.broadcast_to(before, (*force.shape[:2], 1)), force], axis=2),)
+                reading = term.effect.read(readings[term.dof], time, (*term.wide(), *fed))
+                readings = reading[None] if len(readings) == 1 else np.stack(
+                    [reading if d == term.dof else other for d, other in enumerate(readings)]
                 )  # fmt: skip
-    return Trajectory((read, true, velocities, stirred), batch.node)
-
-
-def _at_nodes(commands: Commands) -> Floats:
-    """What is delivered as each node is reached, (P, R, M + 1)."""
-    before = np.broadcast_to(commands.before, (*commands.force.shape[:2], 1))
-    return np.concatenate([before, commands.force], axis=2)
+    return Trajectory((readings, true, velocities, stirred), batch.node)
 
 
 def _integrate(
@@ -168,21 +165,21 @@ def _integrate(
     stirred = np.empty((steps + 1, count, *shape[1:]))
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
     water = list(stirred[0])
-    held: Mapping[str, Floats] = {}
+    logged: Mapping[str, Floats] = {}
     for m in range(steps):
         h, h2, h6, force = lengths[m], half[m], sixth[m], tuple(tau[m])
         if signals:
-            held = {name: column[:, m] for name, column in signals.items()}
-        first, move1, water1 = slope(position, velocity, water, force, begins[m], held)
+            logged = {name: column[:, m] for name, column in signals.items()}
+        first, move1, water1 = slope(position, velocity, water, force, begins[m], logged)
         there = position + h2 * move1 if followed else position
         velocity2 = velocity + h2 * first
-        second, move2, water2 = slope(there, velocity2, _ahead(water, h2, water1), force, middle[m], held)
+        second, move2, water2 = slope(there, velocity2, _ahead(water, h2, water1), force, middle[m], logged)
         there = position + h2 * move2 if followed else position
         velocity3 = velocity + h2 * second
-        third, move3, water3 = slope(there, velocity3, _ahead(water, h2, water2), force, middle[m], held)
+        third, move3, water3 = slope(there, velocity3, _ahead(water, h2, water2), force, middle[m], logged)
         there = position + h * move3 if followed else position
         velocity4 = velocity + h * third
-        fourth, move4, water4 = slope(there, velocity4, _ahead(water, h, water3), force, ends[m], held)
+        fourth, move4, water4 = slope(there, velocity4, _ahead(water, h, water3), force, ends[m], logged)
         twice = second + third
         if move1 is velocity:
             # The position's own Runge-Kutta step: the mean velocity of the four stages, written with their slopes.
@@ -210,8 +207,8 @@ def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: 
     pushed = start.disturbance
     if pushed is not None and pushed.ndim == 3:
         pushed = pushed[None]
-    for d, one in enumerate(commands):
-        force = one.force * gain
+    for d, command in enumerate(commands):
+        force = command.force * gain
         if pushed is not None:
             index = np.broadcast_to(batch.window, (*pushed.shape[1:2], *batch.window.shape))
             force = force + np.take_along_axis(pushed[d], index, axis=2)
@@ -249,20 +246,20 @@ def right_hand_side(
                 state.relative = flow[d] = velocity[d]
                 state.delivered, state.time, state.signals = force[d], time, signals
         if water:
-            left = iter(water)
-            own = [tuple(islice(left, len(term.effect.states))) for term in movers]
-            for term, stored in zip(movers, own):
+            remaining = iter(water)
+            by_term = [tuple(islice(remaining, len(term.effect.states))) for term in movers]
+            for term, stored in zip(movers, by_term):
                 if term.effect.place is Place.WATER:
                     state = states[term.dof]
                     state.relative = flow[term.dof] = state.relative - term.effect.water_rate(stored, term.values)
         total = [*force]
         for k, (d, moment, values) in enumerate(pushes):
             if water:
-                states[d].stored = own[k]
+                states[d].stored = by_term[k]
             total[d] = total[d] + moment(states[d], values)
         stirred: list[Floats] = []
         if water:
-            for term, stored in zip(movers, own):
+            for term, stored in zip(movers, by_term):
                 stirred.extend(term.effect.derivatives(states[term.dof], stored, term.values) if stored else ())
         if single:
             return (total[0] * inverse)[None], velocity, stirred

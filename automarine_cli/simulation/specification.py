@@ -6,12 +6,13 @@ key, a value that makes no sense and an effect that is not in the library are re
 plane has tables of its own, with parameters under the names that planar_model.json has: "surge.m_u", "sway.Y_vv"."""
 
 import hashlib
+import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import Field, dataclass, field, replace
 from itertools import pairwise
 from string import ascii_lowercase
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, get_args, get_type_hints
 
 import numpy as np
 from scipy import optimize
@@ -26,24 +27,43 @@ from automarine_cli.models.store import PLANAR_MODEL, planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
 from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
 from automarine_cli.quantities import Floats
-from automarine_cli.text import Place, in_words, told
+from automarine_cli.text import in_words, told
 
 
-def positive(settings: Record, *names: str, or_zero: bool = False) -> None:
-    """Refuse a value that is not above zero, or is below it (None is fine)."""
-    for name in names:
-        value = getattr(settings, name)
-        if value is not None and (value < 0 or (value == 0 and not or_zero)):
-            expected = "0 or more" if or_zero else "more than 0"
-            raise SettingError(f"{key_of(settings, name)} is {value:g}; expected {expected}")
+@dataclass(frozen=True)
+class Limit:
+    """What the annotation of a setting says of its value."""
+
+    low: float = 0.0
+    high: float = math.inf
+    above: bool = False  # `low` itself is refused
+
+    def refuses(self, value: float) -> bool:
+        return not self.low <= value <= self.high or (self.above and value == self.low)
+
+    def __str__(self) -> str:
+        if self.above:
+            return "more than 0"
+        return "0 or more" if self == Limit() else f"{self.low:g} to {self.high:g}"
 
 
-def between(settings: Record, low: float, high: float, *names: str) -> None:
-    """Refuse a value outside [low, high]."""
-    for name in names:
-        value = getattr(settings, name)
-        if not low <= value <= high:
-            raise SettingError(f"{key_of(settings, name)} is {value:g}; expected {low:g} to {high:g}")
+AboveZero: TypeAlias = Annotated[float, Limit(above=True)]
+ZeroOrMore: TypeAlias = Annotated[float, Limit()]
+CountAboveZero: TypeAlias = Annotated[int, Limit(above=True)]
+
+
+class Settings:
+    """Base of settings that are refused where a value is beyond the limit of its annotation; None is fine."""
+
+    __dataclass_fields__: ClassVar[dict[str, "Field[Any]"]]
+
+    def __post_init__(self) -> None:
+        for name, hint in get_type_hints(type(self), include_extras=True).items():
+            # also of `AboveZero | None`
+            limits = [part.__metadata__[0] for part in (hint, *get_args(hint)) if hasattr(part, "__metadata__")]
+            value = getattr(self, name) if limits else None
+            if value is not None and limits[0].refuses(value):
+                raise SettingError(f"{key_of(self, name)} is {value:g}; expected {limits[0]}")
 
 
 def safe_path(settings: Record, *names: str) -> None:
@@ -81,20 +101,19 @@ Commands: TypeAlias = tuple[tuple[float, float], ...]
 Run: TypeAlias = tuple[str, str, tuple[tuple[Any, float], ...]]
 """Its name, the key of its random streams, and what is commanded."""
 MOST_LEVELS = 100_000
-ABOVE_ZERO = ("repeats", "way", "duration_s", "coast_s", "back_s", "steps")
 LABELS = {"step": "{f}", "coast-down": "coast"}  # what labels begin with where it is not the kind
 
 
 @dataclass(frozen=True)
-class Range:
+class Range(Settings):
     """Values from one to the other in equal steps, both ends included, without zero."""
 
     from_: float
     to: float
-    step: float
+    step: AboveZero
 
     def __post_init__(self) -> None:
-        positive(self, "step")
+        super().__post_init__()
         if self.to < self.from_:
             raise SettingError(f"to is {self.to:g}; expected at least from, {self.from_:g}")
         if (self.to - self.from_) / self.step > MOST_LEVELS:
@@ -118,7 +137,7 @@ def levels_of(levels: Levels) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunGroup:
+class RunGroup(Settings):
     """What all kinds share: where the logs go and what is wrong with them on purpose.
 
     Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
@@ -130,22 +149,21 @@ class RunGroup:
     folder: str = "runs"
     format: Format = "csv"
     together: str | None = None
-    repeats: int = 1
+    repeats: CountAboveZero = 1
     suffix: str | None = None
     fault: Fault | None = None
-    wait_after_s: float | None = None
+    wait_after_s: ZeroOrMore | None = None
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
-        positive(self, *(name for name in ABOVE_ZERO if name in self.__dataclass_fields__))
-        positive(self, "wait_after_s", or_zero=True)
+        super().__post_init__()
         safe_path(self, "folder", "together", "suffix")
         if self.name:
             safe_path(self, "name")
         if self.suffix is not None and self.repeats > 1:
             raise SettingError("suffix names a single run; expected repeats = 1 with it")
 
-    def runs(self, model: YawModel, seed: int) -> Iterator[Run]:
+    def runs(self, model: Any, seed: int) -> Iterator[Run]:
         for label, commands in self.cases(model):
             for repeat in range(self.repeats):
                 key = f"{self.folder}/{label}#{self.suffix or repeat}"
@@ -156,7 +174,7 @@ class RunGroup:
         return self.name or self.dof.fill(LABELS.get(self.kind, self.kind))
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        """Label and commands of each run of the group, repeats left out."""
+        """Label and commands of each run, repeats left out."""
         raise NotImplementedError
 
 
@@ -173,8 +191,8 @@ class StepRuns(RunGroup):
 
     kind: Literal["step"] = "step"
     levels: Levels = field(metadata=keyed("{forces}"))
-    way: float | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
-    duration_s: float | None = None
+    way: AboveZero | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
+    duration_s: AboveZero | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -197,7 +215,7 @@ class StepRuns(RunGroup):
 @dataclass(frozen=True, kw_only=True)
 class CoastDownRuns(StepRuns):
     kind: Literal["coast-down"] = "coast-down"  # type: ignore[assignment]
-    coast_s: float
+    coast_s: AboveZero
 
     def commands(self, moment: float, hold: float) -> Commands:
         return ((moment, hold), (0.0, self.coast_s))
@@ -208,7 +226,7 @@ class ReversalRuns(StepRuns):
     """A step, then the opposite command for `back_s`, by default for twice as long as the step."""
 
     kind: Literal["reversal"] = "reversal"  # type: ignore[assignment]
-    back_s: float | None = None
+    back_s: AboveZero | None = None
 
     def commands(self, moment: float, hold: float) -> Commands:
         return ((moment, hold), (-moment, 2.0 * hold if self.back_s is None else self.back_s))
@@ -243,9 +261,9 @@ class RampRuns(RunGroup):
 
     kind: Literal["ramp"] = "ramp"
     to: float
-    duration_s: float
+    duration_s: AboveZero
     from_: float = 0.0
-    steps: int = 20
+    steps: CountAboveZero = 20
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -263,34 +281,28 @@ class RampRuns(RunGroup):
 @dataclass(frozen=True, kw_only=True)
 class RestRuns(RunGroup):
     kind: Literal["rest"] = "rest"
-    duration_s: float
+    duration_s: AboveZero
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
         yield self.base, ((0.0, self.duration_s),)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarRuns:
+class PlanarRuns(RunGroup):
     """Runs of one kind in the plane: `commands` one after the other as [X N, Y N, N N m, seconds]; or drawn anew for
     each of the `repeats`, between minus and plus the `largest` of each, held for `hold_s` [least, most], over
     `duration_s`."""
 
+    kind: Literal["planar"] = "planar"
     name: str
-    folder: str = "runs"
-    format: Format = "csv"
-    repeats: int = 1
+    fault: None = None
     commands: tuple[tuple[float, float, float, float], ...] = ()
     largest: tuple[float, float, float] | None = None
     hold_s: tuple[float, float] = (2.0, 5.0)
-    duration_s: float = 40.0
-    kind: ClassVar[str] = PLANAR.name
-    together: ClassVar[None] = None
-    fault: ClassVar[None] = None
-    wait_after_s: ClassVar[None] = None
+    duration_s: AboveZero = 40.0
 
     def __post_init__(self) -> None:
-        safe_path(self, "name", "folder")
-        positive(self, "repeats", "duration_s")
+        super().__post_init__()
         if bool(self.commands) == (self.largest is not None):
             raise SettingError("expected one of commands = [[X, Y, N, seconds], ...] and largest = [X, Y, N]")
         if any(seconds <= 0 for *_, seconds in self.commands):
@@ -306,9 +318,9 @@ class PlanarRuns:
     def shortest(self) -> float:
         return min((seconds for *_, seconds in self.commands), default=min(self.hold_s[0], self.duration_s))
 
-    def runs(self, model: object, seed: int) -> Iterator[Run]:
+    def runs(self, model: Any, seed: int) -> Iterator[Run]:
         for repeat in range(self.repeats):
-            name = named(self.name, repeat, self.repeats)
+            name = named(self.name, repeat, self.repeats, self.suffix)
             key = f"{self.folder}/{name}"
             drawn = self._drawn(seed, key) if self.largest else [(row[:3], row[3]) for row in self.commands]
             yield name, key, tuple(drawn)
@@ -317,11 +329,11 @@ class PlanarRuns:
         least, most = self.hold_s
         holds: list[float] = []
         for share in uniform(int(self.duration_s / least) + 1, seed, key, "hold"):
-            left = self.duration_s - sum(holds)
-            if left < least:
+            remaining = self.duration_s - sum(holds)
+            if remaining < least:
                 break
             hold = least + (most - least) * float(share)
-            holds.append(left if left - hold < least else hold)
+            holds.append(remaining if remaining - hold < least else hold)
         draw = np.stack([uniform(len(holds), seed, key, "command", dof.name) for dof in PLANAR.dofs], axis=1)
         commands = np.round((2.0 * draw - 1.0) * np.array(self.largest), 3) + 0.0
         return [(tuple(row), hold) for row, hold in zip(commands.tolist(), holds)]
@@ -329,13 +341,6 @@ class PlanarRuns:
 
 _CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestRuns)
 KINDS: Mapping[str, type[RunGroup]] = {str(vars(group)["kind"]): group for group in _CLASSES}
-
-
-def _group(table: object, codec: Codec, place: Place) -> RunGroup:
-    kind = table.get("kind") if isinstance(table, Mapping) else None
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise codec.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
-    return codec.read(KINDS[kind], table, place)
 
 
 def moment_text(moment: float) -> str:
@@ -364,34 +369,33 @@ SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 MOST_JITTER = 0.3  # of a sample period: the clock must keep rising
 PLANAR_SENSORS = ("heading_deg", "yaw_rate_deg_s", "surge_m_s", "sway_m_s", "north_m", "east_m")
-MOST_PLANAR_RUNS, MOST_PLANAR_SAMPLES = 10_000, 20_000_000
+MOST_PLANAR_SAMPLES = 20_000_000
 TOO_MANY_SAMPLES = (
     "{:.3g} samples would be made; expected at most {:.0g}. Ask for fewer or shorter runs, or a lower rate_hz"
 )
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class Vehicle(Settings):
     """The vehicle: inertia [force s², of a translation per metre], `quadratic` [force s²] and `linear` drag [force s].
 
     In a file they have the names of the motion: `I_r`, `k_rr` and `k_r`, or `m_u`, `X_uu` and `X_u`; the unit of force
     is `moment_unit` or `force_unit`."""
 
-    inertia: float = field(metadata=keyed("{inertia_symbol}"))
-    quadratic: float = field(default=0.0, metadata=keyed("{quadratic}"))
-    linear: float = field(default=0.0, metadata=keyed("{linear}"))
+    inertia: AboveZero = field(metadata=keyed("{inertia_symbol}"))
+    quadratic: ZeroOrMore = field(default=0.0, metadata=keyed("{quadratic}"))
+    linear: ZeroOrMore = field(default=0.0, metadata=keyed("{linear}"))
     force_unit: str = field(default="nu", metadata=keyed("{force}_unit"))
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
-        positive(self, "inertia")
-        positive(self, "quadratic", "linear", or_zero=True)
+        super().__post_init__()
         if self.force_unit not in self.dof.units.forces:
             units = ", ".join(map(repr, self.dof.units.forces))
             raise SettingError(f"{key_of(self, 'force_unit')}: expected one of {units}, found {told(self.force_unit)}")
         if self.linear + self.quadratic == 0:
-            both = f"{key_of(self, 'quadratic')} and {key_of(self, 'linear')}"
-            raise SettingError(f"{both} are both 0; expected a drag, or the vehicle never gets steady")
+            keys = f"{key_of(self, 'quadratic')} and {key_of(self, 'linear')}"
+            raise SettingError(f"{keys} are both 0; expected a drag, or the vehicle never gets steady")
 
     @property
     def terms(self) -> list[tuple[str, float]]:
@@ -429,7 +433,7 @@ class TranslatingVehicle(Vehicle):
 
 
 @dataclass(frozen=True)
-class Logger:
+class Logger(Settings):
     """What the logger does to the truth; positions in the unit of the logs, which ends their keys (`noise_deg`).
 
     `rate_hz` samples a second; `noise` white noise of the position and `quantisation` its resolution;
@@ -438,24 +442,20 @@ class Logger:
     `wrap` of the position; `rate_noise` adds a column with the velocity, as a gyro reads it, and that noise;
     `rate_bias` is the standard deviation of what it reads at standstill, drawn for each run."""
 
-    rate_hz: float = 10.0
-    noise: float = field(default=0.0, metadata=keyed("noise_{log_unit}"))
-    quantisation: float = field(default=0.0, metadata=keyed("quantisation_{log_unit}"))
-    dropout: float = 0.0
-    clock_jitter_s: float = 0.0
-    glitch: float = 0.0
-    glitch_size: float = field(default=0.0, metadata=keyed("glitch_{log_unit}"))
+    rate_hz: AboveZero = 10.0
+    noise: ZeroOrMore = field(default=0.0, metadata=keyed("noise_{log_unit}"))
+    quantisation: ZeroOrMore = field(default=0.0, metadata=keyed("quantisation_{log_unit}"))
+    dropout: Annotated[float, Limit(0.0, 0.9)] = 0.0
+    clock_jitter_s: ZeroOrMore = 0.0
+    glitch: Annotated[float, Limit(0.0, 0.9)] = 0.0
+    glitch_size: ZeroOrMore = field(default=0.0, metadata=keyed("glitch_{log_unit}"))
     wrap: Literal["0..360", "-180..180", "none"] = "none"
-    rate_noise: float | None = field(default=None, metadata=keyed("{speed}_noise_{log_unit}_s"))
-    rate_bias: float | None = field(default=None, metadata=keyed("{speed}_bias_{log_unit}_s"))
+    rate_noise: ZeroOrMore | None = field(default=None, metadata=keyed("{speed}_noise_{log_unit}_s"))
+    rate_bias: ZeroOrMore | None = field(default=None, metadata=keyed("{speed}_bias_{log_unit}_s"))
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
-        positive(self, "rate_hz")
-        positive(
-            self, "noise", "quantisation", "clock_jitter_s", "glitch_size", "rate_noise", "rate_bias", or_zero=True
-        )
-        between(self, 0.0, 0.9, "dropout", "glitch")
+        super().__post_init__()
         if self.rate_noise is None and self.rate_bias is not None:
             bias, expected = key_of(self, "rate_bias"), f"expected {key_of(self, 'rate_noise')} with it (0 for none)"
             raise SettingError(f"{bias} is of the {self.dof.words.speed}s logged; {expected}")
@@ -469,7 +469,7 @@ class Logger:
 
 
 @dataclass(frozen=True)
-class Scatter:
+class Scatter(Settings):
     """What differs from run to run, drawn anew for each.
 
     `gain` is the standard deviation of the logarithm of the moment or force delivered over the one commanded;
@@ -479,59 +479,53 @@ class Scatter:
     runs take in turn, or "random". In a file of yaw they are `moment`, `moment_most`, `heading_zero_deg` and
     `start_heading_deg`."""
 
-    gain: float = 0.0
-    force: float = field(default=0.0, metadata=keyed("{force}"))
-    force_most: float | None = field(default=None, metadata=keyed("{force}_most"))
-    zero: float = field(default=0.0, metadata=keyed("{position}_zero_{log_unit}"))
+    gain: ZeroOrMore = 0.0
+    force: ZeroOrMore = field(default=0.0, metadata=keyed("{force}"))
+    force_most: AboveZero | None = field(default=None, metadata=keyed("{force}_most"))
+    zero: ZeroOrMore = field(default=0.0, metadata=keyed("{position}_zero_{log_unit}"))
     start: float | tuple[float, ...] | Literal["random"] = field(
         default=0.0, metadata=keyed("start_{position}_{log_unit}")
     )
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
-        positive(self, "gain", "force", "zero", or_zero=True)
-        if self.force_most is not None:
-            positive(self, "force_most")
+        super().__post_init__()
         if self.start == ():
             raise SettingError(f"{key_of(self, 'start')} is an empty list; expected at least one {self.dof.position}")
 
 
 @dataclass(frozen=True)
-class Schedule:
+class Schedule(Settings):
     """How the campaign is run: one clock over all runs, which follow each other after `wait_between_s`.
 
     Each run has `rest_before_s` and `rest_after_s` without a command in its log. `held`: someone holds the vehicle
     still until the first change of its command."""
 
     order: Literal["listed", "random"] = "listed"
-    rest_before_s: float = 3.0
-    rest_after_s: float = 0.0
-    wait_between_s: float = 60.0
+    rest_before_s: ZeroOrMore = 3.0
+    rest_after_s: ZeroOrMore = 0.0
+    wait_between_s: ZeroOrMore = 60.0
     held: bool = False
-
-    def __post_init__(self) -> None:
-        positive(self, "rest_before_s", "rest_after_s", "wait_between_s", or_zero=True)
 
 
 @dataclass(frozen=True)
-class Bollard:
+class Bollard(Settings):
     """A bollard test: `thrusters_per_test` equal thrusters pull together, thrust a_f n² and -a_b n² each [N].
 
     `levels` of the control signal, each measured `repeats` times with noise of `noise_N`, in random order."""
 
-    a_f: float
-    a_b: float
+    a_f: AboveZero
+    a_b: AboveZero
     levels: Levels
-    thrusters_per_test: int = 1
-    repeats: int = 1
-    noise_N: float = 0.0
+    thrusters_per_test: CountAboveZero = 1
+    repeats: CountAboveZero = 1
+    noise_N: ZeroOrMore = 0.0
     folder: str = "thrusters"
     name: str = "bollard"
     format: Format = "csv"
 
     def __post_init__(self) -> None:
-        positive(self, "a_f", "a_b", "thrusters_per_test", "repeats")
-        positive(self, "noise_N", or_zero=True)
+        super().__post_init__()
         safe_path(self, "folder", "name")
         levels_of(self.levels)
 
@@ -565,24 +559,21 @@ class EffectSetting:
     @property
     def ordered(self) -> tuple[float, ...]:
         effect = library.get(self.name)
-        named = zip(effect.names_in(self.dof), effect.parameters)
-        return tuple(self.values.get(name, parameter.start) for name, parameter in named)
+        pairs = zip(effect.names_in(self.dof), effect.parameters)
+        return tuple(self.values.get(name, parameter.start) for name, parameter in pairs)
 
 
 @dataclass(frozen=True)
-class Specification:
+class Specification(Settings):
     vehicle: Vehicle
     logger: Logger
     scatter: Scatter
     campaign: Schedule = field(default_factory=Schedule)
-    seed: int = 0
+    seed: Annotated[int, Limit()] = 0
     effects: tuple[EffectSetting, ...] = ()
     runs: tuple[RunGroup, ...] = ()
     bollard: Bollard | None = None
     source: str = "specification"
-
-    def __post_init__(self) -> None:
-        positive(self, "seed", or_zero=True)
 
     @property
     def motion(self) -> Motion:
@@ -607,52 +598,36 @@ class PlanarVehicle:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor:
+class Sensor(Settings):
     """One column: white `noise`, `bias` (standard deviation, drawn for each run) in its unit, and `every_s`, the time
     between its readings, which the logger repeats; None: a reading in every row."""
 
-    noise: float = 0.0
-    bias: float = 0.0
-    every_s: float | None = None
-
-    def __post_init__(self) -> None:
-        positive(self, "noise", "bias", or_zero=True)
-        positive(self, "every_s")
+    noise: ZeroOrMore = 0.0
+    bias: ZeroOrMore = 0.0
+    every_s: AboveZero | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Disturbance:
+class Disturbance(Settings):
     """Standard deviations of the forces [N] and the moment [N m] that nobody logs, and their time constant [s]."""
 
-    surge_N: float = 0.0
-    sway_N: float = 0.0
-    yaw_Nm: float = 0.0
-    time_s: float = 5.0
-
-    def __post_init__(self) -> None:
-        positive(self, "surge_N", "sway_N", "yaw_Nm", or_zero=True)
-        positive(self, "time_s")
-
-    @property
-    def sizes(self) -> tuple[float, float, float]:
-        return self.surge_N, self.sway_N, self.yaw_Nm
+    surge_N: ZeroOrMore = 0.0
+    sway_N: ZeroOrMore = 0.0
+    yaw_Nm: ZeroOrMore = 0.0
+    time_s: AboveZero = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarLogger:
+class PlanarLogger(Settings):
     """How often a row is written, and how long the vehicle rests before the first command and after the last."""
 
-    rate_hz: float = 5.0
-    rest_before_s: float = 2.0
-    rest_after_s: float = 2.0
-    wait_between_s: float = 60.0
+    rate_hz: AboveZero = 5.0
+    rest_before_s: ZeroOrMore = 2.0
+    rest_after_s: ZeroOrMore = 2.0
+    wait_between_s: ZeroOrMore = 60.0
     order: ClassVar[str] = "listed"
     held: ClassVar[bool] = False
     clock_jitter_s: ClassVar[float] = 0.0
-
-    def __post_init__(self) -> None:
-        positive(self, "rate_hz")
-        positive(self, "rest_before_s", "rest_after_s", "wait_between_s", or_zero=True)
 
     @property
     def period(self) -> float:
@@ -660,20 +635,17 @@ class PlanarLogger:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarScatter:
+class PlanarScatter(Settings):
     """`gain`: standard deviation of the logarithm of what is delivered over what is commanded, drawn for each run;
     `start` heading where runs begin, "random" for anywhere."""
 
-    gain: float = 0.0
+    gain: ZeroOrMore = 0.0
     start: float | Literal["random"] = field(default=0.0, metadata=keyed("start_{position}_{log_unit}"))
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
-    def __post_init__(self) -> None:
-        positive(self, "gain", or_zero=True)
-
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarSpecification:
+class PlanarSpecification(Settings):
     schema: str
     vehicle: PlanarVehicle
     hidden: Mapping[str, float] = field(default_factory=dict)
@@ -682,18 +654,18 @@ class PlanarSpecification:
     logger: PlanarLogger = PlanarLogger()
     scatter: PlanarScatter = PlanarScatter(dof=YAW)
     runs: tuple[PlanarRuns, ...]
-    seed: int = 0
+    seed: Annotated[int, Limit()] = 0
     source: str = "specification"
     motion: ClassVar[Motion] = PLANAR
     effects: ClassVar[tuple[()]] = ()
     bollard: ClassVar[None] = None
 
     def __post_init__(self) -> None:
-        positive(self, "seed", or_zero=True)
+        super().__post_init__()
         unknown = [name for name in self.sensors if name not in PLANAR_SENSORS]
         if unknown or not self.sensors:
-            found = told(unknown[0]) if unknown else "none"
-            raise SettingError(f"sensors: found {found}, expected some of {', '.join(PLANAR_SENSORS)}")
+            wrong = told(unknown[0]) if unknown else "none"
+            raise SettingError(f"sensors: found {wrong}, expected some of {', '.join(PLANAR_SENSORS)}")
         if "heading_deg" not in self.sensors:
             raise SettingError("sensors: heading_deg is missing; give it, as every log of motion in the plane has it")
         twice = sorted(set(self.vehicle.parameters) & set(self.hidden))
@@ -702,8 +674,6 @@ class PlanarSpecification:
         places = [f"{group.folder}/{group.name}" for group in self.runs]
         if not places or len(set(places)) < len(places):
             raise SettingError("runs: expected at least one [[runs]], each with a name of its own")
-        if sum(group.repeats for group in self.runs) > MOST_PLANAR_RUNS:
-            raise SettingError(f"runs: more than {MOST_PLANAR_RUNS} would be made; ask for fewer")
         samples = self.logger.rate_hz * sum(group.repeats * group.length for group in self.runs)
         if samples > MOST_PLANAR_SAMPLES:
             raise SettingError(f"runs: {TOO_MANY_SAMPLES.format(samples, MOST_PLANAR_SAMPLES)}")
@@ -779,9 +749,21 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     raw = codec.read(_Raw, mapping)
     if not raw.runs and raw.bollard is None:
         raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")
-    effects = tuple(_effect(table, codec, ("effects", i)) for i, table in enumerate(raw.effects))
-    runs = tuple(_group(table, codec, ("runs", i)) for i, table in enumerate(raw.runs))
-    return Specification(base, raw.logger, raw.scatter, raw.campaign, raw.seed, effects, runs, raw.bollard, where)
+    effects, runs = list[EffectSetting](), list[RunGroup]()
+    for i, table in enumerate(raw.effects):
+        if not isinstance(table, Mapping) or "name" not in table:
+            expected = f"a table with name = one of {', '.join(library.names())}"
+            raise codec.refusal(("effects", i), f"found {told(table)}, expected {expected}")
+        values = {key: value for key, value in table.items() if key != "name"}
+        effects.append(codec.read(EffectSetting, {"name": table["name"], "values": values}, ("effects", i)))
+    for i, table in enumerate(raw.runs):
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise codec.refusal(("runs", i), f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
+        runs.append(codec.read(KINDS[kind], table, ("runs", i)))
+    return Specification(
+        base, raw.logger, raw.scatter, raw.campaign, raw.seed, tuple(effects), tuple(runs), raw.bollard, where
+    )
 
 
 def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
@@ -793,12 +775,3 @@ def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
         if isinstance(value, int | float) and value and place != ("seed",) and not SMALLEST <= abs(value) <= LARGEST:
             sizes = f"{SMALLEST:g} to {LARGEST:g}"
             raise SettingError(f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {sizes}")
-
-
-def _effect(table: object, codec: Codec, place: Place) -> EffectSetting:
-    """An effect's table: its name, and every other key a parameter."""
-    if not isinstance(table, Mapping) or "name" not in table:
-        expected = f"a table with name = one of {', '.join(library.names())}"
-        raise codec.refusal(place, f"found {told(table)}, expected {expected}")
-    values = {key: value for key, value in table.items() if key != "name"}
-    return codec.read(EffectSetting, {"name": table["name"], "values": values}, place)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class ThrusterLogs:
 
     @property
     def used(self) -> int:
-        return len({(one.source, one.run, one.part if self.asked else "") for one in self.records})
+        return len({(record.source, record.run, record.part if self.asked else "") for record in self.records})
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -109,28 +110,29 @@ def load_thruster_logs(
         parts = table.parts
         if parts is None and (name := _name_of_parts(table)):
             parts, found_by = table.words[name], name
-        found, gone, idle = _records(table, parts)
-        records += found
+        series, incomplete, idle = _records(table, parts)
+        records += series
         units.add(table.units.get("n", ""))
-        missing += gone
+        missing += incomplete
         set_aside += idle
     if strict and set_aside:
         raise refused_by_strict(set_aside[0])
     if not records:
         raise none_left(len(files), set_aside)
-    asked = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
+    by = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
     unit = units.pop() if len(units) == 1 else ""
     used = tuple(filter(has_bytes, files))
     rules = {columns.of(file.path).columns.get("force_N") for file in files}
     rule = rules.pop() if len(rules) == 1 else None
-    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked), rule)
+    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, by or found_by, bool(by), rule)
 
 
 def _name_of_parts(table: LogTable) -> str:
     """The column of words that may say which thruster a row is of, "" for none: one that is called like that, else the
     only one. In a series over time the words come one after the other."""
     blocks = {name: 1 + int(np.count_nonzero(np.diff(labels.code))) for name, labels in table.words.items()}
-    may = [name for name, one in table.words.items() if "time" not in table.columns or blocks[name] <= len(one.names)]
+    at_once = "time" not in table.columns
+    may = [name for name, labels in table.words.items() if at_once or blocks[name] <= len(labels.names)]
     return splitting(may, bollard=True).get(BY, may[0] if len(may) == 1 else "")
 
 
@@ -141,15 +143,15 @@ def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, 
     names = np.full(len(table), "") if table.run is None else table.run
     records, idle = [], []
     part_names = np.full(len(table), "") if parts is None else np.array(parts.names)[parts.code]
-    both = zip(map(str, names), map(str, part_names))
-    for name, part in dict.fromkeys(both):  # in the order in which they first appear
-        here = (names == name) & (part_names == part) & good
-        if not np.any(here):
+    pairs = zip(map(str, names), map(str, part_names))
+    for name, part in dict.fromkeys(pairs):  # in the order in which they first appear
+        rows = (names == name) & (part_names == part) & good
+        if not np.any(rows):
             idle.append(SetAside(table.source, name or part, "no row has both a control signal and a force"))
             continue
-        clock, volts = (None if column is None else column[here] for column in (time, voltage))
-        extras = {key: column[here] for key, column in table.extras.items()}
-        records.append(Series(table.source, name, n[here], force[here], clock, volts, extras, part))
+        clock, volts = (None if column is None else column[rows] for column in (time, voltage))
+        extras = {key: column[rows] for key, column in table.extras.items()}
+        records.append(Series(table.source, name, n[rows], force[rows], clock, volts, extras, part))
     return records, int(np.count_nonzero(~good)), idle
 
 
@@ -197,8 +199,8 @@ class Points:
             raw=np.zeros(size, dtype=bool), weight=np.ones(size), flag=np.full(size, "", dtype="<U120"),
         )  # fmt: skip
 
-    def where(self, mask: NDArray[np.bool_]) -> "Points":
-        return replace(self, **{name: getattr(self, name)[mask] for name in self.__dataclass_fields__})
+    def where(self, mask: NDArray[np.bool_]) -> Self:
+        return replace(self, **{name: x[mask] for name, x in vars(self).items() if isinstance(x, np.ndarray)})
 
     def divided(self, thrusters: int) -> "Points":
         """Thrust of one of `thrusters` equal thrusters that pulled together (equation 3)."""
@@ -215,10 +217,6 @@ class Points:
     def full_scale(self) -> float:
         """Largest thrust measured [N], flagged points left out."""
         return float(np.max(np.abs(self.force[self.flag == ""]), initial=0.0))
-
-
-def join(parts: list[Points]) -> Points:
-    return Points(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in Points.__annotations__})
 
 
 def levels_of(n: Floats) -> Ints:
@@ -277,11 +275,11 @@ def flag_contradictions(points: Points, step: Ints | None) -> Points:
     the limit: a reading at the limit weighs 0.1, and every reading inside it weighs 1."""
     weight, flag = points.weight.copy(), points.flag.copy()
     for number in np.unique(step) if step is not None else [0]:
-        here = np.arange(len(points)) if step is None else np.flatnonzero(step == number)
-        n, force = points.n[here], points.force[here]
+        places = np.arange(len(points)) if step is None else np.flatnonzero(step == number)
+        n, force = points.n[places], points.force[places]
         for index, (deviation, limit) in _contradictions(n, force).items():
-            weight[here[index]] = 1.0 / (1.0 + (3.0 * deviation / limit) ** 2)
-            flag[here[index]] = _reason(n[index], force[index], deviation, _scale(force))
+            weight[places[index]] = 1.0 / (1.0 + (3.0 * deviation / limit) ** 2)
+            flag[places[index]] = _reason(n[index], force[index], deviation, _scale(force))
     return replace(points, weight=weight, flag=flag)
 
 
@@ -306,16 +304,16 @@ def _contradictions(n: Floats, force: Floats) -> Found:
         return {}
     level = levels_of(n)
     good = np.ones(len(n), dtype=bool)
-    found = _falls(n, force, level, scale)
-    good[list(found)] = False
+    outliers = _falls(n, force, level, scale)
+    good[list(outliers)] = False
     for _ in range(len(n) // 4):
         deviation, limit = _off_course(n, force, level, good, scale)
         worst = int(np.argmax(deviation / limit))
         if deviation[worst] <= limit[worst]:
             break
         good[worst] = False
-        found[worst] = (float(deviation[worst]), float(limit[worst]))
-    return found
+        outliers[worst] = (float(deviation[worst]), float(limit[worst]))
+    return outliers
 
 
 def _rest(n: Floats, force: Floats) -> float:
@@ -340,18 +338,18 @@ def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Found:
     rough = min(rough, 2.0 * smoother)
     tolerance = max(RISE * scale, RISE_MADS * rough)
     chain = order[_longest_rise(force[order], tolerance)]
-    kept = np.isin(order, chain)
-    found: Found = {}
-    for place in np.flatnonzero(~kept):
+    on_chain = np.isin(order, chain)
+    outliers: Found = {}
+    for place in np.flatnonzero(~on_chain):
         index = order[place]
-        before = force[order[:place][kept[:place]]][-1:].tolist()
-        after = force[order[place:][kept[place:]]][:1].tolist()
+        before = force[order[:place][on_chain[:place]]][-1:].tolist()
+        after = force[order[place:][on_chain[place:]]][:1].tolist()
         low, high = min(before + after, default=0.0), max(before + after, default=0.0)
         outside = float(max(low - force[index], force[index] - high))
         limit = max(tolerance, SCATTER * min(abs(low), abs(high))) if before and after else END * scale
         if outside > limit:
-            found[int(index)] = (float(abs(force[index] - (low + high) / 2)), limit)
-    return found
+            outliers[int(index)] = (float(abs(force[index] - (low + high) / 2)), limit)
+    return outliers
 
 
 def _longest_rise(force: Floats, tolerance: float) -> Ints:
@@ -396,11 +394,11 @@ def _off_course(n: Floats, force: Floats, level: Ints, good: np.ndarray, scale: 
     deviations, limits = np.zeros(len(n)), np.full(len(n), scale)
     for j, index in enumerate(members):
         for p in index:
-            others, usual = index[index != p], []
-            if len(others) >= 2:
-                usual.append((float(np.median(force[others])), repeat))
+            repeats, usual = index[index != p], []
+            if len(repeats) >= 2:
+                usual.append((float(np.median(force[repeats])), repeat))
             # A repeat that agrees says that the curve is like that.
-            if np.isfinite(smooth[j]) and not np.any(np.abs(force[others] - force[p]) <= repeat):
+            if np.isfinite(smooth[j]) and not np.any(np.abs(force[repeats] - force[p]) <= repeat):
                 usual.append((float(smooth[j]), max(SMOOTH * scale, SMOOTH_MADS * rough)))
             for value, least in usual:
                 deviation, limit = abs(force[p] - value), max(least, SCATTER * abs(value))
@@ -413,8 +411,8 @@ def _repeat_noise(force: Floats, members: list[np.ndarray]) -> float:
     """Standard deviation [N] of repeats about their level's median, where there are three; else 0."""
     inside = [np.abs(force[index] - np.median(force[index])) for index in members if len(index) >= 3]
     # One deviation of each level is the median's own and says nothing.
-    left = [np.sort(deviation)[1:] for deviation in inside]
-    return 1.4826 * float(np.median(np.concatenate(left))) if left else 0.0
+    deviations = [np.sort(deviation)[1:] for deviation in inside]
+    return 1.4826 * float(np.median(np.concatenate(deviations))) if deviations else 0.0
 
 
 def left_out(place: Floats, middle: Floats) -> Floats:
@@ -430,9 +428,9 @@ def left_out(place: Floats, middle: Floats) -> Floats:
         low, high = side[(side < j)][-3:], side[(side > j)][:3]
         if len(low) < 2 or len(high) < 2:
             continue
-        near = np.concatenate([low, high])
-        scaled = (place[near] - place[j]) / np.ptp(place[near])
-        straight = float(np.polynomial.polynomial.polyfit(scaled, root[near], 2)[0])
+        neighbours = np.concatenate([low, high])
+        scaled = (place[neighbours] - place[j]) / np.ptp(place[neighbours])
+        straight = float(np.polynomial.polynomial.polyfit(scaled, root[neighbours], 2)[0])
         predicted[j] = straight * abs(straight)
     return predicted
 
@@ -507,8 +505,8 @@ def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
     residual = points.force[good][order] - left_out(points.n[good][order], points.force[good][order])
     rough = 1.4826 * float(np.nanmedian(np.abs(residual))) if np.any(np.isfinite(residual)) else 0.0
     # Too few levels to tell how rough the table is: half a percent of full scale.
-    known = np.any(np.isfinite(residual))
-    return (rough if known else 0.005 * points.full_scale) / np.sqrt(len(values))
+    is_rough = np.any(np.isfinite(residual))
+    return (rough if is_rough else 0.005 * points.full_scale) / np.sqrt(len(values))
 
 
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
@@ -551,11 +549,12 @@ def reduce_series(records: list[Series]) -> Reduction:
             continue
         plateaus, unsettled = _plateaus(record, number, steady if measured else segments, measured, dropped)
         if unsettled:
-            still = f"thrust at n = {', '.join(f'{level:.4g}' for level in unsettled)} was still changing"
-            notes.append(f"{record.source}: {still} when the command ended; hold each command longer")
+            note = f"thrust at n = {', '.join(f'{level:.4g}' for level in unsettled)} was still changing"
+            notes.append(f"{record.source}: {note} when the command ended; hold each command longer")
         if plateaus is not None:
             parts.append(plateaus)
-    points = join(parts or [_readings(Series("", "", np.empty(0), np.empty(0)), 0)])
+    parts = parts or [_readings(Series("", "", np.empty(0), np.empty(0)), 0)]
+    points = Points(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
     samples = sum(len(record.n) for record in records)
     return Reduction(points, samples, int(np.count_nonzero(points.raw)), dropped, tuple(notes))
 
@@ -571,13 +570,13 @@ def constant_segments(n: Floats) -> list[tuple[int, int]]:
     if noise == 0.0 or noise > NOISY * span:
         edges = (np.flatnonzero(np.diff(n) != 0) + 1).tolist()
     else:  # where the command leaves the running mean of its segment
-        edges, mean, held = [], float(n[0]), 1
+        edges, mean, count = [], float(n[0]), 1
         for index, value in enumerate(n[1:].tolist(), 1):
             if abs(value - mean) > 6.0 * noise:
                 edges.append(index)
-                mean, held = value, 0
-            held += 1
-            mean += (value - mean) / held
+                mean, count = value, 0
+            count += 1
+            mean += (value - mean) / count
     return list(pairwise([0, *edges, len(n)]))
 
 
@@ -586,13 +585,13 @@ def _steady(n: Floats) -> list[tuple[int, int]]:
     where they are not most of it, as in a sweep or a table in random order."""
     span = float(np.ptp(n))
     for window in WINDOWS:
-        found = [
+        ranges = [
             (start, stop)
             for start, stop in _between_changes(n, window, span)
             if stop - start >= 3 * window and _level_throughout(n[start:stop], span)
         ]
-        if len(found) >= 3 and sum(stop - start for start, stop in found) >= 0.5 * len(n):
-            return found
+        if len(ranges) >= 3 and sum(stop - start for start, stop in ranges) >= 0.5 * len(n):
+            return ranges
     return []
 
 
@@ -641,8 +640,8 @@ def _trend(means: Floats) -> bool:
     """Whether a series of batch means still climbs or falls by more than its own scatter explains."""
     place = np.arange(len(means)) - (len(means) - 1) / 2
     slope = float(place @ means / (place @ place))
-    rest = means - means.mean() - slope * place
-    scatter = np.sqrt(float(rest @ rest) / max(len(means) - 2, 1))
+    residual = means - means.mean() - slope * place
+    scatter = np.sqrt(float(residual @ residual) / max(len(means) - 2, 1))
     return abs(slope) * np.sqrt(float(place @ place)) > 6.0 * scatter
 
 
@@ -663,22 +662,22 @@ def _plateaus(
     if measured:
         counts["transient"] += len(record.n) - sum(stop - start for start, stop in segments)
     rows, unsettled = [], []
-    for held in _bridged(record.n, segments, counts):
-        if len(held) <= HANDFUL:
-            counts["too_short"] += len(held)
+    for samples in _bridged(record.n, segments, counts):
+        if len(samples) <= HANDFUL:
+            counts["too_short"] += len(samples)
             continue
-        spike = _spikes(record.force[held])
+        spike = _spikes(record.force[samples])
         counts["spike"] += int(np.count_nonzero(spike))
-        held = held[~spike]
-        cut, settled = settled_from(record.force[held])
+        samples = samples[~spike]
+        cut, settled = settled_from(record.force[samples])
         if measured:  # the speed has a lag of its own
-            cut = max(cut, settled_from(record.n[held])[0])
+            cut = max(cut, settled_from(record.n[samples])[0])
         counts["transient"] += cut
-        held = held[cut:]
-        n, force = _level(record.n, held), record.force[held]
+        samples = samples[cut:]
+        n, force = _level(record.n, samples), record.force[samples]
         unsettled += [] if settled else [n]
-        clock = np.mean(held if record.time is None else record.time[held])
-        volts = np.nan if record.voltage is None else np.mean(record.voltage[held])
+        clock = np.mean(samples if record.time is None else record.time[samples])
+        volts = np.nan if record.voltage is None else np.mean(record.voltage[samples])
         rows.append((n, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), clock, volts))
     if not rows:
         return None, unsettled
@@ -698,38 +697,38 @@ def _spikes(force: Floats) -> np.ndarray:
     around = np.median(np.lib.stride_tricks.sliding_window_view(force, window), axis=1)
     # The first samples are the transient's; the last are judged by the last whole window.
     centre = np.concatenate([force[:3], around, np.full(3, around[-1])])
-    off, whole = np.abs(force - centre), np.abs(force - np.median(force))
-    return np.asarray((off > SPIKE * 1.4826 * np.median(off)) & (whole > SPIKE * 1.4826 * np.median(whole)) & (off > 0))
+    off, away = np.abs(force - centre), np.abs(force - np.median(force))
+    return np.asarray((off > SPIKE * 1.4826 * np.median(off)) & (away > SPIKE * 1.4826 * np.median(away)) & (off > 0))
 
 
 def _bridged(n: Floats, segments: list[tuple[int, int]], counts: dict[str, int]) -> list[np.ndarray]:
     """Sample numbers of each held command; a blink of another value inside one command is a drop-out."""
     span = float(np.max(np.abs(n)))
-    held: list[np.ndarray] = []
+    commands: list[np.ndarray] = []
     blink = 0
     for start, stop in segments:
-        here = np.arange(start, stop)
-        if len(here) <= HANDFUL:
-            held.append(here)
+        samples = np.arange(start, stop)
+        if len(samples) <= HANDFUL:
+            commands.append(samples)
             blink += 1
             continue
-        long_before = held[-1 - blink] if len(held) > blink else None
-        between = int(sum(len(part) for part in held[len(held) - blink :]))
-        same = long_before is not None and abs(np.median(n[long_before]) - np.median(n[here])) <= 0.01 * span
+        long_before = commands[-1 - blink] if len(commands) > blink else None
+        between = int(sum(len(part) for part in commands[len(commands) - blink :]))
+        same = long_before is not None and abs(np.median(n[long_before]) - np.median(n[samples])) <= 0.01 * span
         if long_before is not None and same and 0 < between <= HANDFUL:
             counts["drop_out"] += between
-            held[len(held) - blink - 1 :] = [np.concatenate([long_before, here])]
+            commands[len(commands) - blink - 1 :] = [np.concatenate([long_before, samples])]
         else:
-            held.append(here)
+            commands.append(samples)
         blink = 0
-    return held
+    return commands
 
 
-def _level(n: Floats, held: np.ndarray) -> float:
+def _level(n: Floats, samples: np.ndarray) -> float:
     """The command of a plateau; a measured speed within 0.5 % of full scale of zero is zero."""
-    if np.ptp(n[held]) == 0:
-        return float(n[held[0]])
-    level = float(np.mean(n[held]))
+    if np.ptp(n[samples]) == 0:
+        return float(n[samples[0]])
+    level = float(np.mean(n[samples]))
     return 0.0 if abs(level) <= 0.005 * float(np.max(np.abs(n))) else level
 
 

@@ -40,14 +40,13 @@ STEP_SHARE, STEP_NOISES = 0.03, 6.0
 
 
 @dataclass(frozen=True)
-class BollardData:
+class BollardData(Points):
     """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
 
     `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one voltage:
     the unit of chance; `group` what cross-validation leaves out together. `order` runs from 0 for the first reading to
     1 for the last. `places` are file and run of each record."""
 
-    points: Points
     step: Ints | None
     level: Ints
     group: Ints
@@ -57,48 +56,38 @@ class BollardData:
     places: tuple[str, ...]
 
     @property
-    def full_scale(self) -> float:
-        return self.points.full_scale
-
-    @property
     def sides(self) -> tuple[str, ...]:
-        return tuple(name for name, sign in SIDES if np.any(self.points.n * sign > 0))
+        return tuple(name for name, sign in SIDES if np.any(self.n * sign > 0))
 
     @property
     def levels(self) -> int:
         return len(np.unique(self.level))
 
-    def where(self, mask: NDArray[np.bool_]) -> "BollardData":
-        step = None if self.step is None else self.step[mask]
-        arrays = {name: getattr(self, name)[mask] for name in ("level", "group", "order")}
-        return replace(self, points=self.points.where(mask), step=step, **arrays)
-
     def with_flags(self, index: Ints | NDArray[np.bool_], weight: Floats | float, flag: object) -> "BollardData":
-        weights, flags = self.points.weight.copy(), self.points.flag.copy()
+        weights, flags = self.weight.copy(), self.flag.copy()
         weights[index], flags[index] = weight, flag
-        return replace(self, points=replace(self.points, weight=weights, flag=flags))
+        return replace(self, weight=weights, flag=flags)
 
     def parts(self, tied: bool) -> dict[str, tuple[Ints, Side]]:
         """Point numbers and `Side` of each direction, or of both together as one curve of |n| (`tied`)."""
-        points = self.points
         if not tied:
-            sides = sides_of(points, self.step, self.tare_stderr)
-            return {name: (np.flatnonzero(points.n * side.sign > 0), side) for name, side in sides.items()}
-        size, thrust = np.abs(points.n), np.sign(points.n) * points.force
-        stderr = np.nan_to_num(points.stderr)
-        side = Side("both", 1.0, size, thrust, points.weight, bollard.groups_of(size), None, stderr, self.tare_stderr)
-        return {"both": (np.arange(len(points)), side)}
+            sides = sides_of(self, self.step, self.tare_stderr)
+            return {name: (np.flatnonzero(self.n * side.sign > 0), side) for name, side in sides.items()}
+        size, thrust = np.abs(self.n), np.sign(self.n) * self.force
+        stderr = np.nan_to_num(self.stderr)
+        side = Side("both", 1.0, size, thrust, self.weight, bollard.groups_of(size), None, stderr, self.tare_stderr)
+        return {"both": (np.arange(len(self)), side)}
 
     def order_is_free(self) -> bool:
         """Whether the run order can be told from the command: then a drift with it can be a candidate."""
-        n = self.points.n
-        volts = [] if self.step is None else [self.points.voltage]
+        n = self.n
+        volts = [] if self.step is None else [self.voltage]
         matrix = np.stack([np.ones(len(n)), n, np.abs(n), n**2, n * np.abs(n), *volts], axis=1)
-        rest = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
-        return bool(np.ptp(self.order) > 0 and 1.0 - rest.var() / self.order.var() < MOST_EXPLAINED)
+        residual = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
+        return bool(np.ptp(self.order) > 0 and 1.0 - residual.var() / self.order.var() < MOST_EXPLAINED)
 
     def place(self, index: int) -> str:
-        return self.places[int(self.points.record[index])]
+        return self.places[int(self.record[index])]
 
 
 def bollard_data(
@@ -128,18 +117,21 @@ def bollard_data(
     if step is not None:
         level = np.unique(np.stack([level, step]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
     places = tuple(record.place for record in logs.records)
-    return BollardData(points.where(keep), step, level, group[keep], order[keep], tare.thrust_stderr, n_unit, places)
+    return BollardData(
+        **vars(points.where(keep)), step=step, level=level, group=group[keep], order=order[keep],
+        tare_stderr=tare.thrust_stderr, n_unit=n_unit, places=places,
+    )  # fmt: skip
 
 
 def held_out_levels(data: BollardData, seed: int) -> NDArray[np.bool_]:
     """Mark the points (P,) of the quarter of the levels that is held out: one of every four neighbours, never an end of
     the range; none where a direction has fewer than MIN_LEVELS_TO_HOLD_OUT levels."""
-    random, out = np.random.default_rng(seed), np.zeros(len(data.points), dtype=bool)
-    number = levels_of(data.points.n)
-    levels = [np.unique(number[data.points.n * sign > 0]) for _, sign in SIDES]
-    if any(0 < len(one) < MIN_LEVELS_TO_HOLD_OUT for one in levels):
+    random, out = np.random.default_rng(seed), np.zeros(len(data), dtype=bool)
+    number = levels_of(data.n)
+    levels = [np.unique(number[data.n * sign > 0]) for _, sign in SIDES]
+    if any(0 < len(side) < MIN_LEVELS_TO_HOLD_OUT for side in levels):
         return out
-    for inner in (one[1:-1] for one in levels):
+    for inner in (side[1:-1] for side in levels):
         for start in range(0, len(inner) - 3, 4):
             out |= number == inner[start + int(random.integers(4))]
     return out
@@ -151,14 +143,13 @@ def noise_level(data: BollardData) -> tuple[float, str]:
     Repeats at one command where there are enough; else what the neighbouring levels do not say: each level against a
     smooth local curve through the three levels on either side, freed of that curve's own error. Never less than the
     standard errors of the plateaus."""
-    points = data.points
-    stderr = points.stderr[np.isfinite(points.stderr)]
+    stderr = data.stderr[np.isfinite(data.stderr)]
     samples = float(np.sqrt(np.mean(stderr**2))) if len(stderr) else 0.0
     squares, freedom = 0.0, 0
     for number in np.unique(data.level):
-        repeats = points.where((data.level == number) & (points.flag == ""))
+        repeats = data.where((data.level == number) & (data.flag == ""))
         # A measured speed is never the same twice: its neighbours are no repeats.
-        if len(repeats) > 1 and np.ptp(repeats.n) <= SAME_COMMAND * np.max(np.abs(points.n)):
+        if len(repeats) > 1 and np.ptp(repeats.n) <= SAME_COMMAND * np.max(np.abs(data.n)):
             squares += float(np.sum((repeats.force - repeats.force.mean()) ** 2))
             freedom += len(repeats) - 1
     if freedom >= MIN_REPEATS:
@@ -170,15 +161,14 @@ def noise_level(data: BollardData) -> tuple[float, str]:
 
 def _roughness(data: BollardData) -> float:
     """Root mean square over four ranges of |n| of the robust scatter [N] about the neighbours' smooth curve."""
-    points = data.points
     off, size = [], []
     for step in [0] if data.step is None else np.unique(data.step):
         for _, sign in SIDES:
-            mask = (points.n * sign > 0) & (points.flag == "")
+            mask = (data.n * sign > 0) & (data.flag == "")
             mask &= True if data.step is None else data.step == step
-            n = np.abs(points.n[mask])
+            n = np.abs(data.n[mask])
             numbers = levels_of(n)
-            place, thrust = (np.bincount(numbers, x) / np.bincount(numbers) for x in (n, sign * points.force[mask]))
+            place, thrust = (np.bincount(numbers, x) / np.bincount(numbers) for x in (n, sign * data.force[mask]))
             scale = np.array([_leaning(place, j) for j in range(len(place))])
             scatter = (thrust - left_out(place, thrust)) / scale
             off.append(scatter[np.isfinite(scatter)])
@@ -192,10 +182,10 @@ def _roughness(data: BollardData) -> float:
 
 def _leaning(place: Floats, j: int) -> float:
     """Factor by which a level less its neighbours' parabola scatters more than the level alone."""
-    near = np.array([k for k in range(j - 3, j + 4) if k != j and 0 <= k < len(place)])
-    if len(near) < 4:
+    neighbours = np.array([k for k in range(j - 3, j + 4) if k != j and 0 <= k < len(place)])
+    if len(neighbours) < 4:
         return np.nan
-    x = (place[near] - place[j]) / max(np.ptp(place[near]), 1e-300)
+    x = (place[neighbours] - place[j]) / max(np.ptp(place[neighbours]), 1e-300)
     rows = np.stack([np.ones_like(x), x, x**2], axis=1)
     return float(np.sqrt(1.0 + np.linalg.pinv(rows.T @ rows)[0, 0]))
 
@@ -276,16 +266,16 @@ class Fitted:
     @cached_property
     def residual(self) -> Floats:
         """Measured less fitted [N], (P,)."""
-        return self.data.points.force - self.predicted
+        return self.data.force - self.predicted
 
     def gain(self, data: BollardData) -> Floats:
         """What multiplies the curves at each point [1]."""
         gain = 1.0 - self.sag * data.order
-        return gain * (data.points.voltage / self.reference) ** self.power if self.power else gain
+        return gain * (data.voltage / self.reference) ** self.power if self.power else gain
 
     def thrust(self, data: BollardData) -> Floats:
         """Thrust [N] at the points of any bollard data."""
-        return self.along(data.points.n) * self.gain(data)
+        return self.along(data.n) * self.gain(data)
 
     def along(self, n: Floats) -> Floats:
         """Thrust [N] of the curves alone; NaN in a direction without a curve."""
@@ -294,37 +284,37 @@ class Fitted:
     @cached_property
     def loss(self) -> Floats:
         """Weighted squared error [N²] of each group, predicted by a fit without it; groups in rising number."""
-        squares, gain, effects = np.zeros(len(self.data.points)), self.gain(self.data), dict(self.shape.curves)
+        squares, gain, effects = np.zeros(len(self.data)), self.gain(self.data), dict(self.shape.curves)
         for name, (index, side) in self.data.parts(self.shape.tied).items():
-            squares[index] = left_out_squares(without_gain(side, gain[index]), form_of(effects[name]))
+            squares[index] = left_out_squares(side.without(gain[index]), form_of(effects[name]))
         return sums_of(squares, self.data.group)
 
     @property
     def squares(self) -> float:
-        return float(self.data.points.weight @ self.residual**2)
+        return float(self.data.weight @ self.residual**2)
 
     def rmse(self, held_out: bool = False) -> float:
         """Root mean square error [N], weighted as in the fit; cross-validated with `held_out`."""
         squares = float(self.loss.sum()) if held_out else self.squares
-        return float(np.sqrt(squares / self.data.points.weight.sum()))
+        return float(np.sqrt(squares / self.data.weight.sum()))
 
 
 def fit_shape(data: BollardData, shape: Shape) -> Fitted:
     """Fit a shape by least squares: curves direction by direction, in turn with what multiplies them."""
-    reference = float(np.median(data.points.voltage)) if data.step is not None else 1.0
+    reference = float(np.median(data.voltage)) if data.step is not None else 1.0
     parts, effects = data.parts(shape.tied), dict(shape.curves)
     fit = Fitted(data, shape, {}, {}, 0.0, 0.0, reference)
     for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
         gain, curves, at_bound = fit.gain(data), {}, {}
         for name, (index, side) in parts.items():
-            curves[name], at_bound[name] = best_curve(without_gain(side, gain[index]), form_of(effects[name]))
+            curves[name], at_bound[name] = best_curve(side.without(gain[index]), form_of(effects[name]))
         fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
     return fit
 
 
 def multiplier_columns(fit: Fitted, voltage: bool, sag: bool) -> Floats:
     """Derivative of the thrust [N] by the voltage's power and the sag, those that are free; shape (P, K)."""
-    order, volts = fit.data.order, fit.data.points.voltage
+    order, volts = fit.data.order, fit.data.voltage
     columns = [fit.predicted * np.log(volts / fit.reference)] if voltage else []
     columns += [-fit.predicted * order / (1.0 - fit.sag * order)] if sag else []
     return np.array(columns).reshape(len(columns), len(order)).T
@@ -336,17 +326,12 @@ def _with_multipliers(fit: Fitted) -> Fitted:
     columns = multiplier_columns(fit, shape.voltage, shape.sag)
     if columns.shape[1] == 0:
         return fit
-    sides = [np.where(data.points.n * s > 0, fit.predicted, 0.0)[:, None] for s in (1.0, -1.0)]
-    root = np.sqrt(data.points.weight)
+    sides = [np.where(data.n * s > 0, fit.predicted, 0.0)[:, None] for s in (1.0, -1.0)]
+    root = np.sqrt(data.weight)
     step = np.linalg.lstsq(root[:, None] * np.hstack([columns, *sides]), root * fit.residual, rcond=None)[0]
     power = float(np.clip(fit.power + step[0], -4.0, 4.0)) if shape.voltage else fit.power
     sag = float(np.clip(fit.sag + step[int(shape.voltage)], -0.9, 0.9)) if shape.sag else fit.sag
     return replace(fit, power=power, sag=sag)
-
-
-def without_gain(side: Side, gain: Floats) -> Side:
-    """A side as it would have been without what multiplies its thrust."""
-    return replace(side, thrust=side.thrust / gain, weight=side.weight * gain**2)
 
 
 @dataclass(frozen=True)
@@ -411,7 +396,7 @@ def evidence_by_chance(base: Fitted, fits: Mapping[tuple[str, str], Fitted], ran
     Residuals get signs group by group (Wu 1986, Ann. Stat. 14:1261: the wild bootstrap), so that noise that grows with
     thrust stays where it is, and are projected on the direction in which each candidate leaves the base, freed of what
     the base's own parameters can do."""
-    root, groups = np.sqrt(base.data.points.weight), np.unique(base.data.group, return_inverse=True)[1]
+    root, groups = np.sqrt(base.data.weight), np.unique(base.data.group, return_inverse=True)[1]
     basis = _basis(base)
     # residuals shrink where the fit leans on a level; chance gets them back at their full size (HC3)
     errors = root * base.residual / (1.0 - np.minimum(np.sum(basis**2, axis=1), 0.99))
@@ -443,11 +428,11 @@ def _basis(fit: Fitted) -> Floats:
         values = np.array([[curve.a * (scale - curve.n_0) ** curve.p, curve.n_0 / scale, curve.p, top]])
         slopes = jacobian(side.magnitude / scale, values)[0][:, form_of(effects[name]).mask]
         block = np.zeros((len(gain), slopes.shape[1]))
-        block[index] = (np.sign(data.points.n) * gain)[index, None] * slopes
+        block[index] = (np.sign(data.n) * gain)[index, None] * slopes
         blocks.append(block[:, np.any(block != 0.0, axis=0)])
-    columns = np.sqrt(data.points.weight)[:, None] * np.hstack(blocks)
-    left, sizes, _ = np.linalg.svd(columns / np.sqrt(np.sum(columns**2, axis=0)), full_matrices=False)
-    return left[:, sizes > 1e-9]
+    columns = np.sqrt(data.weight)[:, None] * np.hstack(blocks)
+    axes, sizes, _ = np.linalg.svd(columns / np.sqrt(np.sum(columns**2, axis=0)), full_matrices=False)
+    return axes[:, sizes > 1e-9]
 
 
 @dataclass
@@ -467,7 +452,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
         data, current, fits = self.data, model.fit, dict[tuple[str, str], Fitted]()
-        if np.sqrt(current.squares / len(data.points)) > ROUNDING * data.full_scale:
+        if np.sqrt(current.squares / len(data)) > ROUNDING * data.full_scale:
             for effect, where, shape in current.shape.additions(data):
                 parts = data.parts(shape.tied)
                 enough = all(parts[name][1].can_leave_out(form_of(effects)) for name, effects in shape.curves)
@@ -485,15 +470,15 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         return SearchStep(model, tuple(candidates), max(chance.threshold(ALPHA), 0.0))
 
     def able(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
-        taken = _best([c for c in look.candidates if c.p_value <= ALPHA and c.held_out > c.stderr])
-        return [] if taken is None else [taken]
+        best = _best([c for c in look.candidates if c.p_value <= ALPHA and c.held_out > c.stderr])
+        return [] if best is None else [best]
 
     def added(self, model: CandidateFit) -> tuple[str, ...]:
         return tuple(model.added)
 
     def without(self, model: CandidateFit, name: str) -> CandidateFit:
-        rest = {effect: p_value for effect, p_value in model.added.items() if effect != name}
-        return CandidateFit(self.fitted(model.fit.shape.without(name, self.start)), rest)
+        remaining = {effect: p_value for effect, p_value in model.added.items() if effect != name}
+        return CandidateFit(self.fitted(model.fit.shape.without(name, self.start)), remaining)
 
     def better(self, current: CandidateFit, left: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
         worse, stderr = left.behind(current)
@@ -538,7 +523,7 @@ def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: in
     search = search_map(data, shape, seed)
     for _ in range(MOST_STRETCHES):
         index = broken_stretch(search.final, floor)
-        if index is None or np.all(data.points.flag[index] != ""):
+        if index is None or np.all(data.flag[index] != ""):
             break
         off = abs(float(np.mean(search.final.residual[index])))
         why = f"{off:.3g} N off the curve from one reading to the next, and back again: faulty stretch"
@@ -550,21 +535,21 @@ def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: in
 def broken_stretch(fit: Fitted, floor: float) -> Ints | None:
     """Find the points of the clearest stretch of readings that steps off the curve and back again, or None: a
     propeller's curve is continuous, and what begins and ends with a jump is the measurement."""
-    points = fit.data.points
-    limit = max(STEP_SHARE * fit.data.full_scale, STEP_NOISES * floor)
+    data = fit.data
+    limit = max(STEP_SHARE * data.full_scale, STEP_NOISES * floor)
     best, clearest = None, 0.0
-    for record in np.unique(points.record):
+    for record in np.unique(data.record):
         for _, sign in SIDES:
-            index = np.flatnonzero((points.record == record) & (points.n * sign > 0))
-            rest = sign * fit.residual[index]
+            index = np.flatnonzero((data.record == record) & (data.n * sign > 0))
+            residual = sign * fit.residual[index]
             for start in range(1, len(index) - SHORTEST_STRETCH):
                 last = min(start + len(index) // 3, len(index) - 1)
                 for stop in range(start + SHORTEST_STRETCH, last + 1):
-                    inside = rest[start:stop]
-                    around = np.mean(np.concatenate([rest[max(start - 3, 0) : start], rest[stop : stop + 3]]))
+                    inside = residual[start:stop]
+                    around = np.mean(np.concatenate([residual[max(start - 3, 0) : start], residual[stop : stop + 3]]))
                     off = float(np.mean(inside) - around)
                     way = np.sign(off)
-                    edges = min(way * (inside[0] - rest[start - 1]), way * (inside[-1] - rest[stop]))
+                    edges = min(way * (inside[0] - residual[start - 1]), way * (inside[-1] - residual[stop]))
                     steady = np.min(way * (inside - around)) > 0.5 * abs(off)
                     clear = abs(off) * np.sqrt(stop - start)
                     if edges > limit and steady and clear > clearest:

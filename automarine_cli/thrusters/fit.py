@@ -35,8 +35,16 @@ class Side:
     stderr: Floats
     tare_stderr: float
 
+    @property
+    def levels(self) -> int:
+        return int(levels_of(self.magnitude).max()) + 1
+
     def can_leave_out(self, form: Form) -> bool:
         return len(np.unique(self.group)) >= form.parameters + 2
+
+    def without(self, gain: Floats) -> "Side":
+        """The side as it would have been without what multiplies its thrust."""
+        return replace(self, thrust=self.thrust / gain, weight=self.weight * gain**2)
 
 
 @dataclass(frozen=True)
@@ -65,12 +73,8 @@ class Parameter:
 
 
 def parameters_json(parameters: Mapping[str, Mapping[str, Parameter]]) -> dict[str, object]:
-    return {
-        side: {name: parameter.to_json() for name, parameter in parameters[side].items()}
-        if side in parameters
-        else None
-        for side, _ in SIDES
-    }
+    by_side = {side: {name: parameter.to_json() for name, parameter in of.items()} for side, of in parameters.items()}
+    return {side: by_side.get(side) for side, _ in SIDES}
 
 
 def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str, Side]:
@@ -148,8 +152,8 @@ def _estimates(
     inverse = np.linalg.pinv(rows.T @ rows)
     variance, dof = _clustered(rows, errors, inverse, side.group, freed_by)
     if side.record is not None:
-        both = np.unique(np.stack([side.group, side.record]), axis=1, return_inverse=True)[1].ravel()
-        of_both, _ = _clustered(rows, errors, inverse, both.astype(np.int64), freed_by)
+        crossed = np.unique(np.stack([side.group, side.record]), axis=1, return_inverse=True)[1].ravel()
+        of_both, _ = _clustered(rows, errors, inverse, crossed.astype(np.int64), freed_by)
         many = len(np.unique(side.record)) >= ENOUGH_RECORDS
         of_records, dof_records = _clustered(rows, errors, inverse, side.record, freed_by if many else PLAIN)
         if many:
@@ -175,14 +179,14 @@ def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed
     levels, so that they are far fewer than the levels."""
     variance, effects = np.zeros(len(inverse)), []
     for number in np.unique(group):
-        here = group == number
-        own = rows[here]
-        share, axes = np.linalg.eigh(own @ inverse @ own.T)
-        left = (1.0 - np.minimum(share, 0.99)) ** freed_by
-        freed = (axes / left) @ axes.T @ own @ inverse  # (points here, K)
-        variance += (errors[here] @ freed) ** 2
-        effect = -rows @ (inverse @ (own.T @ freed))
-        effect[here] += freed
+        members = group == number
+        block = rows[members]
+        share, axes = np.linalg.eigh(block @ inverse @ block.T)
+        shrunk = (1.0 - np.minimum(share, 0.99)) ** freed_by
+        freed = (axes / shrunk) @ axes.T @ block @ inverse  # (points here, K)
+        variance += (errors[members] @ freed) ** 2
+        effect = -rows @ (inverse @ (block.T @ freed))
+        effect[members] += freed
         effects.append(effect)
     stacked = np.stack(effects, axis=2)  # (points, K, clusters)
     between = np.einsum("pkg,pkh->kgh", stacked, stacked)
@@ -247,8 +251,8 @@ def select_form(
         behind, stderr = (size / total_weight for size in behind_of(loss, losses[best]))
         scores[name] = replace(scores[name], behind=behind, behind_stderr=stderr + (EQUAL * full_scale) ** 2)
     every = tuple(scores.values())
-    near = [score for score in every if score.within_reach]
-    simplest = min(near, key=lambda score: (score.form.parameters, score.cv_rmse))
+    within = [score for score in every if score.within_reach]
+    simplest = min(within, key=lambda score: (score.form.parameters, score.cv_rmse))
     if forced is None:
         return every, simplest, _sentence(simplest, scores[best], every, full_scale)
     because = f"it was asked for (--form); cross-validation would choose {simplest.form.name}."
@@ -279,8 +283,8 @@ def _sentence(chosen: FormScore, best: FormScore, ranked: Sequence[FormScore], f
         return f"{100.0 * (score.cv_rmse or 0.0) / full_scale:.3g} %"
 
     count = chosen.form.parameters
-    each = f"{count} parameter{'s' if count > 1 else ''} a direction"
-    start = f"The {chosen.form.name} form ({each}, cross-validated error {percent(chosen)} of full scale)"
+    per_direction = f"{count} parameter{'s' if count > 1 else ''} a direction"
+    start = f"The {chosen.form.name} form ({per_direction}, cross-validated error {percent(chosen)} of full scale)"
     if chosen.form.name == best.form.name:
         simpler = [score for score in ranked if score.cv_rmse is not None and score.form.parameters < count]
         if not simpler:
@@ -309,15 +313,16 @@ FAINT = 0.05  # thrust the wrong way that is smaller than this share of full sca
 class Analysis:
     """What one set of points says of one thruster.
 
-    `square` holds equation 2's coefficients by direction, `without` why a direction has none; `parameters` the chosen
-    form's estimates by direction; `r2` is the square law's over all points, weighted as in the fit."""
+    `square` holds equation 2's coefficients by direction of its `sides`, `without` why a direction has none;
+    `parameters` the chosen form's estimates by direction; `r2` is the square law's over all points, weighted as in the
+    fit."""
 
     points: Points
     n_unit: str
     full_scale: float
+    sides: dict[str, Side]
     square: dict[str, Estimate]
     without: dict[str, str]
-    levels: dict[str, int]
     scores: tuple[FormScore, ...]
     chosen: FormScore
     because: str
@@ -331,8 +336,12 @@ class Analysis:
         return self.scores[0]
 
     @property
+    def levels(self) -> dict[str, int]:
+        return {name: side.levels for name, side in self.sides.items()}
+
+    @property
     def estimates(self) -> dict[tuple[str, str], Parameter]:
-        return {(key, side): found[key] for side, found in self.parameters.items() for key in self.chosen.form.free}
+        return {(key, side): of[key] for side, of in self.parameters.items() for key in self.chosen.form.free}
 
     @property
     def map(self) -> ThrusterMap:
@@ -356,7 +365,7 @@ class Analysis:
 def analyse(
     points: Points, step: Ints | None, tare_stderr: float, n_unit: str, forced: str | None = None,
     where: str = "the logs",
-) -> tuple[Analysis, dict[str, Side]]:  # fmt: skip
+) -> Analysis:  # fmt: skip
     """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, (P,).
 
     Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels."""
@@ -376,15 +385,14 @@ def analyse(
     zero_squares = float(used.weight[zero] @ used.force[zero] ** 2)
     total = float(used.weight.sum())
     scores, chosen, because = select_form(sides, zero_squares, total, full_scale, forced)
-    found = {
+    estimates = {
         name: parameters(side, chosen.form, chosen.curves[name], chosen.at_bound[name], n_unit)
         for name, side in sides.items()
     }
     mean = float(used.weight @ used.force) / total
     spread = float(used.weight @ (used.force - mean) ** 2) / total
-    levels = {name: len(np.unique(levels_of(side.magnitude))) for name, side in sides.items()}
     r2 = (1.0 - score.rmse**2 / spread for score in (scores[0], chosen))
-    return Analysis(points, n_unit, full_scale, square, without, levels, scores, chosen, because, found, *r2), sides
+    return Analysis(points, n_unit, full_scale, sides, square, without, scores, chosen, because, estimates, *r2)
 
 
 def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -> dict[str, str]:
@@ -395,7 +403,7 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
             without[name] = f"no {name} points"
             continue
         side = sides[name]
-        count = len(np.unique(levels_of(side.magnitude)))
+        count = side.levels
         ahead, astern = (np.mean(sign * side.thrust > FAINT * full_scale) for sign in (1.0, -1.0))
         if min(ahead, astern) > MIXED:
             raise FitError(
@@ -406,11 +414,11 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
             )
         low, high, thrust = float(side.magnitude.min()), float(side.magnitude.max()), np.abs(side.thrust)
         if len(sides) == 1 and low > 0.5 * high and thrust.min() < FAINT * thrust.max():
-            rest = usual_neutral(low, high, float(side.magnitude[np.argmin(thrust)]))
+            idle = usual_neutral(low, high, float(side.magnitude[np.argmin(thrust)]))
             raise FitError(
-                f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {rest:.4g}; the "
+                f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {idle:.4g}; the "
                 'control signal looks counted from its end, not from rest. Write n = { from = "NAME", subtract = '
-                f"{rest:.4g} }} under [columns] in the --columns file"
+                f"{idle:.4g} }} under [columns] in the --columns file"
             )
         mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
         if count < FEWEST_LEVELS:

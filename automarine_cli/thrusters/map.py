@@ -94,8 +94,8 @@ def thrust_both_ways(forward: Curve | None, backward: Curve | None, n: Floats, u
     """Thrust [N] at control signals n of any shape, `unmeasured` in a direction without a curve."""
     total = np.zeros_like(n)
     for (_, sign), curve in zip(SIDES, (forward, backward)):
-        here = n * sign > 0
-        total[here] = unmeasured if curve is None else sign * curve.thrust(np.abs(n[here]))
+        mask = n * sign > 0
+        total[mask] = unmeasured if curve is None else sign * curve.thrust(np.abs(n[mask]))
     return np.asarray(total + 0.0)  # no negative zero
 
 
@@ -211,10 +211,10 @@ def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndar
         gradient = np.einsum("bnk,bn->bk", weighted, residual)
         at = values[:, free]
         # A parameter that stands at its bound and is pushed outwards stays there.
-        held = ((at <= LOW[free]) & (gradient < 0)) | ((at >= HIGH[free]) & (gradient > 0))
-        gradient = np.where(held, 0.0, gradient)
+        fixed = ((at <= LOW[free]) & (gradient < 0)) | ((at >= HIGH[free]) & (gradient > 0))
+        gradient = np.where(fixed, 0.0, gradient)
         normal = np.einsum("bnk,bnl->bkl", weighted, matrix)
-        normal = np.where(held[:, :, None] | held[:, None, :], 0.0, normal)
+        normal = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, normal)
         diagonal = np.einsum("bkk->bk", normal)
         damped = damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300
         normal = normal + np.eye(width) * damped[:, :, None]
@@ -383,8 +383,8 @@ def _curve_from(entry: CurveEntry | None, codec: Codec, place: Place) -> Curve |
     return Curve(a, p, dead_band, n_sat)
 
 
-def _positive(given: Given, codec: Codec, place: Place) -> float:
-    value = number_at(given, codec, place)
+def _positive(entry: Given, codec: Codec, place: Place) -> float:
+    value = number_at(entry, codec, place)
     if value <= 0.0:
         raise codec.refusal(place, f"found {value:g}, expected more than 0")
     return value
@@ -436,7 +436,7 @@ def drive_run_by_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
 def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
     """What each thruster gives forward and backward, by the names of PARTS, of its share (N,) of the moment or force;
     none for a motion of another number of thrusters than two."""
-    ways = [side * way(side * one, 0.0) for side, one in zip(dof.sides, shares) for way in (np.maximum, np.minimum)]
+    ways = [side * way(side * share, 0.0) for side, share in zip(dof.sides, shares) for way in (np.maximum, np.minimum)]
     return dict(zip(PARTS, ways)) if len(ways) == len(PARTS) else {}
 
 
@@ -446,8 +446,8 @@ def moment_maker(
     """What makes the moment or force of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
 
     None without a map: then the logs hold it. Raises SettingError where map or arm is given alone."""
-    given = map_and_arm(thrusters, arm, columns, dof)
-    return None if given is None else partial(drive_run_by_thrusters, thrusters=given[0], arm=given[1])
+    drive = map_and_arm(thrusters, arm, columns, dof)
+    return None if drive is None else partial(drive_run_by_thrusters, thrusters=drive[0], arm=drive[1])
 
 
 def map_and_arm(
@@ -455,7 +455,7 @@ def map_and_arm(
 ) -> tuple[ThrusterMap, float] | None:
     """The map and the lever arm [m] as given, or None without a map; see `moment_maker`."""
     if not dof.levered and arm is not None:
-        levered = " and ".join(one.name for one in DOFS.values() if one.levered)
+        levered = " and ".join(motion.name for motion in DOFS.values() if motion.levered)
         raise SettingError(f"--arm is of {levered}; in {dof.name} thrusters push as hard at any arm, so leave it out")
     if thrusters is not None and not dof.thrusters:
         remedy = f"leave it out, and name the {dof.words.force}'s column with --columns"
@@ -470,8 +470,8 @@ def map_and_arm(
     if not isinstance(length, int | float):
         force = dof.words.force
         raise SettingError(f"--thrusters makes {force}s only with the thrusters' lever arm; give --arm METRES")
-    known = ThrusterMap.load(thrusters) if isinstance(thrusters, Source) else thrusters
-    return known, float(length)
+    thruster_map = ThrusterMap.load(thrusters) if isinstance(thrusters, Source) else thrusters
+    return thruster_map, float(length)
 
 
 def load_planar(
@@ -482,21 +482,26 @@ def load_planar(
 
     `thrusters` and `arm` [m] make force and moment of the commands of two thrusters that push ahead. Raises LogError,
     RunError and SettingError as the fits of one motion do."""
-    given = map_and_arm(thrusters, arm, columns, YAW)
+    drive = map_and_arm(thrusters, arm, columns, YAW)
     campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=read_planar)
-    good: list[Run] = []
-    aside: list[SetAside] = []
-    for run in campaign.runs:
-        try:
-            good.append(driven(run if given is None else by_two_thrusters(run, *given)))
-        except AutomarineError as error:
-            why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
-            aside.append(SetAside(run.source, run.name, why))
+    good, aside = driven_by(campaign.runs, lambda run: driven(run if drive is None else by_two_thrusters(run, *drive)))
     if strict and aside:
         raise refused_by_strict(aside[0])
     if not good:
         raise none_left(len(campaign.inputs), (*campaign.set_aside, *aside))
     return replace(campaign, runs=tuple(good), set_aside=(*campaign.set_aside, *aside))
+
+
+def driven_by(runs: Sequence[Run], drive: Callable[[Run], Run]) -> tuple[list[Run], list[SetAside]]:
+    """The runs as `drive` commands them, and those that it refuses, with the reasons."""
+    good, aside = list[Run](), list[SetAside]()
+    for run in runs:
+        try:
+            good.append(drive(run))
+        except AutomarineError as error:
+            why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
+            aside.append(SetAside(run.source, run.name, why))
+    return good, aside
 
 
 def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
@@ -514,8 +519,8 @@ def driven(run: Run) -> Run:
     _ = run.command  # refused where there is none
     lacking = [dof for dof in (SURGE, SWAY) if dof.command not in run.extras]
     zero = {dof.command: np.zeros(len(run)) for dof in lacking}
-    told = tuple(f"no {dof.words.full_force} in the log: none is taken to act" for dof in lacking)
-    run = replace(run, extras={**run.extras, **zero}, notes=(*run.notes, *told), reading=(*run.reading, *told))
+    notes = tuple(f"no {dof.words.full_force} in the log: none is taken to act" for dof in lacking)
+    run = replace(run, extras={**run.extras, **zero}, notes=(*run.notes, *notes), reading=(*run.reading, *notes))
     if not any(np.any(run.command_of(dof)) for dof in (SURGE, SWAY, YAW)):
         raise RunError(
             f"{run.source}, run {run.name!r}: every command is zero: something that is not logged steers the vehicle; "

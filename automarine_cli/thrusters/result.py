@@ -1,6 +1,6 @@
 """The result of `fit-thrusters`: the map over all points and at each voltage, thrusters compared, and its JSON."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -65,20 +65,20 @@ def compared(parts: Mapping[str, Analysis | str]) -> tuple[Compared, ...]:
             return Compared(name, 0, {}, {}, {}, False, why=part)
         percent, chance = {}, {}
         for side, law in part.square.items():
-            if others := [theirs[side] for other, theirs in laws.items() if other != name and side in theirs]:
-                percent[side], chance[side] = _against(law, others)
+            if references := [theirs[side] for other, theirs in laws.items() if other != name and side in theirs]:
+                percent[side], chance[side] = _against(law, references)
         differs, error = any(p < CHANCE / tests for p in chance.values()), float(part.percent(part.chosen.rmse) or 0.0)
         return Compared(name, len(part.points), part.square, percent, chance, differs, part.chosen.form.name, error)
 
     return tuple(against_others(name, part) for name, part in parts.items())
 
 
-def _against(own: Estimate, others: list[Estimate]) -> tuple[float, float]:
+def _against(law: Estimate, references: list[Estimate]) -> tuple[float, float]:
     """Difference from the others' median [percent], and the chance of one as large."""
-    middle = float(np.median([one.value for one in others]))
-    spread = MEDIAN * float(np.median([_error(one) for one in others])) / np.sqrt(len(others))
-    off = own.value - middle
-    return 100.0 * off / middle, float(2.0 * special.ndtr(-abs(off) / max(np.hypot(_error(own), spread), 1e-300)))
+    middle = float(np.median([reference.value for reference in references]))
+    spread = MEDIAN * float(np.median([_error(reference) for reference in references])) / np.sqrt(len(references))
+    off = law.value - middle
+    return 100.0 * off / middle, float(2.0 * special.ndtr(-abs(off) / max(np.hypot(_error(law), spread), 1e-300)))
 
 
 def _error(law: Estimate) -> float:
@@ -110,16 +110,17 @@ class VoltageExponent:
         }
 
 
-def voltage_exponent(voltages: Floats, sides: list[Side | None], laws: list[Estimate | None]) -> VoltageExponent | None:
-    """The exponent in one direction from its sides and square laws at rising voltages; None where one lacks."""
-    present = [side for side in sides if side is not None]
-    coefficients = np.array([law.value for law in laws if law is not None])
-    if not len(present) == len(coefficients) == len(voltages) or np.any(coefficients <= 0):
+def voltage_exponent(fits: Sequence[tuple[float, Analysis]], name: str) -> VoltageExponent | None:
+    """The exponent in one direction from the fits at rising voltages; None where one lacks the direction."""
+    sides = [fit.sides[name] for _, fit in fits if name in fit.sides]
+    voltages = np.array([volts for volts, _ in fits])
+    coefficients = np.array([fit.square[name].value for _, fit in fits if name in fit.sides])
+    if len(sides) < len(fits) or np.any(coefficients <= 0):
         return None
     log_v = np.log(voltages)
-    places = _places(present)
-    table = np.array([_at(side, places) for side in present])  # (steps, places)
-    full = max(float(np.max(side.thrust)) for side in present)
+    places = _places(sides)
+    table = np.array([_at(side, places) for side in sides])  # (steps, places)
+    full = max(float(np.max(side.thrust)) for side in sides)
     clear = np.all(table > TOO_FAINT * full, axis=0)
     drift = 100.0 * (float(coefficients[-1] / coefficients[0]) - 1.0)
     a_slope = _slope(log_v, np.log(coefficients)[:, None])
@@ -129,8 +130,8 @@ def voltage_exponent(voltages: Floats, sides: list[Side | None], laws: list[Esti
     between = np.diff(logs.mean(axis=1)) / np.diff(log_v)
     pairs = tuple((float(low), float(high), float(p)) for low, high, p in zip(voltages, voltages[1:], between))
     centred = log_v - log_v.mean()
-    each = centred @ logs / (centred @ centred)
-    at_n = tuple((float(n), float(p)) for n, p in zip(places[clear], each))
+    slopes = centred @ logs / (centred @ centred)
+    at_n = tuple((float(n), float(p)) for n, p in zip(places[clear], slopes))
     return VoltageExponent(_slope(log_v, logs), pairs, at_n, a_slope, drift)
 
 
@@ -158,8 +159,7 @@ def _at(side: Side, places: Floats) -> Floats:
 def _slope(x: Floats, y: Floats) -> Estimate | None:
     """Slope of y, shape (steps, places), on x, shape (steps,), each place with its own level.
 
-    The voltage step is the unit: what moves one step moves all its places. With two steps only, the spread over places.
-    """
+    The voltage step is the unit: what moves one step moves all its places. With two only, the spread over places."""
     centred = x - x.mean()
     slopes = centred @ y / (centred @ centred)
     value, dof = float(slopes.mean()), len(x) - 2
@@ -167,8 +167,8 @@ def _slope(x: Floats, y: Floats) -> Estimate | None:
         dof = len(slopes) - 1
         return Estimate.from_stderr(value, np.std(slopes, ddof=1) / np.sqrt(dof + 1), dof, "1") if dof else None
     mean = y.mean(axis=1)
-    rest = mean - mean.mean() - value * centred
-    return Estimate.from_stderr(value, np.sqrt(rest @ rest / dof / (centred @ centred)), dof, "1")
+    residual = mean - mean.mean() - value * centred
+    return Estimate.from_stderr(value, np.sqrt(residual @ residual / dof / (centred @ centred)), dof, "1")
 
 
 ONE_PULLED = (
@@ -247,7 +247,7 @@ class ThrusterFit(Shown):
             ]
             result["voltage_exponent"] = {side: power and power.to_json() for side, power in self.exponents.items()}
         if self.parts:
-            result["by"] = {"column": self.logs.by, "thrusters": [one.to_json() for one in self.compared]}
+            result["by"] = {"column": self.logs.by, "thrusters": [thruster.to_json() for thruster in self.compared]}
         return {**result, "notes": list(self.notes), "runs": runs_json(self.logs.used, self.logs.set_aside)}
 
 
@@ -325,7 +325,7 @@ def fit_records(
     points, tare = bollard.subtract_tare(points)
     varied = step if step is not None and step.max() > 0 else None
     try:
-        analysis, _ = analyse(points, varied, tare.thrust_stderr, n_unit, form, where)
+        analysis = analyse(points, varied, tare.thrust_stderr, n_unit, form, where)
     except FitError as refusal:
         raise _with_rest(refusal, logged, thrusters, loaded.rule) from None
     voltages, exponents, notes = _by_voltage(points, varied, tare, n_unit, form, jobs, progress)
@@ -353,28 +353,28 @@ def _differ(loaded: ThrusterLogs, points: Points, thrusters: int, where: str) ->
         return ()
     _, number = max(ends)
     at, force = float(np.mean(points.n[level == number])), thrusters * points.force[level == number]
-    said = f"the same command {at:.4g} gave {force.min():.3g} to {force.max():.3g} N"
-    others = {name: np.concatenate([r.extras[name] for r in loaded.records]) for name in loaded.records[0].extras
+    text = f"the same command {at:.4g} gave {force.min():.3g} to {force.max():.3g} N"
+    extras = {name: np.concatenate([r.extras[name] for r in loaded.records]) for name in loaded.records[0].extras
               if all(name in r.extras for r in loaded.records)}  # fmt: skip
-    varied = [name for name, values in others.items() if np.nanmin(values) < (1.0 - APART) * np.nanmax(values)]
+    varied = [name for name, values in extras.items() if np.nanmin(values) < (1.0 - APART) * np.nanmax(values)]
     called = next((name for name in varied if is_called("voltage", [name])), None)
     if (supply := called or likely_column("voltage", varied)) is not None:
-        low, high = np.nanmin(others[supply]), np.nanmax(others[supply])
+        low, high = np.nanmin(extras[supply]), np.nanmax(extras[supply])
         raise FitError(
-            f"{where}: {said}; does {supply} ({low:.4g} to {high:.4g}) hold the supply? Then write "
+            f"{where}: {text}; does {supply} ({low:.4g} to {high:.4g}) hold the supply? Then write "
             f'voltage_V = "{supply}" under [columns] in a file and give it with --columns FILE.toml'
         )
-    return (f"{said[0].upper()}{said[1:]}: something else changed between tests, and the map is a mean over that.",)
+    return (f"{text[0].upper()}{text[1:]}: something else changed between tests, and the map is a mean over that.",)
 
 
 def _with_rest(refusal: FitError, points: Points, thrusters: int, rule: ColumnRule | None) -> FitError:
     """A refusal, and the force at zero command where that is none: then the sensor has an offset."""
-    rest = points.force[points.n == 0.0]
-    if not len(rest) or abs(float(np.median(rest))) <= STRONG * np.ptp(points.force):
+    at_zero = points.force[points.n == 0.0]
+    if not len(at_zero) or abs(float(np.median(at_zero))) <= STRONG * np.ptp(points.force):
         return refusal
-    force = thrusters * float(np.median(rest))
-    read = ColumnRule("NAME") if rule is None else rule
-    offset = read.subtract + force / (read.sign * read.scale)
+    force = thrusters * float(np.median(at_zero))
+    reading = ColumnRule("NAME") if rule is None else rule
+    offset = reading.subtract + force / (reading.sign * reading.scale)
     return FitError(
         f"{str(refusal).partition(';')[0]}; the force at command 0 is {force:.4g} N, which looks like the offset of "
         f"the load cell. Write subtract = {offset:.4g} in the line of the force under [columns] in the --columns file"
@@ -392,15 +392,15 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
     if loaded.asked:
         return apart, ()
     pooled = bollard.flag_contradictions(points, step)
-    before, after = (int(np.count_nonzero(one.flag != "")) for one in (pooled, apart))
+    before, after = (int(np.count_nonzero(flagged.flag != "")) for flagged in (pooled, apart))
     if before <= after:
         return pooled, ()
-    told = (
+    note = (
         f"The column {loaded.by} names {len(loaded.parts)} parts ({listed(loaded.parts)}): taken together {before} of "
         f"{len(points)} points contradict their neighbours, each by itself {after}. They may be thrusters that differ: "
         f'write by = "{loaded.by}" under [columns] in a file and give it with --columns FILE.toml for a map of each.'
     )
-    return apart, (told,)
+    return apart, (note,)
 
 
 def _by_voltage(
@@ -413,31 +413,22 @@ def _by_voltage(
     outcomes = ordered_map(judge, groups, jobs, progress=progress, stage="voltages")
     notes = [f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, str)]
     fits = [outcome for outcome in outcomes if not isinstance(outcome, str)]
-    exponents = {
-        name: voltage_exponent(
-            np.array([volts for volts, _, _ in fits]), [sides.get(name) for _, _, sides in fits],
-            [fit.square.get(name) for _, fit, _ in fits],
-        )
-        for name, _ in (SIDES if len(fits) > 1 else ())
-    }  # fmt: skip
+    exponents = {name: voltage_exponent(fits, name) for name, _ in (SIDES if len(fits) > 1 else ())}
     powers = [power.exponent.value for power in exponents.values() if power and power.exponent]
     if powers and max(abs(power) for power in powers) > FELT:
         notes.append(
             f"Thrust at the same control signal grows with the voltage to the power {np.mean(powers):.2f}: "
             "the map over all voltages is a mean; for a known voltage use that voltage's map."
         )
-    return tuple((volts, analysis) for volts, analysis, _ in fits), exponents, tuple(notes)
+    return tuple(fits), exponents, tuple(notes)
 
 
-def _one_voltage(
-    points: Points, *, tare_stderr: float, n_unit: str, form: str | None
-) -> tuple[float, Analysis, dict[str, Side]] | str:
+def _one_voltage(points: Points, *, tare_stderr: float, n_unit: str, form: str | None) -> tuple[float, Analysis] | str:
     volts = float(np.median(points.voltage))
     try:
-        analysis, sides = analyse(points, None, tare_stderr, n_unit, form, f"{volts:.4g} V")
+        return volts, analyse(points, None, tare_stderr, n_unit, form, f"{volts:.4g} V")
     except FitError as refusal:
         return str(refusal)
-    return volts, analysis, sides
 
 
 def _notes(points: Points, step: Ints | None) -> Iterator[str]:

@@ -16,8 +16,8 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 
 from automarine_cli.commands.validate import validate
-from automarine_cli.comparison.scores import SCORES
 from automarine_cli.comparison.simulated_runs import free_runs
+from automarine_cli.comparison.validation import SCORES
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.report.figures.runs import validation_figure
@@ -79,15 +79,6 @@ def test_files_and_tables(pool: Path, run: Run, tmp_path: Path) -> None:
         assert float(row["rmse_deg"]) == pytest.approx(there["rmse_deg"], rel=1e-5)
     assert (out / "validation.md").read_text().count("**Validation over 3 runs**") == 1
     assert (out / "validation.tex").read_text().count(r"\toprule") == 2
-
-
-def test_overwrite_and_no_figures(pool: Path, run: Run, tmp_path: Path) -> None:
-    command = ("validate", pool / "logs", "--model", pool / "yaw_model.json", "-o", tmp_path, "--no-figures")
-    assert run(*command).exit_code == 0
-    assert not list(tmp_path.glob("*.png"))
-    again = run(*command)
-    assert again.exit_code == 1 and "--overwrite" in again.stderr and again.stderr.count("\n") == 1
-    assert run(*command, "--overwrite").exit_code == 0
 
 
 def test_refusals(pool: Path, run: Run, tmp_path: Path) -> None:

@@ -11,9 +11,8 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.commands.validate import validate
-from automarine_cli.comparison.scores import PLANAR_SCORES, planar_score
 from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, planar_start
-from automarine_cli.comparison.validation import Scored, compare_planar
+from automarine_cli.comparison.validation import PLANAR_SCORES, Scored, compare, planar_score
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.store import StoredPlanar, planar_json
@@ -32,7 +31,7 @@ def scores_of(free: FreeRun) -> dict[str, float | None]:
 
 
 def planar_scored(model: PlanarModel, runs: list[Run]) -> Scored:
-    return compare_planar(StoredPlanar(model, "planar_model.json"), runs).models["planar"]
+    return compare(StoredPlanar(model, "planar_model.json"), runs).models["planar"]
 
 
 def logged(seed: int = 0, side: float = 1.0, moving: bool = False, noise: float = 0.0) -> Run:
@@ -98,7 +97,7 @@ def test_channels_that_are_not_logged_have_no_score() -> None:
 
 def test_a_model_that_runs_away_is_said_to() -> None:
     driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
-    found = compare_planar(StoredPlanar(driving, ""), [logged(0)])
+    found = compare(StoredPlanar(driving, ""), [logged(0)])
     scored = found.models["planar"]
     (free,) = scored.free
     assert free.diverged and planar_table(found).rows[0][2] == "diverged"

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from tolerances import assert_close
 
 from automarine_cli import effects
-from automarine_cli.comparison import scores, simulated_runs
-from automarine_cli.comparison.scores import SCORES, RunScore, rate_error, rate_source
+from automarine_cli.comparison import simulated_runs
 from automarine_cli.comparison.simulated_runs import (
     FreeRun,
     find_restarts,
@@ -22,7 +21,15 @@ from automarine_cli.comparison.simulated_runs import (
     restarted_errors,
     start_states,
 )
-from automarine_cli.comparison.validation import Validation, compare
+from automarine_cli.comparison.validation import (
+    SCORES,
+    RunScore,
+    Validation,
+    compare,
+    noise_floor,
+    rate_error,
+    rate_source,
+)
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place
 from automarine_cli.models.store import StoredModels, load_yaw_models
@@ -372,6 +379,6 @@ def test_every_effect_of_the_library_can_be_validated(stored: StoredModels) -> N
 
 def test_noise_floor_is_pooled_by_samples(stored: StoredModels) -> None:
     runs = [noisy(1, 1.0)[0], noisy(1, 2.0)[0].cut(0, 100)]
-    floors = np.array([scores.noise_floor(run) for run in runs])
+    floors = np.array([noise_floor(run) for run in runs])
     sizes = np.array([len(run) for run in runs])
     assert compare(stored, runs).floor == pytest.approx(np.sqrt(sizes @ floors**2 / sizes.sum()))

@@ -22,7 +22,7 @@ from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles import can
 from automarine_cli.link.vehicles.can import CanBus
 from automarine_cli.logs import read_column_map
-from automarine_cli.planning.vehicle import Drive
+from automarine_cli.planning.candidates import Drive
 from automarine_cli.thrusters.map import Curve
 
 SPEED = 20.0

@@ -16,11 +16,14 @@ from automarine_cli.planning.candidates import (
     Runs,
     Supply,
     allowance,
+    command_file,
+    consumption,
     costs,
+    drive_of,
     in_order,
+    in_words,
     scheduled,
 )
-from automarine_cli.planning.vehicle import command_file, consumption, drive_of, in_words
 from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
@@ -33,8 +36,8 @@ MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
 
 def test_charge_is_current_by_time() -> None:
     """4 s at full moment and 60 s in all: (0.3·64 + 6·4)/3600 Ah; a quarter of the moment takes an eighth more."""
-    assert SUPPLY.drawn(STEP, still=60.0) == pytest.approx((0.3 * 64 + 6.0 * 4) / 3600.0, rel=1e-12)
-    assert SUPPLY.drawn(SOFT, still=0.0) == pytest.approx((0.3 * 8 + 6.0 / 8.0 * 8) / 3600.0, rel=1e-12)
+    assert SUPPLY.drawn(STEP, at_rest=60.0) == pytest.approx((0.3 * 64 + 6.0 * 4) / 3600.0, rel=1e-12)
+    assert SUPPLY.drawn(SOFT, at_rest=0.0) == pytest.approx((0.3 * 8 + 6.0 / 8.0 * 8) / 3600.0, rel=1e-12)
 
 
 def test_costs_are_minutes_runs_motion_and_charge() -> None:

@@ -127,17 +127,6 @@ def test_equation_three_from_end_to_end(run: Run, log: Path, tmp_path: Path) -> 
     assert (out / "thrusters.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_same_bytes_twice_and_overwrite_is_asked_for(run: Run, log: Path, tmp_path: Path) -> None:
-    one, two = tmp_path / "one", tmp_path / "two"
-    for out in (one, two):
-        assert run("fit-thrusters", log, "-o", out).exit_code == 0
-    for name in (*FILES, "manifest.json"):
-        assert (one / name).read_bytes() == (two / name).read_bytes()
-    refused = run("fit-thrusters", log, "-o", one)
-    assert refused.exit_code == 1 and "--overwrite" in refused.stderr
-    assert run("fit-thrusters", log, "-o", one, "--overwrite").exit_code == 0
-
-
 def test_json_alone_and_the_column_maps_default(run: Run, log: Path, tmp_path: Path) -> None:
     columns = tmp_path / "columns.toml"
     columns.write_text("[defaults]\nthrusters_per_test = 2\n", encoding="utf-8")
@@ -239,11 +228,6 @@ def test_refusals_are_one_line(run: Run, tmp_path: Path) -> None:
     columns = tmp_path / "columns.toml"
     columns.write_text('[columns]\nforce_N = { from = "force_N", sign = -1 }\n', encoding="utf-8")
     assert run("fit-thrusters", log, "--columns", columns).exit_code == 0
-
-
-def test_help_ends_with_an_example(run: Run) -> None:
-    text = run("fit-thrusters", "--help").stdout
-    assert "automarine fit-thrusters sample_runs/thrusters --thrusters-per-test 2" in text
 
 
 def test_the_command_offers_every_form() -> None:

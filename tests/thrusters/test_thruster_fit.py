@@ -32,7 +32,7 @@ def paper(n: np.ndarray) -> np.ndarray:
 
 
 def test_equation_three_comes_back_from_its_own_data() -> None:
-    analysis, _ = analyse(points(BOTH, paper(BOTH)), None, 0.0, "")
+    analysis = analyse(points(BOTH, paper(BOTH)), None, 0.0, "")
     assert analysis.square["forward"].value == pytest.approx(AHEAD, rel=EXACT)
     assert analysis.square["backward"].value == pytest.approx(ASTERN, rel=EXACT)
     assert analysis.square["forward"].value / analysis.square["backward"].value == pytest.approx(3.9405, abs=1e-4)
@@ -95,8 +95,8 @@ def test_gains_that_cancel_within_levels_are_still_scatter(gains: tuple[float, .
 def test_mirrored_data_swap_the_directions() -> None:
     rng = np.random.default_rng(1)
     force = paper(BOTH) + 0.05 * rng.standard_normal(len(BOTH))
-    one, _ = analyse(points(BOTH, force), None, 0.0, "")
-    other, _ = analyse(points(-BOTH[::-1], -force[::-1]), None, 0.0, "")
+    one = analyse(points(BOTH, force), None, 0.0, "")
+    other = analyse(points(-BOTH[::-1], -force[::-1]), None, 0.0, "")
     for here, there in (("forward", "backward"), ("backward", "forward")):
         assert one.square[here].value == pytest.approx(other.square[there].value, rel=EXACT)
         assert one.square[here].stderr == pytest.approx(other.square[there].stderr, rel=EXACT)
@@ -141,7 +141,7 @@ def test_cross_validation_finds_the_form_in_noise(name: str) -> None:
     """1 % of full scale of noise on 40 levels a direction: the true form, its parameters within 4 errors."""
     n, force = series_of(*TRUTHS[name])
     noisy = force + 0.01 * np.max(np.abs(force)) * np.random.default_rng(7).standard_normal(len(n))
-    analysis, _ = analyse(points(n, noisy), None, 0.0, "")
+    analysis = analyse(points(n, noisy), None, 0.0, "")
     assert analysis.chosen.form.name == name
     for side, truth in zip(("forward", "backward"), TRUTHS[name]):
         for key in FORMS[name].free:
@@ -156,7 +156,7 @@ def test_twenty_points_refuse_four_parameters() -> None:
     chosen, worse = [], 0
     for seed in range(12):
         noise = 0.4 * np.random.default_rng(seed).standard_normal(len(n))
-        analysis, _ = analyse(points(n, np.where(n > 0, 30.0, 12.0) * n * np.abs(n) + noise), None, 0.0, "")
+        analysis = analyse(points(n, np.where(n > 0, 30.0, 12.0) * n * np.abs(n) + noise), None, 0.0, "")
         scores = {score.form.name: score for score in analysis.scores}
         square, full = scores["square"], scores["dead-band-power-saturation"]
         assert full.rmse <= square.rmse
@@ -199,21 +199,21 @@ def test_left_out_levels_get_no_weight() -> None:
 
 def test_choice_is_explained_and_can_be_forced() -> None:
     n, force = series_of(*TRUTHS["power"])
-    analysis, _ = analyse(points(n, force), None, 0.0, "", "dead-band")
+    analysis = analyse(points(n, force), None, 0.0, "", "dead-band")
     assert analysis.chosen.form.name == "dead-band"
     assert "asked for" in analysis.because and "power" in analysis.because
-    free, _ = analyse(points(n, force), None, 0.0, "")
+    free = analyse(points(n, force), None, 0.0, "")
     assert "one standard error" in free.because
     with pytest.raises(FitError, match="choose one of square, dead-band"):
         analyse(points(n, force), None, 0.0, "", "cubic")
 
 
 def test_a_direction_that_was_not_measured_has_a_why() -> None:
-    analysis, _ = analyse(points(LEVELS, paper(LEVELS)), None, 0.0, "")
+    analysis = analyse(points(LEVELS, paper(LEVELS)), None, 0.0, "")
     assert analysis.without == {"backward": "no backward points"}
     assert "backward" not in analysis.square
     few = np.concatenate([[-20.0, -10.0], LEVELS])
-    analysis, _ = analyse(points(few, paper(few)), None, 0.0, "")
+    analysis = analyse(points(few, paper(few)), None, 0.0, "")
     assert analysis.without["backward"] == "2 backward levels, at least 3 needed"
 
 
@@ -253,7 +253,7 @@ def test_contradictions_are_flagged_and_barely_matter(what: str, sign: float) ->
     if what == "tachometer":
         assert "tachometer" in flagged.flag[wrong[0]]
     tared, _ = subtract_tare(flagged)
-    analysis, _ = analyse(tared, None, 0.0, "")
+    analysis = analyse(tared, None, 0.0, "")
     assert analysis.square["forward" if sign > 0 else "backward"].value == pytest.approx(AHEAD, rel=0.02)
 
 

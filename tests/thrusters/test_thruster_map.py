@@ -8,7 +8,7 @@ import pytest
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.planning.vehicle import drive_of
+from automarine_cli.planning.candidates import drive_of
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import FORMS, Curve, ThrusterMap, drive_run_by_thrusters
 

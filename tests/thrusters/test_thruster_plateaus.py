@@ -51,7 +51,7 @@ def raw(
 
 def fitted(points: Points) -> tuple[float, float]:
     tared, _ = subtract_tare(flag_contradictions(points, None))
-    estimate = analyse(tared, None, 0.0, "")[0].square["forward"]
+    estimate = analyse(tared, None, 0.0, "").square["forward"]
     return estimate.value, estimate.stderr
 
 

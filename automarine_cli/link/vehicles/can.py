@@ -20,7 +20,7 @@ from automarine_cli.logs.can import messages_of
 from automarine_cli.logs.columns import CANONICAL, LABELS
 from automarine_cli.logs.streams import needed
 from automarine_cli.pipeline.records import Document, Source
-from automarine_cli.planning.vehicle import CommandTable, Drive, command_table, drive_of
+from automarine_cli.planning.candidates import CommandTable, Drive, command_table, drive_of
 from automarine_cli.thrusters.map import map_and_arm
 
 LISTEN_S = 0.5

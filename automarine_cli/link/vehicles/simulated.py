@@ -16,8 +16,8 @@ from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import read_plain
+from automarine_cli.planning.candidates import MOMENT_COLUMNS
 from automarine_cli.planning.information import Logger
-from automarine_cli.planning.vehicle import MOMENT_COLUMNS
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for

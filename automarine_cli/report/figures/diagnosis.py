@@ -345,12 +345,12 @@ def _track_of(search: PlanarSearch, values: Mapping[str, Floats], r: int, axes: 
 
 @before_after_figure.register
 def _(result: ThrusterDiagnosis) -> Figure:
-    cases, n, maps = [], result.data.points.n, (result.base, result.final)
+    cases, n, maps = [], result.data.n, (result.base, result.final)
     curves = [(along, fit.along(along)) for along in [np.linspace(n.min(), n.max(), 801)] for fit in maps]
     gaps = {"fitted": (result.base.data, result.gap), "held out": (result.held_out, result.held_out_gap)}
     for word, (data, gap) in gaps.items():
         if data is not None and gap is not None:
-            points, percent = data.points, f"{result.percent(gap.after):.2g} % of full scale"
+            points, percent = data, f"{result.percent(gap.after):.2g} % of full scale"
             title = f"levels {word}: {gap.before:.3g} → {gap.after:.3g} N = {percent}"
             errors = [(points.n, points.force - fit.thrust(data)) for fit in maps]
             cases.append(Case(title, points.n, points.force, errors, curves, points.flag != ""))

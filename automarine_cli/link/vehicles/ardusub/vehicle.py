@@ -6,6 +6,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from itertools import accumulate
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from automarine_cli.link.vehicles.ardusub.packets import STICK_HZ, Attitude, Clo
 from automarine_cli.link.vehicles.ardusub.preflight import Authority, Need, Stick, another_pilot, authority, preflight
 from automarine_cli.link.vehicles.base import Halted
 from automarine_cli.logs.mixing import Part
-from automarine_cli.planning.vehicle import MOMENT_COLUMNS
-from automarine_cli.simulation.specification import between
+from automarine_cli.planning.candidates import MOMENT_COLUMNS
+from automarine_cli.simulation.specification import Limit, Settings
 
 STABILIZE, MANUAL = 0, 19
 DO_SET_MODE, ARM_DISARM = 176, 400
@@ -33,14 +34,11 @@ PATIENCE_S = 30.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Settings):
     """How deep [m] the vehicle may come (inf: any), and how far [deg] a run may turn it, to either side."""
 
-    depth: float = math.inf
-    heading: float = 1080.0
-
-    def __post_init__(self) -> None:
-        between(self, 0.1, math.inf, "depth", "heading")
+    depth: Annotated[float, Limit(0.1)] = math.inf
+    heading: Annotated[float, Limit(0.1)] = 1080.0
 
 
 class RunSession:
@@ -190,11 +188,11 @@ class RunSession:
 
 
 @dataclass(frozen=True)
-class ArduSub:
+class ArduSub(Settings):
     """ArduSub at a MAVLink address; the whole output gives `full`, or what two `thrusters` at an `arm` [m] do."""
 
     address: str
-    full: float | None = None
+    full: Annotated[float, Limit(1e-9, 1e9)] | None = None
     thrusters: Path | None = None
     arm: float | None = None
     limits: Limits = field(default_factory=Limits)
@@ -202,8 +200,7 @@ class ArduSub:
 
     def __post_init__(self) -> None:
         reached_by(self.address)
-        if self.full is not None:
-            between(self, 1e-9, 1e9, "full")
+        super().__post_init__()
 
     def refuse(self, campaign: LinkCampaign) -> None:
         self._authority(campaign)
