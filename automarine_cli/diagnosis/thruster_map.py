@@ -18,7 +18,7 @@ from automarine_cli.diagnosis.diagnose import (
     listed_rivals,
     stretch,
 )
-from automarine_cli.diagnosis.residual_regions import Column, ResidualRegions, find_regions
+from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.models.store import DIAGNOSIS
@@ -352,7 +352,7 @@ def _regions(fit: family.Fitted, floor: float, seed: int) -> ResidualRegions:
     sign = np.sign(data.n)[:, None]
     gap = ResidualGrid(
         names=tuple(data.place(i) for i in range(count)), residual=residual, raw=residual, sign=sign,
-        seen=np.ones((count, 1), bool), gain=residual[:, 0], floor=floor, gain_unit="N",
+        observed=np.ones((count, 1), bool), gain=residual[:, 0], floor=floor, gain_unit="N",
     )  # fmt: skip
     return find_regions(columns, {}, gap, seed)
 
