@@ -101,7 +101,7 @@ def _cut(
     time, digits = table.columns["time"], len(str(len(slices)))
     cuts, contents = [], []
     for i, part in enumerate(slices, 1):
-        run = None if table.run_code is None else table.run_names[table.run_code[part.first]]
+        run = None if table.runs is None else table.runs.names[table.runs.code[part.first]]
         stem = stem_of(file.name.rpartition("/")[2])
         name = "_".join(word for word in (stem, run, f"{i:0{digits}d}", part.state) if word)
         rows = int(table.rows[part.first]), int(table.rows[part.stop - 1])

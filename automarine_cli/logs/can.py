@@ -37,21 +37,26 @@ STAMP = "ABCD"  # four digits
 MINUTE = 60.0  # s after which the converter's clock begins anew
 
 
-def read_slcan(content: bytes, source: str) -> tuple[Floats, list[tuple[int, bool]], list[bytes], int]:
-    """Times [s], (identifier, extended) and data of each frame; how many lines that look like frames are none. Raises
-    LogError where the frames have no time."""
+OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
+Name = tuple[int, bool]  # identifier, and whether it is an extended one
+Captured = tuple[Floats, list[Name], list[bytes]]  # times [s], names and data of frames
+
+
+def read_slcan(content: bytes, source: str) -> tuple[Floats, list[Name], list[bytes], int]:
+    """Times [s], names and data of each frame; how many lines that look like frames are none. Raises LogError where
+    the frames have no time."""
     arrived: list[float] = []
     clock: list[float] = []
-    names: list[tuple[int, bool]] = []
+    names: list[Name] = []
     frames: list[bytes] = []
     bad = 0
     for line in re.split(rb"[\r\n\a]+", content):
         match = SLCAN_LINE.fullmatch(line)
-        whole = 2 * int(match[4]) if match else 0
-        if match is None or len(match[5]) not in (whole, whole + len(STAMP)):
+        digits = 2 * int(match[4]) if match else 0
+        if match is None or len(match[5]) not in (digits, digits + len(STAMP)):
             bad += FRAME.search(line) is not None
             continue
-        data, stamp = match[5][:whole], match[5][whole:]
+        data, stamp = match[5][:digits], match[5][digits:]
         arrived.append(float(match[1]) if match[1] else np.nan)
         clock.append(int(stamp, 16) / 1e3 if stamp else np.nan)
         names.append((int(match[2] or match[3], 16), match[2] is None))
@@ -71,14 +76,9 @@ def _time(arrived: Floats, clock: Floats, source: str) -> Floats:
             )
         return arrived
     if np.isnan(arrived).any():
-        return clock + MINUTE * np.concatenate([[0], np.cumsum(np.diff(clock) < 0)])
+        return clock + MINUTE * np.cumsum(np.diff(clock, prepend=clock[:1]) < 0)
     passed = (arrived - arrived[0]) - (clock - clock[0])
     return arrived[0] + clock - clock[0] + MINUTE * np.round(passed / MINUTE)
-
-
-OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
-Name = tuple[int, bool]  # identifier, and whether it is an extended one
-Captured = Mapping[Name, tuple[Floats, list[bytes]]]
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
@@ -87,51 +87,40 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     needed("can", "can", name, "CAN captures")
     needed("cantools", "can", name, "DBC files")
     with unsound_is_refused(name, "CAN"):
-        captured, notes = reader(path, name)
-    refuse_empty(captured, name, "CAN frames")
-    unknown = tuple(f"0x{number:x} ({len(frames)})" for (number, _), (_, frames) in sorted(captured.items()))
-    if columns.database is None:
+        (time, names, frames), notes = reader(path, name)
+    refuse_empty(names, name, "CAN frames")
+    places: dict[Name, list[int]] = {}
+    for i, key in enumerate(names):
+        places.setdefault(key, []).append(i)
+    messages = {(m.frame_id, m.is_extended_frame): m for m in messages_of(columns)} if columns.dbc else {}
+    unknown = [f"0x{key[0]:x} ({len(at)})" for key, at in sorted(places.items()) if key not in messages]
+    if not columns.dbc:
         raise LogError(
             f"{name}: CAN frames are decoded with a DBC; found the identifiers {listed(unknown)}. Write the DBC and "
             'the signals in a file, [can] with dbc = "vehicle.dbc" and [columns] with heading_deg = "MESSAGE.SIGNAL", '
             "and give it with --columns FILE.toml"
         )
-    messages = {(one.frame_id, one.is_extended_frame): one for one in messages_of(columns)}
-    streams: list[Stream] = []
-    for key, (time, frames) in captured.items():
-        if key in messages:
-            streams += _streams(messages[key], time, frames, columns)
-    known = [f"{messages[key].name} ({len(frames)})" for key, (_, frames) in captured.items() if key in messages]
-    rest = [f"0x{key[0]:x} ({len(frames)})" for key, (_, frames) in sorted(captured.items()) if key not in messages]
-    return on_one_clock(Recording(streams, "CAN messages", (*known, *rest), notes), columns, name)
+    decoded = {messages[key]: at for key, at in places.items() if key in messages}
+    streams = [s for m, at in decoded.items() for s in _streams(m, time[at], [frames[i] for i in at], columns)]
+    holds = (*(f"{message.name} ({len(at)})" for message, at in decoded.items()), *unknown)
+    return on_one_clock(Recording(streams, "CAN messages", holds, notes), columns, name)
 
 
 CANDUMP = Format("candump", (".log",), read, begins=(b"(",))
 FORMAT = Format("CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"("))
 
 
-def grouped(time: Floats, names: list[Name], frames: list[bytes]) -> Captured:
-    places: dict[Name, list[int]] = {}
-    for i, name in enumerate(names):
-        places.setdefault(name, []).append(i)
-    return {name: (time[at], [frames[i] for i in at]) for name, at in places.items()}
-
-
 def frames_of(messages: Any) -> tuple[Captured, bool]:
     """The data frames that a reader of python-can gives, and whether it came to the end."""
-    time: list[float] = []
-    names: list[Name] = []
-    frames: list[bytes] = []
+    frames: list[tuple[float, Name, bytes]] = []
     sound = True
     try:
-        for one in messages:
-            if not (one.is_error_frame or one.is_remote_frame):
-                time.append(one.timestamp)
-                names.append((one.arbitration_id, one.is_extended_id))
-                frames.append(bytes(one.data))
+        for frame in messages:
+            if not (frame.is_error_frame or frame.is_remote_frame):
+                frames.append((frame.timestamp, (frame.arbitration_id, frame.is_extended_id), bytes(frame.data)))
     except Exception:
         sound = False
-    return grouped(np.array(time), names, frames), sound
+    return (np.array([f[0] for f in frames]), [f[1] for f in frames], [f[2] for f in frames]), sound
 
 
 def _vector(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
@@ -164,7 +153,7 @@ def _guarded(reader: Any) -> Any:
 
 def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
     time, names, frames, bad = read_slcan(path.read_bytes(), name)
-    return grouped(time, names, frames), skipped(bad, "line", "not a CAN frame")
+    return (time, names, frames), skipped(bad, "line", "not a CAN frame")
 
 
 def messages_of(columns: ColumnMap) -> list[Any]:
@@ -179,8 +168,8 @@ def messages_of(columns: ColumnMap) -> list[Any]:
             "give its place relative to this file"
         ) from None
     except Exception as problem:
-        said = printable(str(problem).partition("\n")[0])
-        raise LogError(f"{name}: is not a readable DBC ({said}); export it again") from None
+        reason = printable(str(problem).partition("\n")[0])
+        raise LogError(f"{name}: is not a readable DBC ({reason}); export it again") from None
 
 
 def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap) -> Iterator[Stream]:
@@ -215,12 +204,10 @@ def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap
 
 
 def _decoded(message: Any, frame: bytes) -> Mapping[str, float]:
-    """The signals in a frame; none in one of a multiplexer value that the DBC does not know."""
     try:
-        decoded: Mapping[str, float] = message.decode(frame, decode_choices=False)
-    except Exception:
+        return dict(message.decode(frame, decode_choices=False))
+    except Exception:  # a multiplexer value that the DBC does not know
         return {}
-    return decoded
 
 
 CANDUMP_LINE = re.compile(

@@ -27,8 +27,8 @@ TIMESTAMP = "timestamp"  # the unit of a column of calendar times
 
 FORCES = {"N": 1.0, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY / 1000, "lbf": POUND_FORCE}
 TORQUES = {"N m": 1.0, "Nm": 1.0}
-BEARINGS, ANGLES, ANGULAR_RATES = ({"deg": DEGREE}, {"deg": DEGREE, "rad": 1.0}, {"deg/s": DEGREE, "rad/s": 1.0})
-LENGTHS, SPEEDS = ({"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}, {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600})
+ANGLES, ANGULAR_RATES = {"deg": DEGREE, "rad": 1.0}, {"deg/s": DEGREE, "rad/s": 1.0}
+LENGTHS, SPEEDS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}, {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600}
 VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
 PLACES = ("north", "east", "lat", "lon")  # on the water, which logs of motion in the plane may hold
 ROTATIONS = tuple(dof for dof in DOFS.values() if dof.wraps)
@@ -39,7 +39,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "force": FORCES,
     **dict.fromkeys(VELOCITIES, SPEEDS),
     **dict.fromkeys(PLACES[:2], LENGTHS),
-    **dict.fromkeys(PLACES[2:], BEARINGS),
+    "lat": {"deg": DEGREE},
+    "lon": {"deg": DEGREE},
     **{
         quantity: units
         for dof in DOFS.values()
@@ -62,6 +63,9 @@ SIGNALS = {
 """Units of control signals, and the words in names of columns that tell them."""
 
 
+PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
+
+
 def unit_in(name: str) -> str:
     """The unit of a control signal that the name of its column tells, "" for none."""
     plain = f"_{re.sub(r'[^a-z0-9%]+', '_', name.lower())}_".replace("%", "_%_")
@@ -70,8 +74,6 @@ def unit_in(name: str) -> str:
 
 @dataclass(frozen=True)
 class Canonical:
-    """What a canonical column name stands for: a quantity in a unit."""
-
     name: str
     quantity: str
     unit: str
@@ -79,7 +81,7 @@ class Canonical:
     def factor(self, unit: str | None = None) -> float:
         """What a value is multiplied by to be in SI units (a control signal: 1)."""
         unitless = self.quantity in COMMANDS or self.unit == NORMALISED
-        return 1.0 if unitless else UNITS[self.quantity][self.unit if unit is None else unit]
+        return 1.0 if unitless else UNITS[self.quantity][unit or self.unit]
 
     def units(self) -> tuple[str, ...]:
         """Units that a column map may give to this column; empty: any word."""
@@ -88,12 +90,10 @@ class Canonical:
         return tuple(UNITS.get(self.quantity, ()))
 
 
-def _own(dofs: Iterable[Dof], *quantities: str) -> Iterator[tuple[str, str, str]]:
+def _of_motions(dofs: Iterable[Dof], *quantities: str) -> Iterator[tuple[str, str, str]]:
     """The columns of these quantities ("position", ...) and the thrusters of motions: names, what they hold, units."""
-    for which in quantities:
-        for dof in dofs:
-            quantity = getattr(dof, which)
-            yield from ((name, quantity, unit) for name, unit in dof.columns[quantity])
+    of_each = [(getattr(dof, which), dof) for which in quantities for dof in dofs]
+    yield from ((name, quantity, unit) for quantity, dof in of_each for name, unit in dof.columns[quantity])
     yield from ((name, name, "") for dof in dofs for name in dof.thrusters)
 
 
@@ -102,10 +102,10 @@ _ALL = (
     ("time_ms", "time", "ms"),
     ("time_us", "time", "us"),
     ("time", "time", TIMESTAMP),
-    *_own(ROTATIONS, "position", "velocity", "command"),
+    *_of_motions(ROTATIONS, "position", "velocity", "command"),
     ("voltage_V", "voltage", "V"),
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
-    *_own(TRANSLATIONS, "velocity", "position", "command"),
+    *_of_motions(TRANSLATIONS, "velocity", "position", "command"),
     ("north_m", "north", "m"),
     ("east_m", "east", "m"),
     ("lat_deg", "lat", "deg"),
@@ -123,32 +123,35 @@ LABELS = (RUN, MODE, ARMED, BY)  # columns of words, not of numbers
 def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
     """Quantities of other motions than `dof`, or of other than a `motion` of several, under names of which a log may
     hold something else."""
-    own = {dof.position, dof.velocity, dof.command, *dof.thrusters}
+    names = {dof.position, dof.velocity, dof.command, *dof.thrusters}
     if motion is not None:
-        own |= {name for one in motion.dofs for name in (one.velocity, one.command)} | set(PLACES)
-    others = {name for one in DOFS.values() for name in (one.position, one.command, *one.thrusters)}
-    aside = {one.velocity for one in DOFS.values() if not one.horizontal}
-    return frozenset((others | aside | set(PLACES)) - own)
+        names |= {name for member in motion.dofs for name in (member.velocity, member.command)} | set(PLACES)
+    strangers = {name for member in DOFS.values() for name in (member.position, member.command, *member.thrusters)}
+    aside = {member.velocity for member in DOFS.values() if not member.horizontal}
+    return frozenset((strangers | aside | set(PLACES)) - names)
 
 
 def motions_in(held: Set[str]) -> list[Dof]:
     """The motions of which a log that holds these quantities is whole: position, and command or every thruster. Of
     those that share a position the ones with a command of their own come first."""
-    whole = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
-    places = {dof.position: i for i, dof in reversed(list(enumerate(whole)))}
-    return sorted(whole, key=lambda dof: (places[dof.position], dof.command not in held))
+    complete = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
+    places = {dof.position: i for i, dof in reversed(list(enumerate(complete)))}
+    return sorted(complete, key=lambda dof: (places[dof.position], dof.command not in held))
+
+
+def quantities_of(names: Iterable[str]) -> set[str]:
+    return {CANONICAL[name].quantity for name in names if name in CANONICAL}
 
 
 def driven(dof: Dof, held: Set[str]) -> bool:
-    """Whether every thruster command of a motion is among the quantities held."""
     return bool(dof.thrusters) and held >= set(dof.thrusters)
 
 
 def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Dof:
     """The motion that a log is of, by its column names and the canonical names mapped to; yaw where it may be that."""
-    held = {CANONICAL[name].quantity for name in (*names, *mapped) if name in CANONICAL}
-    begun = (dof for dof in DOFS.values() if {dof.position, dof.command} & held)
-    return next(iter(motions_in(held)), None) or next(begun, YAW)
+    quantities = quantities_of((*names, *mapped))
+    begun = (dof for dof in DOFS.values() if {dof.position, dof.command} & quantities)
+    return next(iter(motions_in(quantities)), None) or next(begun, YAW)
 
 
 # Words by which people call a quantity; only for suggestions, nothing is ever read by them.
@@ -173,7 +176,6 @@ _CALLED = {
 
 
 def called(quantity: str) -> str:
-    """Return a quantity in words."""
     return _CALLED.get(quantity, quantity.replace("_", " "))
 
 
@@ -267,12 +269,10 @@ class Join:
 
 
 def matches(path: Path, pattern: str) -> bool:
-    """Return whether a pattern means a log: its name, the end of its path, or that of a folder it is in."""
-    place = PurePosixPath(path.absolute().as_posix())
-    return any(part.match(pattern) for part in (place, *place.parents))
+    """Whether a pattern means a log: its name, the end of its path, or that of a folder it is in."""
+    return any(part.match(pattern) for part in (path.absolute(), *path.absolute().parents))
 
 
-TURNING = {quantity for dof in ROTATIONS for quantity in (dof.position, dof.velocity)}
 LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
 
 
@@ -306,7 +306,7 @@ class ColumnRule:
             )
 
     def read(self, value: float, factor: float = 1.0) -> float:
-        """Return what a value of the file's own column stands for; `factor` is that of the rule's unit."""
+        """What a value of the file's own column stands for; `factor` is that of the rule's unit."""
         return self.sign * (self.scale * (value - self.subtract) + self.offset) * factor
 
     def written(self, value: float, factor: float = 1.0) -> float:
@@ -316,7 +316,7 @@ class ColumnRule:
 
 @dataclass(frozen=True)
 class ColumnsOf:
-    """The column map of some logs, told by names or ends of paths in which a star stands for any letters."""
+    """The column map of some logs: names or ends of paths in which a star stands for any letters."""
 
     logs: tuple[str, ...]
     columns: Mapping[str, ColumnRule]
@@ -357,7 +357,6 @@ class ColumnMap:
         return {rule.source for rule in rules} | {rule.sign_from.source for rule in rules if rule.sign_from}
 
     def source_of(self, name: str) -> str:
-        """Return the column of the file that a canonical name stands for."""
         return self.columns[name].source if name in self.columns else name
 
 
@@ -412,8 +411,7 @@ def read_column_map(path: str | Source) -> ColumnMap:
 
 
 def column_map(data: Mapping[str, object], name: str, home: Path | None = None) -> ColumnMap:
-    """Return the map in the tables of the file called `name`, whose DBC is named from the folder `home`. Raises
-    LogError with the key's path."""
+    """The map in the tables of the file called `name`, whose DBC is named from the folder `home`. Raises LogError."""
     codec = Codec(name, YAW, LogError)
     tables = codec.read(_Tables, data)
     if tables.can and not tables.can.dbc.strip():
@@ -436,7 +434,7 @@ def column_map(data: Mapping[str, object], name: str, home: Path | None = None) 
 
 
 def column_rules(columns: Mapping[str, object], name: str) -> dict[str, ColumnRule]:
-    """Return the rules under `[columns]` of the file called `name`. Raises LogError with the key's path."""
+    """The rules under `[columns]` of the file called `name`. Raises LogError with the key's path."""
     return _rules(Codec(name, YAW, LogError), columns, ("columns",))
 
 
@@ -458,10 +456,11 @@ def _rule(codec: Codec, key: str, value: object, place: tuple[object, ...]) -> C
             what = {RUN: "names runs", BY: "names what each row is of"}.get(key, "is a state")
             raise codec.refusal(place, f"{what}; unit, sign, scale and offset do not apply; leave them out")
         return rule
-    known = canonical.units()
-    if rule.unit is not None and known and rule.unit not in known:
-        raise codec.refusal((*place, "unit"), f"found {quoted(rule.unit)}, expected {' or '.join(known)}")
-    if rule.unit is None and rule.scale == 1 and canonical.quantity in TURNING:
+    units = canonical.units()
+    if rule.unit is not None and units and rule.unit not in units:
+        raise codec.refusal((*place, "unit"), f"found {quoted(rule.unit)}, expected {' or '.join(units)}")
+    turning = (quantity for dof in ROTATIONS for quantity in (dof.position, dof.velocity))
+    if rule.unit is None and rule.scale == 1 and canonical.quantity in turning:
         angle, words = canonical.unit[:3], set(re.split(r"[^a-z]+", rule.source.lower()))
         unit, called = {"deg": ("rad", {"rad", "radians"}), "rad": ("deg", {"deg", "degrees"})}[angle]
         if words & called:
@@ -475,9 +474,7 @@ def _rule(codec: Codec, key: str, value: object, place: tuple[object, ...]) -> C
 
 def _written_out(value: object) -> object:
     """A rule as a table, names of columns without blanks around them: the name alone stands for a table as well."""
-    if isinstance(value, str):
-        return {"from": value.strip()}
-    if isinstance(value, Mapping):
-        parts = {"from": lambda name: name.strip() if isinstance(name, str) else name, "sign_from": _written_out}
-        return {key: parts.get(key, lambda part: part)(part) for key, part in value.items()}
-    return value
+    if not isinstance(value, Mapping):
+        return {"from": value.strip()} if isinstance(value, str) else value
+    table = {**value, "from": value["from"].strip()} if isinstance(value.get("from"), str) else dict(value)
+    return table | ({"sign_from": _written_out(value["sign_from"])} if "sign_from" in value else {})

@@ -58,10 +58,8 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     keys, run = [str(i) for i in range(len(names))], columns.source_of(RUN)
     words = {key for key, column in zip(keys, names) if column == run}  # the run 01 is not 1
     for line in first[1:]:
-        cells = (cell.strip() for cell in _cells(formats.text_of(line), delimiter))
-        words |= {
-            key for key, cell in zip(keys, cells) if not (formats.is_number(cell, decimal) or cell in formats.MISSING)
-        }
+        cells = zip(keys, map(str.strip, _cells(formats.text_of(line), delimiter)))
+        words |= {key for key, c in cells if not (formats.is_number(c, decimal) or c in formats.MISSING)}
     for text in (words, {*keys}):  # a number may turn into words later
         try:
             table = arrow_csv.read_csv(
@@ -79,25 +77,17 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
                 raise _no_table(data, rows, name, len(names), delimiter, error) from None
     if table.num_rows != len(rows) - 1:
         raise _no_table(data, rows, name, len(names), delimiter, None)
-    read_as = (
-        formats.numbers(column, decimal) if key in text and column_name != run else None
-        for key, column_name, column in zip(keys, names, table.columns)
-    )
-    arrays = tuple(column if number is None else number for column, number in zip(table.columns, read_as))
-    return RawLog(names, arrays, rows[1:] + 1, decimal)
+    arrays = list(table.columns)
+    for i, key in enumerate(keys):
+        if key in text and names[i] != run and (numbers := formats.numbers(arrays[i], decimal)) is not None:
+            arrays[i] = numbers
+    return RawLog(names, tuple(arrays), rows[1:] + 1, decimal)
 
 
 FORMAT = Format("CSV", (".csv", ".csv.gz", ".tsv", ".tsv.gz"), read)
 
 
-def _content(path: Path, name: str) -> bytes:
-    data = path.read_bytes()
-    if not path.name.lower().endswith(".gz"):
-        return data
-    if not data.startswith(b"\x1f\x8b"):
-        raise LogError(
-            f"{name}: found no gzip data, expected some from its extension; drop .gz from the name if it is plain text"
-        )
+def _unpacked(path: Path, name: str) -> bytes:
     limit = formats.most_unpacked(path)
     try:
         with gzip.open(path) as file:
@@ -105,7 +95,10 @@ def _content(path: Path, name: str) -> bytes:
     except EOFError:
         raise LogError(f"{name}: the gzip data ends too early; the file was cut short, copy it again") from None
     except (gzip.BadGzipFile, zlib.error):
-        raise LogError(f"{name}: the gzip data is damaged inside; copy the file again") from None
+        trouble = "the gzip data is damaged inside; copy the file again"
+        if not path.read_bytes().startswith(b"\x1f\x8b"):
+            trouble = "found no gzip data, expected some from its extension; drop .gz from the name if it is plain text"
+        raise LogError(f"{name}: {trouble}") from None
     if len(data) > limit:
         raise formats.too_well_packed(name)
     return data
@@ -113,7 +106,7 @@ def _content(path: Path, name: str) -> bytes:
 
 def _text(path: Path, name: str) -> bytes:
     """Plain text with line feeds between its lines."""
-    data = _content(path, name)
+    data = path.read_bytes() if not path.name.lower().endswith(".gz") else _unpacked(path, name)
     for signature, what in SIGNATURES.items():
         if data.startswith(signature):
             raise LogError(f"{name}: {what}")

@@ -50,23 +50,23 @@ FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(HEAD,))
 def _messages(data: bytes, characters: Characters) -> tuple[dict[str, Message], int]:
     """Fields of messages by name, each sensor of a kind on its own (BAT, BAT[1]); how many bytes are no messages."""
     layouts, places, lost = _indexed(data, characters)
-    whole = np.frombuffer(data, dtype=np.uint8)
-    found: dict[str, Message] = {}
+    content = np.frombuffer(data, dtype=np.uint8)
+    messages: dict[str, Message] = {}
     for kind, (name, layout, factors) in layouts.items():
         if kind == FMT or not places[kind]:
             continue
-        rows = whole[np.array(places[kind])[:, None] + np.arange(layout.itemsize)]
+        rows = content[np.array(places[kind])[:, None] + np.arange(layout.itemsize)]
         table = np.ascontiguousarray(rows).view(layout)[:, 0]
         fields = {key: _field(table[key], factor) for key, factor in factors.items()}
         one_of = next((key for key in INSTANCE if key in fields and layout[key] == np.uint8), None)
         if one_of is None:
-            found[name] = fields
+            messages[name] = fields
             continue
         for number in np.unique(fields[one_of]):
             same = fields[one_of] == number
-            known = f"{name}[{number:g}]" if number else name
-            found[known] = {key: values[same] for key, values in fields.items() if key != one_of}
-    return found, lost
+            label = f"{name}[{number:g}]" if number else name
+            messages[label] = {key: values[same] for key, values in fields.items() if key != one_of}
+    return messages, lost
 
 
 def _indexed(data: bytes, characters: Characters) -> tuple[dict[int, Layout], dict[int, list[int]], int]:
@@ -99,8 +99,8 @@ def _layout(new: Any, characters: Characters) -> Layout | None:
     """The layout of messages that a FMT message tells; None where it makes no sense."""
     name, form = new["name"].decode("latin-1"), new["format"].decode("latin-1")
     keys = [key for key in new["columns"].decode("latin-1").split(",") if key]
-    known = all(character in characters for character in form)
-    if not known or len(keys) != len(form) or len(set(keys)) < len(keys) or not re.fullmatch(r"\w+", name):
+    decodable = all(character in characters for character in form)
+    if not decodable or len(keys) != len(form) or len(set(keys)) < len(keys) or not re.fullmatch(r"\w+", name):
         return None
     kinds = [characters[character] for character in form]
     parts = [("head", "V3")] + [
@@ -124,10 +124,10 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     for name, (other, instead) in INSTEAD.items():
         if name not in messages:
             own[other] = instead
-    told = messages.get("PARM", {})
-    clock = _clock(told) if {"Name", "Value"} <= told.keys() else None
-    known = {} if clock is None else parameters(told["Name"], clock, told["Value"])
-    return recorded(messages, _clock, SECONDS, own, "RCOU", known, columns, _states(messages), notes)
+    changes = messages.get("PARM", {})
+    clock = _clock(changes) if {"Name", "Value"} <= changes.keys() else None
+    values = {} if clock is None else parameters(changes["Name"], clock, changes["Value"])
+    return recorded(messages, _clock, SECONDS, own, "RCOU", values, columns, _states(messages), notes)
 
 
 def _clock(fields: Message) -> Floats | None:
@@ -137,17 +137,17 @@ def _clock(fields: Message) -> Floats | None:
 
 def _states(messages: Mapping[str, Message]) -> list[Stream]:
     """The flight mode, and whether the vehicle is armed: by ARM, in older logs by the events 10, 11 and 15."""
-    said = " ".join(messages.get("MSG", {}).get("Message", ())[:50])
-    vehicle = next((number for word, number in VEHICLES.items() if word in said), VEHICLES["ArduSub"])
+    texts = " ".join(messages.get("MSG", {}).get("Message", ())[:50])
+    vehicle = next((number for word, number in VEHICLES.items() if word in texts), VEHICLES["ArduSub"])
     mode, arm, event = (messages.get(name, {}) for name in ("MODE", "ARM", "EV"))
-    told = []
+    changes = []
     if "Mode" in mode:
-        told.append((mode, {"mode": mode_names(mode["Mode"], vehicle)}))
+        changes.append((mode, {"mode": mode_names(mode["Mode"], vehicle)}))
     if "ArmState" in arm:
-        told.append((arm, {"armed": arming(arm["ArmState"] > 0)}))
+        changes.append((arm, {"armed": arming(arm["ArmState"] > 0)}))
     elif "Id" in event:
         arms = np.isin(event["Id"], ARMING)
         event = {key: values[arms] for key, values in event.items()}
-        told.append((event, {"armed": arming(event["Id"] != DISARMED)}))
-    clocked = ((_clock(fields), state) for fields, state in told)
+        changes.append((event, {"armed": arming(event["Id"] != DISARMED)}))
+    clocked = ((_clock(fields), state) for fields, state in changes)
     return [Stream("MODE", time, state, lasting=True) for time, state in clocked if time is not None]

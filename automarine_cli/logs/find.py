@@ -45,7 +45,7 @@ def format_of(name: str) -> Format | None:
 
 
 def find_logs(arguments: Logs) -> list[LogFile]:
-    """Return the logs meant by files, directories (searched recursively) and globs; each file once.
+    """Find the logs meant by files, directories (searched recursively) and globs; each file once.
 
     In name order, the files of a folder before the folders in it, whatever the order of the arguments: a shell
     sorts by the rules of the user's language, and results must not depend on that.
@@ -56,19 +56,24 @@ def find_logs(arguments: Logs) -> list[LogFile]:
     logs: dict[str, LogFile] = {}
     for argument in arguments:
         for log in [argument] if isinstance(argument, LogFile) else _meant_by(str(argument)):
-            key = _key(log.path)
-            logs[key] = max(logs.get(key, log), log, key=_claim)
-    return sorted(_told_apart(list(logs.values())), key=_place)
+            key = _key(log.path)  # of two ways to give a file counts the one that names it, then the one that says more
+            logs[key] = max(logs.get(key, log), log, key=lambda log: (log.named, len(log.name), log.name))
+    for _ in range(64):  # logs of one name get the names of their folders in front
+        times = Counter(log.name for log in logs.values())
+        if len(times) == len(logs):
+            break
+        logs = {key: _with_folder(log) if times[log.name] > 1 else log for key, log in logs.items()}
+    return sorted(logs.values(), key=_place)
 
 
 def whole_logs(files: Sequence[LogFile], columns: ColumnMap) -> tuple[LogFile, ...]:
-    """Return the logs without the files that `columns` joins to others of them."""
+    """The logs without the files that `columns` joins to others of them."""
     joined = {_key(path) for file in files for path in _joined_to(file, columns)}
     return tuple(file for file in files if _key(file.path) not in joined)
 
 
 def with_joined(files: Sequence[LogFile], columns: ColumnMap) -> list[LogFile]:
-    """Return the logs and the files that `columns` joins to them, each file once."""
+    """The logs and the files that `columns` joins to them, each file once."""
     joined = [LogFile(path, printable(path.name), False) for file in files for path in _joined_to(file, columns)]
     return find_logs([*files, *joined]) if columns.join else list(files)
 
@@ -83,11 +88,6 @@ def _joined_to(file: LogFile, columns: ColumnMap) -> list[Path]:
 
 def _key(path: Path) -> str:
     return str(path.parent.resolve() / path.name)
-
-
-def _claim(log: LogFile) -> tuple[bool, int, str]:
-    """Which of two ways to give one file counts: being named itself, then the one that says more."""
-    return log.named, len(log.name), log.name
 
 
 def _place(log: LogFile) -> list[tuple[bool, str]]:
@@ -149,8 +149,7 @@ def _matching(pattern: str) -> list[LogFile]:
     except ValueError:
         raise LogError(f"{quoted(pattern)}: ** stands for whole folders; write **/ and then a name") from None
     logs: list[LogFile] = []
-    for path in matches:
-        inner = path.relative_to(fixed)
+    for path, inner in ((path, path.relative_to(fixed)) for path in matches):
         if any(part.startswith(".") for part in inner.parts):
             continue
         if path.is_dir():
@@ -162,15 +161,6 @@ def _matching(pattern: str) -> list[LogFile]:
     return logs
 
 
-def _told_apart(logs: list[LogFile]) -> list[LogFile]:
-    for _ in range(64):
-        times = Counter(log.name for log in logs)
-        if len(times) == len(logs):
-            break
-        logs = [_with_folder(log) if times[log.name] > 1 else log for log in logs]
-    return logs
-
-
 def _with_folder(log: LogFile) -> LogFile:
     parts = log.path.resolve().parts
     depth = log.name.count("/") + 2
@@ -178,44 +168,38 @@ def _with_folder(log: LogFile) -> LogFile:
 
 
 def as_logs(given: object, name: str) -> Logs:
-    """Return logs as a command takes them: places as they are, each table in memory (pandas, pyarrow, polars, columns
-    by name) as one log, called `name` and its number, or as the key says where tables are given by name. Raises
-    LogError for what is neither."""
-    return tuple(_logs(given, name))
-
-
-def _logs(given: object, name: str) -> Iterator[str | Path | LogFile]:
+    """Logs as a command takes them: places as they are, each table in memory (pandas, pyarrow, polars, columns by name)
+    as one log, called `name` and its number, or as the key says where tables are given by name. Raises LogError for
+    what is neither."""
     if isinstance(given, str | Path | LogFile):
-        yield given
-    elif _is_table(given):
-        yield _log(given, name)
-    elif isinstance(given, Mapping) and given and all(map(_is_table, given.values())):
-        for key, table in given.items():
-            yield _log(table, str(key))
-    elif isinstance(given, Sequence) and not isinstance(given, bytes):
-        for number, part in enumerate(given, 1):
-            yield from _logs(part, f"{name}_{number:0{len(str(len(given)))}d}")
-    else:
-        raise LogError(f"{name}: found {type(given).__name__}; give {TABLES}")
+        return (given,)
+    if _is_table(given):
+        return (_log(given, name),)
+    if isinstance(given, Mapping) and given and all(map(_is_table, given.values())):
+        return tuple(_log(table, str(key)) for key, table in given.items())
+    if isinstance(given, Sequence) and not isinstance(given, bytes):
+        names = (f"{name}_{number:0{len(str(len(given)))}d}" for number in range(1, len(given) + 1))
+        return tuple(log for part, name in zip(given, names) for log in as_logs(part, name))
+    raise LogError(f"{name}: found {type(given).__name__}; give {TABLES}")
 
 
-def _is_table(given: object) -> bool:
-    if isinstance(given, Mapping):
-        return bool(given) and not any(isinstance(part, str | Path) or _is_table(part) for part in given.values())
-    if not hasattr(given, "__arrow_c_stream__"):
+def _is_table(data: object) -> bool:
+    if isinstance(data, Mapping):
+        return bool(data) and not any(isinstance(part, str | Path) or _is_table(part) for part in data.values())
+    if not hasattr(data, "__arrow_c_stream__"):
         return False
     import pandas as pd  # here, as logs that are files need none of it
 
-    return not isinstance(given, pd.Series)
+    return not isinstance(data, pd.Series)
 
 
-def _log(given: object, name: str) -> LogFile:
+def _log(table: object, name: str) -> LogFile:
     """A table as a log. Its place is its content, so that a table given twice is one log."""
     import pandas as pd
 
     content = pa.BufferOutputStream()
     try:
-        pq.write_table(pa.table(pd.DataFrame(dict(given)) if isinstance(given, Mapping) else given), content)
+        pq.write_table(pa.table(pd.DataFrame(dict(table)) if isinstance(table, Mapping) else table), content)
     except (pa.ArrowException, ValueError, TypeError) as problem:
         raise LogError(
             f"{name}: no table of columns of numbers ({printable(str(problem.args[0])).rstrip('.')}); "

@@ -31,9 +31,9 @@ MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
 
 @dataclass(frozen=True)
 class LogFile:
-    """One log: where it is, what results call it (never depends on the working directory), and whether it was
-    named on the command line itself (then unreadable means refused) or found (then it is set aside). A table that is
-    no file has its `content`, as a Parquet file would."""
+    """One log: where it is, what results call it (never depends on the working directory), and whether it was named on
+    the command line (unreadable, it is refused) or found (it is set aside). A table in memory has its `content`, as a
+    Parquet file would."""
 
     path: Path
     name: str
@@ -60,13 +60,11 @@ LOGGED = Origin()
 
 @dataclass(frozen=True)
 class RawLog:
-    """A file as its format gives it: column names, one Arrow array each (shape (N,)), and row numbers for
-    messages.
+    """A file as its format gives it: column names, one Arrow array each (shape (N,)), and row numbers for messages.
 
-    An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a
-    number. `decimal` is the character between whole and fraction in the text columns. `also` holds other names of
-    columns (name -> column), `notes` what a person should know, `holds` the messages or topics of the file,
-    `origin` where its commands come from, if they were worked back from what was sent to motors.
+    An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a number.
+    `decimal` is the character between whole and fraction in the text columns. `also` holds other names of columns
+    (name -> column), `notes` what a person should know, `holds` the messages or topics of the file.
     """
 
     names: tuple[str, ...]
@@ -79,7 +77,7 @@ class RawLog:
     origin: Origin = LOGGED
 
     def place(self, name: str) -> int | None:
-        """Return the number of the column of this name, or other name; None for none."""
+        """The number of the column of this name, or other name; None for none."""
         name = name if name in self.names else self.also.get(name, name)
         return self.names.index(name) if name in self.names else None
 
@@ -89,12 +87,9 @@ class RawLog:
 
 @dataclass(frozen=True)
 class Format:
-    """One log format: `read(path, name, columns)` takes the name to use in messages and what the user says of the
-    columns, and raises LogError.
-
-    Where other programs use the suffixes too, `begins` are the bytes of which a file begins with one: a file found
-    in a folder that begins otherwise is no log.
-    """
+    """One log format: `read(path, name, columns)` takes the name to use in messages and the user's column map, and
+    raises LogError. Where other programs use the suffixes too, a file found in a folder has to begin with one of
+    `begins`."""
 
     name: str
     suffixes: tuple[str, ...]
@@ -103,7 +98,7 @@ class Format:
 
 
 def most_unpacked(path: Path) -> int:
-    """Return the most bytes that a packed file may unpack to: what grows more is made to fill the memory."""
+    """The most bytes that a packed file may unpack to: what grows more is made to fill the memory."""
     return max(MOST_UNPACKED, MOST_TIMES * path.stat().st_size)
 
 
@@ -123,7 +118,7 @@ def refuse_empty(content: object, source: str, what: str) -> None:
 
 
 def skipped(count: int, thing: str, why: str) -> tuple[str, ...]:
-    """Return the note on what of a file was not read, none for nothing."""
+    """The note on what of a file was not read, none for nothing."""
     return (f"{count} {thing}{'s' * (count != 1)} skipped: {why}",) if count else ()
 
 
@@ -132,12 +127,10 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|n
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
-    """Whether a cell, blanks stripped, is a number with this decimal character."""
     return NUMBER.fullmatch(cell.replace(decimal, ".") if decimal == "," else cell) is not None
 
 
 def text_of(content: bytes) -> str:
-    """Bytes as text; those that are not UTF-8 are read as Latin-1."""
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError:
@@ -169,7 +162,7 @@ def numbers(array: pa.ChunkedArray, decimal: str = ".") -> pa.ChunkedArray | Non
 
 
 def first_not_a_number(array: pa.ChunkedArray, decimal: str = ".") -> tuple[int, str]:
-    """Return index and text of the first cell that keeps a text column from being numbers."""
+    """Index and text of the first cell that keeps a text column from being numbers."""
     texts = [decoded(cell) for cell in array.to_pylist()]
     i = next((i for i, text in enumerate(texts) if text not in MISSING and not is_number(text, decimal)), 0)
     return i, texts[i]
@@ -200,7 +193,7 @@ class Stamps:
 
 
 def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps | None:
-    """Return the times of a column, typed or text; None where a cell is none.
+    """Read the times of a column, typed or text; None where a cell is none.
 
     Day or month first: as `day_first` says, else as the dates show (a number above 12, a clock that rises, a night
     passed without a gap); dots are day first where nothing speaks against it. A clock goes on past midnight.
@@ -213,10 +206,10 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
         cells = plain(array)
     except pa.ArrowInvalid:
         return None
-    found = pc.extract_regex(cells, _SHAPE)
-    if pc.any(pc.and_(pc.is_valid(cells), pc.is_null(found))).as_py():
+    parts = pc.extract_regex(cells, _SHAPE)
+    if pc.any(pc.and_(pc.is_valid(cells), pc.is_null(parts))).as_py():
         return None
-    date, clock, half = (pc.struct_field(found, name) for name in ("date", "clock", "half"))
+    date, clock, half = (pc.struct_field(parts, name) for name in ("date", "clock", "half"))
     seconds, again = _clock(clock, half)
     dated = pc.not_equal(date, "")
     if not pc.any(dated).as_py():
@@ -227,33 +220,30 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
 
     days = pc.replace_substring_regex(date, "[.-]", "/")
     year = "%y" if pc.all(pc.match_substring_regex(days, r"/\d\d$")).as_py() else "%Y"
-    good: dict[bool | None, Stamps] = {}
-    for first, form in ((None, "%Y/%m/%d"), (True, f"%d/%m/{year}"), (False, f"%m/%d/{year}")):
-        kind = {None: "year first", True: "day first", False: "month first"}[first]
+    ways = []
+    for first, kind, form in (
+        (None, "year first", "%Y/%m/%d"), (True, "day first", f"%d/%m/{year}"), (False, "month first", f"%m/%d/{year}"),
+    ):  # fmt: skip
         if first is None or day_first in (None, first):
             with contextlib.suppress(ValueError):
                 since = pd.to_datetime(days.to_pandas(), format=form) - pd.Timestamp(0)
-                good[first] = Stamps(since.dt.total_seconds().to_numpy() + seconds, kind)
-    if len(good) < 2:
-        return next(iter(good.values()), None)
-    chosen = _rising(good) or (good[True] if pc.any(pc.match_substring(date, ".")).as_py() else None)
-    return replace(good[True], open=True) if chosen is None else chosen
+                ways.append(Stamps(since.dt.total_seconds().to_numpy() + seconds, kind))
+    if len(ways) < 2:
+        return ways[0] if ways else None
+    steps = [np.diff(way.seconds[np.isfinite(way.seconds)]) for way in ways]
+    # the only reading whose clock rises, or the only one that passes midnight without a gap
+    rises, unbroken = [bool((step >= 0).all()) for step in steps], [bool(step.max(initial=0) < HOUR) for step in steps]
+    for fits in (rises, unbroken):
+        if sum(fits) == 1:
+            return ways[fits.index(True)]
+    by_day = next(way for way in ways if way.kind == "day first")
+    return by_day if pc.any(pc.match_substring(date, ".")).as_py() else replace(by_day, open=True)
 
 
 def first_not_a_stamp(array: pa.ChunkedArray, day_first: bool | None) -> tuple[int, str]:
-    """Return index and text of the first cell that keeps a column from being times, or from being like those before."""
+    """Index and text of the first cell that keeps a column from being times, or from being like those before."""
     i = bisect_left(range(len(array)), True, key=lambda last: read_stamps(array.slice(0, last + 1), day_first) is None)
     return i, decoded(array[i].as_py())
-
-
-def _rising(ways: dict[bool | None, Stamps]) -> Stamps | None:
-    """The only reading whose clock rises, or the only one that passes midnight without a gap; None where both do."""
-    steps = {first: np.diff(stamps.seconds[np.isfinite(stamps.seconds)]) for first, stamps in ways.items()}
-    for good in (lambda step: (step >= 0).all(), lambda step: step.max(initial=0.0) < HOUR):
-        fits = [first for first, step in steps.items() if good(step)]
-        if len(fits) == 1:
-            return ways[fits[0]]
-    return None
 
 
 def _clock(clock: Any, half: Any) -> tuple[Floats, float]:
@@ -272,17 +262,17 @@ def _clock(clock: Any, half: Any) -> tuple[Floats, float]:
 
 
 def _past_midnight(clock: Floats, again: float) -> Floats:
-    known = np.isfinite(clock)
+    finite = np.isfinite(clock)
     seconds = clock.copy()
-    seconds[known] += again * np.cumsum(np.diff(clock[known], prepend=clock[known][:1]) < -again / 2)
+    seconds[finite] += again * np.cumsum(np.diff(clock[finite], prepend=clock[finite][:1]) < -again / 2)
     return seconds
 
 
 def _seconds(array: pa.ChunkedArray) -> Floats:
     exact = pc.cast(array, pa.timestamp("ns", getattr(array.type, "tz", None)), safe=False)
     stamps: Any = pc.cast(exact, pa.int64())
-    whole = pc.fill_null(stamps, 0).to_numpy().astype(np.int64)
-    seconds = (whole // 10**9).astype(np.float64) + (whole % 10**9) / 1e9
+    nanoseconds = pc.fill_null(stamps, 0).to_numpy().astype(np.int64)
+    seconds = (nanoseconds // 10**9).astype(np.float64) + (nanoseconds % 10**9) / 1e9
     seconds[np.asarray(pc.is_null(stamps))] = np.nan
     return seconds
 

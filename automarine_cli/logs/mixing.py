@@ -23,16 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
-from automarine_cli.logs.columns import CANONICAL, COMMANDS, NORMALISED, ColumnMap, names_of
+from automarine_cli.logs.columns import COMMANDS, NORMALISED, ColumnMap, quantities_of
 from automarine_cli.logs.formats import LOGGED, Origin
 from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed
 
-WISHES = tuple(
-    next(name for name in names_of(dof.command) if CANONICAL[name].unit == NORMALISED)
-    for dof in (YAW, SURGE, SWAY, HEAVE)
-)
+WISHES = tuple(dof.column(dof.command, NORMALISED) for dof in (YAW, SURGE, SWAY, HEAVE))
 """The columns that are made, -1 to 1: moment clockwise from above, forces ahead, to starboard and down (SNAME)."""
 SIGNS = {"tau": "clockwise from above", "X": "ahead", "Y": "to starboard", "Z": "down"}
 ROUNDING = 1e-6  # by which a wish may be found wrong that the motors tell: PX4's parameters have 32 bits
@@ -48,7 +45,7 @@ class Told:
     values: Floats
 
     def at(self, time: float) -> float:
-        """Its value then; before it was first told, what it was told as first."""
+        """Its value then; before it was first told, the first."""
         return float(self.values[max(int(np.searchsorted(self.time, time, side="right")) - 1, 0)])
 
 
@@ -60,16 +57,13 @@ Channels = Mapping[int, Floats]  # outputs by their number
 def parameters(names: NDArray[np.str_], time: Floats, values: Floats) -> Parameters:
     """Parameters by name, from messages that each tell one: names, times [s] and values, shape (N,)."""
     order = np.lexsort((time, names))
-    known, first = np.unique(names[order], return_index=True)
-    parts = zip(np.split(time[order], first[1:]), np.split(values[order], first[1:]))
-    return {str(name): Told(*part) for name, part in zip(known, parts)}
+    return {str(name): Told(time[i], values[i]) for name in np.unique(names) for i in [order[names[order] == name]]}
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked of the vehicle: columns of `WISHES`, each of shape (N,), -1 to 1; what to know of them, and
-    where they come from.
-    """
+    """What was asked of the vehicle: columns of `WISHES`, each of shape (N,), -1 to 1; notes, and where they are
+    from."""
 
     columns: Mapping[str, Floats] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -106,8 +100,7 @@ class Part:
 
 def is_commanded_by(columns: ColumnMap) -> bool:
     """Whether a column map names a command itself, so that none is worked back from outputs."""
-    driven = {CANONICAL[name].quantity for name in WISHES} | {*COMMANDS} - {"n"}
-    return any(name in CANONICAL and CANONICAL[name].quantity in driven for name in columns.columns)
+    return not quantities_of(columns.columns).isdisjoint(quantities_of(WISHES) | {*COMMANDS} - {"n"})
 
 
 def worked_back(
@@ -117,34 +110,33 @@ def worked_back(
     `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
     changes = [
         (float(at), f"{name} from {before:g} to {after:g}")
-        for name, told in known.items()
-        for at, (before, after) in zip(told.time[1:], pairwise(told.values))
+        for name, parameter in known.items()
+        for at, (before, after) in zip(parameter.time[1:], pairwise(parameter.values))
         if before != after and time[0] < at <= time[-1]
     ]
     edges = [time[0], *sorted({at for at, _ in changes}), np.inf]
     wishes = np.full((len(WISHES), len(time)), np.nan)
-    hows: dict[str, None] = {}
-    why = ""
+    hows, why = [], ""
     for first, after in pairwise(edges):
         rows = (time >= first) & (time < after)
         try:
-            part = read_by(source, channels, {name: told.at(first) for name, told in known.items()})
+            part = read_by(source, channels, {name: parameter.at(first) for name, parameter in known.items()})
         except Unclear as unclear:
             why = why or str(unclear)
             continue
-        hows[part.how] = None
+        hows.append(part.how)
         wishes[:, rows] = part.wishes(np.array([channels[number][rows] for number in part.channels]))
-    made = {name: values for name, values in zip(WISHES, wishes) if np.isfinite(values).any()}
-    if not made:
+    columns = {name: values for name, values in zip(WISHES, wishes) if np.isfinite(values).any()}
+    if not columns:
         return Asked(origin=Origin(why_not=why))
-    origin = f"{source} by {' and '.join(hows)}"
-    notes = [f"commands {meaning(made)} worked back from {origin}"]
+    origin = f"{source} by {' and '.join(dict.fromkeys(hows))}"
+    notes = [f"commands {meaning(columns)} worked back from {origin}"]
     if changes:
-        told = listed(f"{what} at {at - time[0]:.1f} s" for at, what in sorted(changes))
-        notes.append(f"parameters changed within the log ({told}): each stretch is read by what stood then")
+        which = listed(f"{what} at {at - time[0]:.1f} s" for at, what in sorted(changes))
+        notes.append(f"parameters changed within the log ({which}): each stretch is read by what stood then")
     if why:
         notes.append(f"for a part of the log there are no commands: {why}")
-    return Asked(made, tuple(notes), Origin(origin))
+    return Asked(columns, tuple(notes), Origin(origin))
 
 
 def meaning(names: Sequence[str] | Mapping[str, Floats]) -> str:
@@ -195,12 +187,9 @@ def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Paramete
     """What ArduPilot asked of the vehicle, from pulses [us] by number of the output, shape (N,), at `time` [s], which
     the file calls `source`."""
     ends = ("_FUNCTION", "_MIN", "_MAX", "_TRIM", "_REVERSED", "_DIRECTION")
-    driving = {
-        name: told
-        for name, told in known.items()
-        if name == "FRAME_CONFIG" or (name.startswith(("SERVO", "MOT_")) and name.endswith(ends))
-    }
-    return worked_back(source, time, pulses, driving, part_of)
+    driving = {name for name in known if name.startswith(("SERVO", "MOT_")) and name.endswith(ends)} | {"FRAME_CONFIG"}
+    known = {name: parameter for name, parameter in known.items() if name in driving}
+    return worked_back(source, time, pulses, known, part_of)
 
 
 def recorded(
@@ -233,9 +222,8 @@ def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """What leads from motors to `WISHES` for rows of factors, shape (motors, 6): the pseudo-inverse, shape
     (4, motors), and which wishes the motors can tell at all."""
     inverse = np.linalg.pinv(factors)
-    kept = inverse @ factors
-    found = np.abs(kept - np.eye(len(kept)))[ROW].max(axis=1) < ROUNDING
-    return inverse[ROW] * np.array([[1.0], [1.0], [1.0], [-1.0]]), found  # ArduPilot counts up, SNAME down
+    unclear = np.abs(inverse @ factors - np.eye(6))[ROW].max(axis=1)
+    return inverse[ROW] * np.array([[1.0], [1.0], [1.0], [-1.0]]), unclear < ROUNDING  # ArduPilot counts up, SNAME down
 
 
 def part_of(source: str, channels: Channels, values: Values) -> Part:
@@ -282,14 +270,14 @@ def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Seq
     refuse_lacking(source, [key for key in directions.values() if key not in values])
     factors = np.array([rows[motor] for motor in motors]).reshape(-1, 6)
     way = np.array([np.sign(values[key]) for key in directions.values()])
-    back, found = least_squares(factors)
-    if not found.any():
+    back, observable = least_squares(factors)
+    if not observable.any():
         raise Unclear(
             f"no motor of the frame {name} is among the outputs in {source} (SERVOn_FUNCTION 33 to 40); {ELSE}"
         )
     neutral = np.full(len(motors), NEUTRAL)
     how = f"the mixing of ArduSub's frame {name} (FRAME_CONFIG {number})"
-    return Part(how, tuple(motors.values()), neutral - SPAN, neutral, neutral + SPAN, back * way, found)
+    return Part(how, tuple(motors.values()), neutral - SPAN, neutral, neutral + SPAN, back * way, observable)
 
 
 def _steered(how: str, source: str, rows: Mapping[int, Row], values: Values) -> Part:
@@ -302,5 +290,5 @@ def _steered(how: str, source: str, rows: Mapping[int, Row], values: Values) -> 
             f"SERVOn_TRIM of an output in {source} is not between SERVOn_MIN and SERVOn_MAX: it goes one way only; "
             f"{ELSE}"
         )
-    back, found = least_squares(np.array(list(rows.values())))
-    return Part(how, tuple(rows), low, neutral, high, back * np.where(turned > 0, -1.0, 1.0), found)
+    back, observable = least_squares(np.array(list(rows.values())))
+    return Part(how, tuple(rows), low, neutral, high, back * np.where(turned > 0, -1.0, 1.0), observable)

@@ -20,7 +20,16 @@ _CELL = 8  # bytes of a number once read
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a Parquet file. Raises LogError for anything that pyarrow cannot read."""
-    _refuse_foreign(path, name)
+    with path.open("rb") as file:
+        begins, size = file.read(4) == _MAGIC, path.stat().st_size
+        file.seek(max(0, size - 4))
+        ends = file.read(4) == _MAGIC
+    if not begins:
+        raise LogError(
+            f"{name}: found no Parquet data, expected some from its extension; if it is text, name it .csv or .tsv"
+        )
+    if not ends or size < 12:
+        raise LogError(f"{name}: the Parquet data ends too early; the file was cut short, copy it again")
     try:
         return _read(path, name, most_unpacked(path))
     except (pa.ArrowException, OSError, MemoryError, ValueError, KeyError, OverflowError, RecursionError):
@@ -28,19 +37,6 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
 
 
 FORMAT = Format("Parquet", (".parquet",), read)
-
-
-def _refuse_foreign(path: Path, name: str) -> None:
-    with path.open("rb") as file:
-        begins = file.read(4) == _MAGIC
-        file.seek(max(0, path.stat().st_size - 4))
-        ends = file.read(4) == _MAGIC
-    if not begins:
-        raise LogError(
-            f"{name}: found no Parquet data, expected some from its extension; if it is text, name it .csv or .tsv"
-        )
-    if not ends or path.stat().st_size < 12:
-        raise LogError(f"{name}: the Parquet data ends too early; the file was cut short, copy it again")
 
 
 def read_table(content: bytes, name: str) -> RawLog:
@@ -52,15 +48,15 @@ def _read(path: Path | pa.BufferReader, name: str, limit: float) -> RawLog:
     with pq.ParquetFile(path) as file:
         if file.metadata.num_columns > MOST_COLUMNS:
             raise too_many_columns(name, file.metadata.num_columns)
-        kept = [field for field in file.schema_arrow if _readable(field)]
-        names = [field.name for field in kept]
+        fields = [field for field in file.schema_arrow if _readable(field)]
+        names = [field.name for field in fields]
         rows = file.metadata.num_rows
         if len(set(names)) < len(names):
             return RawLog(tuple(names), (), np.arange(1, min(rows, 1) + 1))
         if rows * max(1, len(names)) * _CELL > limit:
             raise too_well_packed(name)
     # text stays a dictionary until its length is known: a word of a megabyte may stand in every row
-    words = [field.name for field in kept if _is_text(field.type)]
+    words = [field.name for field in fields if _is_text(field.type)]
     with pq.ParquetFile(path, read_dictionary=words) as file:
         table = file.read(columns=names)
     table.validate(full=True)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pyarrow as pa
@@ -26,6 +26,7 @@ from automarine_cli.logs.columns import (
     LABELS,
     NORMALISED,
     OLDEST,
+    PULSES,
     ROTATIONS,
     RUN,
     TIMESTAMP,
@@ -41,6 +42,7 @@ from automarine_cli.logs.columns import (
     matches,
     motion_of,
     names_of,
+    quantities_of,
     unit_in,
 )
 from automarine_cli.logs.find import stem_of, whole_logs
@@ -50,16 +52,13 @@ from automarine_cli.logs.table import few_words, means_thruster_test, splitting,
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.quantities import Floats
 
-PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
-WHOLE = (1.0, 100.0)  # the largest value of a throttle
-
 
 @dataclass(frozen=True)
 class Span:
     """What the values of one column do, over one log or many: ends, steps from one row to the next, and the median.
 
     `made_from` names the outputs that it was worked back from, where no file holds it. Of a column of times `stamps`
-    says what they are (`cells.KINDS`), and `open` that day and month may be exchanged.
+    is one of `KINDS`, and `open` says that day and month may be exchanged.
     """
 
     low: float
@@ -71,6 +70,10 @@ class Span:
     open: bool = False
     made_from: str = ""
 
+    def __str__(self) -> str:
+        origin = f", worked back from {self.made_from}" if self.made_from else ""
+        return f"{self.low:.5g} to {self.high:.5g}{origin}"
+
     def __add__(self, other: "Span") -> "Span":
         return Span(
             min(self.low, other.low), max(self.high, other.high),
@@ -80,19 +83,19 @@ class Span:
         )  # fmt: skip
 
 
-def is_pulses(name: str, one: Span) -> bool:
+def is_pulses(name: str, span: Span) -> bool:
     """Whether values may be what is sent to a thruster's driver: pulse lengths [us] that change, about neutral."""
     low, neutral, high = PULSES
-    return unit_in(name) in ("", "us") and low <= one.low <= neutral <= one.high <= high and one.largest_step > 0
+    return unit_in(name) in ("", "us") and low <= span.low <= neutral <= span.high <= high and span.largest_step > 0
 
 
-def pulses(seen: Mapping[str, Span]) -> tuple[str, ...]:
-    return tuple(name for name, one in seen.items() if name not in CANONICAL and is_pulses(name, one))
+def pulses(spans: Mapping[str, Span]) -> tuple[str, ...]:
+    return tuple(name for name, span in spans.items() if name not in CANONICAL and is_pulses(name, span))
 
 
-def spans(raw: RawLog) -> dict[str, Span]:
+def spans_of(raw: RawLog) -> dict[str, Span]:
     """What every column of numbers or of times of a file does, in the units of the file."""
-    found = {}
+    spans = {}
     for name, array in zip(raw.names, raw.arrays):
         number = pa.types.is_floating(array.type)
         stamps = None if number else read_stamps(array)
@@ -102,20 +105,19 @@ def spans(raw: RawLog) -> dict[str, Span]:
         good = values[np.isfinite(values)]
         if len(good):
             steps = np.abs(np.diff(good))
-            moved = steps[steps > 0]
-            found[name] = Span(
-                float(good.min()), float(good.max()), float(np.median(moved)) if len(moved) else 0.0,
+            spans[name] = Span(
+                float(good.min()), float(good.max()), float(np.median(steps[steps > 0])) if steps.any() else 0.0,
                 float(steps.max(initial=0.0)), float(np.median(good)),
                 stamps.kind if stamps else "", stamps is not None and stamps.open,
                 raw.origin.made_from if name in WISHES else "",
             )  # fmt: skip
-    return found
+    return spans
 
 
-def is_share(one: Span) -> bool:
-    """Whether values may be a throttle, -1 to 1 or 0 to 100 and the like."""
-    largest = max(abs(one.low), abs(one.high))
-    return any(abs(largest - whole) <= 0.002 * whole for whole in WHOLE)
+def is_share(span: Span) -> bool:
+    """Whether values may be a throttle, -1 to 1 or -100 to 100 and the like."""
+    largest = max(abs(span.low), abs(span.high))
+    return any(abs(largest - full) <= 0.002 * full for full in (1.0, 100.0))
 
 
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
@@ -146,10 +148,11 @@ UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "per
 
 @dataclass(frozen=True)
 class Recognised:
-    """What one column is taken for. `unit` None: the key's own; `open`: what must be asked, "" where it is sure.
+    """What one column is taken for: a canonical `key`. `unit` None: the key's own; `open`: what must be asked, "" where
+    it is sure.
 
-    `key` is a canonical name, `unit_open` whether the question is which unit (else: which column, or whether); `more`
-    are the other keys of its rule (subtract, sign_from, ...), of which `ask` is the one that is open.
+    `unit_open` says that the question is which unit (else: which column, or whether); `more` are the other keys of its
+    rule (subtract, sign_from, ...), of which `ask` is the one that is open.
     """
 
     key: str
@@ -163,7 +166,7 @@ class Recognised:
 
     @property
     def as_named(self) -> bool:
-        return self.source == self.key and self.unit is None and not self.open and not self.more
+        return self.rule == {"from": self.key} and not self.open
 
     @property
     def neutral(self) -> float:
@@ -175,28 +178,27 @@ class Recognised:
         return {"from": self.source} | ({} if self.unit is None else {"unit": self.unit}) | dict(self.more)
 
 
-def recognise(quantity: str, names: Sequence[str], seen: Mapping[str, Span]) -> Recognised | None:
+def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) -> Recognised | None:
     """The column of a log that holds a quantity (as in `CANONICAL`), or None where none looks like it."""
-    own = next((name for name in names_of(quantity) if name in names), None)
-    free = [name for name in names if name in seen and name not in CANONICAL and name not in LABELS]
-    free = [name for name in free if quantity == "time" or not seen[name].stamps]
+    canonical = next((name for name in names_of(quantity) if name in names), None)
+    free = [name for name in names if name in spans and name not in CANONICAL and name not in LABELS]
+    free = [name for name in free if quantity == "time" or not spans[name].stamps]
     if quantity == "force":  # a supply under load is none
-        free = [name for name in free if not (_named_exactly("voltage", name) and seen[name].high > LEAST_SUPPLY)]
-    if own == "time" and own in seen and not seen[own].stamps:  # plain numbers: no timestamps
-        own, free = None, [*free, "time"]
+        free = [name for name in free if not (_named_exactly("voltage", name) and spans[name].high > LEAST_SUPPLY)]
+    if canonical == "time" and canonical in spans and not spans[canonical].stamps:  # plain numbers: no timestamps
+        canonical, free = None, [*free, "time"]
     exact = [name for name in free if _named_exactly(quantity, name)]
     if quantity == "force":  # a throttle may be called thrust: what tells a unit comes first
-        exact.sort(key=lambda name: (_told(name, FORCE) is None, is_share(seen[name])))
+        exact.sort(key=lambda name: (_unit_in(name, FORCE) is None, is_share(spans[name])))
     elif quantity == "n":  # what is commanded before the speed that was measured
         exact.sort(key=lambda name: unit_in(name) in ("rpm", "rev/s"))
-    source = own or next(iter(exact), None) or likely_column(quantity, free)
-    if source is None or source not in seen:
+    source = canonical or next(iter(exact), None) or likely_column(quantity, free)
+    if source is None or source not in spans:
         return None
-    span = seen[source]
-    found = _JUDGES.get(quantity, _plain)(quantity, source, span)
-    if own is None and not found.open and not exact:
-        return replace(found, open=f'is this the {called(quantity)}? Then write "{source}"')
-    return found
+    column = _JUDGES.get(quantity, _plain)(quantity, source, spans[source])
+    if canonical is None and not column.open and not exact:
+        return replace(column, open=f'is this the {called(quantity)}? Then write "{source}"')
+    return column
 
 
 def is_called(quantity: str, names: Sequence[str]) -> bool:
@@ -216,13 +218,7 @@ def _named_exactly(quantity: str, source: str) -> bool:
         return True
     aside = UNIT_WORDS | (ABOUT if quantity in COMMANDS and quantity != "n" else set())
     bare = "_".join(word for word in words if word not in aside or len(words) == 1)
-    whole = "_".join(words)
-    return bool({bare, whole} & {*EXACT.get(quantity, ()), *(name.lower() for name in names_of(quantity))})
-
-
-def _range(span: Span) -> str:
-    made = f", worked back from {span.made_from}" if span.made_from else ""
-    return f"{span.low:.5g} to {span.high:.5g}{made}"
+    return bool({bare, "_".join(words)} & {*EXACT.get(quantity, ()), *(name.lower() for name in names_of(quantity))})
 
 
 def _time(quantity: str, source: str, span: Span) -> Recognised:
@@ -232,14 +228,14 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised("time", source, "dates", open=why, more={"day_first": True}, ask="day_first")
     if span.stamps:
         return Recognised("time", source, KINDS[span.stamps])
-    step, seen = span.median_step, f"{_range(span)}, {span.median_step:.4g} from sample to sample"
+    step, seen = span.median_step, f"{span}, {span.median_step:.4g} from sample to sample"
     fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
     fits = fits or [u for u in ("s", "ms", "us") if FASTEST_OF_ALL <= step * UNITS["time"][u] <= SLOWEST_OF_ALL]
-    told = _told(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
-    if told in fits or (len(fits) == 1 and told is None):
-        return Recognised(f"time_{told or fits[0]}", source, seen)
-    if told is not None and fits:
-        why = f"the name says {told}, the samples say {' or '.join(fits)}"
+    unit = _unit_in(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
+    if unit in fits or (len(fits) == 1 and unit is None):
+        return Recognised(f"time_{unit or fits[0]}", source, seen)
+    if unit is not None and fits:
+        why = f"the name says {unit}, the samples say {' or '.join(fits)}"
     else:
         why = f"{' or '.join(fits)}?" if fits else "no unit makes these a clock; is this the time?"
     return Recognised("time_s", source, seen, fits[0] if fits else None, why, unit_open=True)
@@ -248,7 +244,7 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
 def _angle(quantity: str, source: str, span: Span) -> Recognised:
     """Degrees or radians: by the name, unless the values cannot be that; by the values only where they wrap."""
     width, largest = span.high - span.low, max(abs(span.low), abs(span.high))
-    told = _told(source, {"deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"})
+    unit = _unit_in(source, {"deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"})
     smooth = span.median_step < 0.05 * span.largest_step
     certain = None
     if smooth and 1.001 * RADIANS < width <= 1.001 * DEGREES and span.largest_step > 0.75 * DEGREES:
@@ -257,70 +253,58 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
         certain = "rad"
     elif width <= 1.001 * DEGREES and largest > FAR:
         certain = "deg"
-    seen = f"{_range(span)}" + (f", wraps at {'360' if certain == 'deg' else '2 pi'}" if certain and smooth else "")
-    if told is not None and certain is not None and told != certain:
-        why = f"the name says {told}, the range says {certain}"
-        return Recognised(_name(quantity, told), source, seen, certain, why, unit_open=True)
-    if told == "deg" and certain is None and width < HARDLY:
-        why = f"degrees would mean that no log turns {width:.2g} degrees; deg or rad?"
-        return Recognised(_name(quantity, told), source, seen, "rad", why, unit_open=True)
-    if told or certain:
-        return Recognised(_name(quantity, told or str(certain)), source, seen)
-    likely = "rad" if largest <= 1.1 * RADIANS else "deg"
-    why = f"deg or rad? The range looks like {likely}"
-    return Recognised(_name(quantity, likely), source, seen, open=why, unit_open=True)
+    seen = f"{span}" + (f", wraps at {'360' if certain == 'deg' else '2 pi'}" if certain and smooth else "")
+    likely, instead, why = unit or certain or ("rad" if largest <= 1.1 * RADIANS else "deg"), None, ""
+    if unit is None and certain is None:
+        why = f"deg or rad? The range looks like {likely}"
+    elif unit and certain and unit != certain:
+        instead, why = certain, f"the name says {unit}, the range says {certain}"
+    elif unit == "deg" and certain is None and width < HARDLY:
+        instead, why = "rad", f"degrees would mean that no log turns {width:.2g} degrees; deg or rad?"
+    return Recognised(_name(quantity, likely), source, seen, instead, why, unit_open=bool(why))
 
 
 def _moment(quantity: str, source: str, span: Span) -> Recognised:
-    words = words_of(source)
-    if source in CANONICAL:
-        return Recognised(source, source, _range(span))
-    if "nm" in words or words[-2:] == ["n", "m"]:
-        return Recognised(_name(quantity, "N m"), source, _range(span))
-    metres, normalised = _name(quantity, "N m"), _name(quantity, NORMALISED)
+    words, metres, normalised = words_of(source), _name(quantity, "N m"), _name(quantity, NORMALISED)
+    if source in CANONICAL or "nm" in words or words[-2:] == ["n", "m"]:
+        return Recognised(source if source in CANONICAL else metres, source, f"{span}")
+    why = f'a {quantity} in newton metres (then {metres} = "{source}") or normalised (then {normalised} = "{source}")?'
     if any(word.startswith("rudder") for word in words):
         why = f'a rudder acts as a moment up to its scale: write "{source}"; drag and inertia are then in its own unit'
-        return Recognised(normalised, source, _range(span), open=why)
-    why = f'a {quantity} in newton metres (then {metres} = "{source}") or normalised (then {normalised} = "{source}")?'
-    return Recognised(normalised, source, _range(span), open=why)
+    return Recognised(normalised, source, f"{span}", open=why)
 
 
 def _force(quantity: str, source: str, span: Span) -> Recognised:
-    told = _told(source, FORCE) if source not in CANONICAL else CANONICAL[source].unit
-    if told is None and words_of(source)[-1:] in (["v"], ["mv"], ["volts"]):
+    unit, why = _unit_in(source, FORCE), ""
+    if f"force_{unit}" in CANONICAL:
+        return Recognised(f"force_{unit}", source, f"{span}")
+    if unit is not None:
+        return Recognised("force_N", source, f"{span}", unit)
+    if words_of(source)[-1:] in (["v"], ["mv"], ["volts"]):
         why = f'volts of a load cell? Then write {{ from = "{source}", scale = NEWTONS_PER_VOLT }}'
-        return Recognised("force_N", source, _range(span), open=why)
-    if told is None and is_share(span):
+    elif is_share(span):
         why = f'this looks like a throttle; which column is the force? If it is this one, write "{source}"'
-        return Recognised("force_N", source, _range(span), open=why)
-    if told is None:
-        return Recognised("force_N", source, _range(span), open="N, kgf or lbf?", unit_open=True)
-    key = f"force_{told}"
-    if key in CANONICAL:
-        return Recognised(key, source, _range(span))
-    return Recognised("force_N", source, _range(span), told)
+    return Recognised("force_N", source, f"{span}", open=why or "N, kgf or lbf?", unit_open=not why)
 
 
 def _voltage(quantity: str, source: str, span: Span) -> Recognised:
     if span.low > 1000:
-        return Recognised("voltage_V", source, _range(span), "mV")
+        return Recognised("voltage_V", source, f"{span}", "mV")
     sure = source in CANONICAL or (_named_exactly(quantity, source) and LEAST_SUPPLY < span.high < 1000)
-    return Recognised("voltage_V", source, _range(span), open="" if sure else "is this the supply, in volts?")
+    return Recognised("voltage_V", source, f"{span}", open="" if sure else "is this the supply, in volts?")
 
 
 def _speed(quantity: str, source: str, span: Span) -> Recognised:
     key, words = names_of(quantity)[0], words_of(source)
-    if source == key:
-        return Recognised(key, source, _range(span))
-    unit = next((SPEED[one] for one in (words[-1], "_".join(words[-2:])) if one in SPEED), None)
-    why = "" if unit and len(words) > 1 else f'm/s of {quantity}? Then write "{source}"'
-    return Recognised(key, source, _range(span), None if unit == "m/s" else unit, why)
+    unit = next((SPEED[end] for end in (words[-1], "_".join(words[-2:])) if end in SPEED), None)
+    sure = source == key or (unit and len(words) > 1)
+    why = "" if sure else f'm/s of {quantity}? Then write "{source}"'
+    return Recognised(key, source, f"{span}", None if unit == "m/s" else unit, why)
 
 
 def _signal(quantity: str, source: str, span: Span) -> Recognised:
     """A control signal: as it is, pulses about a neutral, or one of which neutral or direction is open."""
-    plain = _plain(quantity, source, span)
-    low, high = span.low, span.high
+    plain, low, high = _plain(quantity, source, span), span.low, span.high
     if is_pulses(source, span):
         return replace(plain, seen=f"{plain.seen}, pulses about 1500", unit="us", more={"subtract": PULSES[1]})
     if low >= 0 and 0 < span.middle < high and abs(span.middle - (low + high) / 2) <= 0.02 * (high - low):
@@ -333,18 +317,19 @@ def _signal(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _plain(quantity: str, source: str, span: Span) -> Recognised:
-    return Recognised(source if source in CANONICAL else names_of(quantity)[0], source, _range(span))
+    return Recognised(source if source in CANONICAL else names_of(quantity)[0], source, f"{span}")
 
 
 def _name(quantity: str, unit: str) -> str:
     return next(name for name in names_of(quantity) if CANONICAL[name].unit == unit)
 
 
-def _told(source: str, words: Mapping[str, str]) -> str | None:
+def _unit_in(source: str, units: Mapping[str, str]) -> str | None:
+    """The unit that the name of a column tells, by the last word that is one of `units`."""
     if source in CANONICAL and CANONICAL[source].unit != TIMESTAMP:
         return CANONICAL[source].unit
-    found = words_of(source)
-    return next((words[word] for word in reversed(found) if word in words and (len(found) > 1 or len(word) > 3)), None)
+    words = words_of(source)
+    return next((units[word] for word in reversed(words) if word in units and (len(words) > 1 or len(word) > 3)), None)
 
 
 _JUDGES = {
@@ -364,7 +349,7 @@ NEAR = 60.0  # us about the usual neutral of pulses
 
 
 def directed(
-    n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]
+    n: Recognised, force: Recognised, columns: Mapping[str, Floats], spans: Mapping[str, Span]
 ) -> tuple[Recognised, Recognised]:
     """Both with the neutral that the signal needs, and with the column that tells the sign of one that has none, by the
     numbers of the tests, (N,) each."""
@@ -372,17 +357,17 @@ def directed(
     signal, pull = columns[n.source][good], columns[force.source][good]
     if not np.any(pull):
         return n, force
+    middle = (float(signal.min()) + float(signal.max())) / 2
     if signal.min() >= 0 and _both_ways(pull):
-        found = _neutral(signal, pull)
-        if found is None:
-            return _turned_by(n, force, columns, seen), force
-        n = _about(n, *found, (float(signal.min()) + float(signal.max())) / 2)
-    elif signal.min() >= 0 and is_pulses(n.source, seen[n.source]):
+        between = _neutral(signal, pull)
+        if between is None:
+            return _turned_by(n, force, columns, spans), force
+        n = _about(n, *between, middle)
+    elif signal.min() >= 0 and is_pulses(n.source, spans[n.source]):
         n = _about(n, PULSES[1], PULSES[1], PULSES[1])
     elif n.ask == "subtract":  # percent, 0 to 100: is there thrust in the middle?
-        middle = (float(signal.min()) + float(signal.max())) / 2
-        near = np.abs(signal - middle) <= LITTLE * np.ptp(signal) / 2
-        rests = near.any() and np.abs(pull[near]).max() < LITTLE * np.abs(pull).max()
+        around = np.abs(signal - middle) <= LITTLE * np.ptp(signal) / 2
+        rests = around.any() and np.abs(pull[around]).max() < LITTLE * np.abs(pull).max()
         n = _about(n, middle, middle, middle) if rests else replace(n, open="", ask="", more={})
     return n, _signed(force, n, signal - n.neutral, pull)
 
@@ -406,28 +391,30 @@ def _neutral(signal: Floats, pull: Floats) -> tuple[float, float] | None:
 
 def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
     """The signal less its neutral, which lies between two values: that of pulses, or the middle of the range."""
-    seen, usual = n.seen.partition(",")[0], PULSES[1]
-    told = f"about {low:.5g}" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
-    told = "pulses about 1500" if low == high == usual else told
+    usual = PULSES[1]
+    about = f"about {low:.5g}" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
+    seen = f"{n.seen.partition(',')[0]}, {'pulses about 1500' if low == high == usual else about}"
     if PULSES[0] <= low - NEAR <= usual <= high + NEAR:
-        return replace(n, unit="us", open="", ask="", more={"subtract": usual}, seen=f"{seen}, {told}")
+        return replace(n, unit="us", open="", ask="", more={"subtract": usual}, seen=seen)
     if low <= middle <= high:
-        return replace(n, open="", ask="", more={"subtract": middle}, seen=f"{seen}, {told}")
+        return replace(n, open="", ask="", more={"subtract": middle}, seen=seen)
     why = f"the force changes sign between {low:.4g} and {high:.4g}: at which value does the thruster stop?"
     return replace(n, open=why, more={"subtract": float(f"{(low + high) / 2:.3g}")}, ask="subtract")
 
 
-def _turned_by(n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]) -> Recognised:
+def _turned_by(
+    n: Recognised, force: Recognised, columns: Mapping[str, Floats], spans: Mapping[str, Span]
+) -> Recognised:
     pull, other = columns[force.source], _signed_by(force.source, 0)
     strong = np.abs(pull) > LITTLE * np.nanmax(np.abs(pull))
     for name, values in columns.items():
-        neutral = PULSES[1] if is_pulses(name, seen[name]) else 0
+        neutral = PULSES[1] if is_pulses(name, spans[name]) else 0
         agree = np.mean(np.sign(values[strong] - neutral) == np.sign(pull[strong]))
         if name not in (n.source, force.source) and agree >= APART:
             other = _signed_by(name, neutral)
             break
-    told = f"never below 0 while {force.source} goes from {np.nanmin(pull):.4g} to {np.nanmax(pull):.4g}: unsigned"
-    return replace(n, open="", ask="", seen=f"{n.seen}, {told}", more={"sign_from": other})
+    why = f"never below 0 while {force.source} goes from {np.nanmin(pull):.4g} to {np.nanmax(pull):.4g}: unsigned"
+    return replace(n, open="", ask="", seen=f"{n.seen}, {why}", more={"sign_from": other})
 
 
 def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> Recognised:
@@ -437,8 +424,8 @@ def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> R
         return force
     back = signal < -LITTLE * np.abs(signal).max()
     if pull.min() >= -LITTLE * pull.max() and pull[back].max(initial=0.0) > LITTLE * pull.max():
-        told = f"{force.seen}, one sign while {n.source} goes both ways: unsigned"
-        return replace(force, seen=told, more={"sign_from": _signed_by(n.source, n.neutral)})
+        seen = f"{force.seen}, one sign while {n.source} goes both ways: unsigned"
+        return replace(force, seen=seen, more={"sign_from": _signed_by(n.source, n.neutral)})
     if np.sum(signal * np.abs(signal) * pull) < 0:
         why = f"negative while {n.source} drives ahead: -1 if ahead is logged as negative force"
         return replace(force, open=why, more={"sign": -1}, ask="sign")
@@ -457,9 +444,9 @@ MOST_LOOKED_INTO = 20  # bollard tests of one layout
 
 @dataclass(frozen=True)
 class Layout:
-    """Logs with the same columns: whether they are thruster tests, what each column does over all of them, and of which
-    motion they are (translations only by columns of those names); what their columns are taken for, and which
-    quantities no column looks like."""
+    """Logs with the same columns: whether they are thruster tests, what each column does over all of them (`seen`), and
+    of which motion they are (translations only by columns of those names); what their columns are taken for, which
+    quantities no column looks like, and columns of few words."""
 
     names: tuple[str, ...]
     bollard: bool
@@ -472,28 +459,30 @@ class Layout:
 
     @property
     def rules(self) -> dict[str, ColumnRule]:
-        rules = column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
+        rules = column_rules({column.key: column.rule for column in self.columns if not column.as_named}, "")
         return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     @property
     def clock(self) -> "Layout":
-        times = tuple(one for one in self.columns if CANONICAL[one.key].quantity == "time")
-        return replace(self, columns=times, lacking=(), names=tuple(one.source for one in times))
+        times = tuple(column for column in self.columns if CANONICAL[column.key].quantity == "time")
+        return replace(self, columns=times, lacking=(), names=tuple(column.source for column in times))
 
-    def ends(self, one: Recognised) -> tuple[float, float, float] | None:
+    def ends(self, column: Recognised) -> tuple[float, float, float] | None:
         """The lowest, the highest and the usual value of a column as its rule reads it."""
-        span, rule = self.seen.get(one.source), self.rules.get(one.key, ColumnRule(one.source))
-        if span is None or rule.sign_from is not None:
-            largest = None if span is None else abs(rule.scale) * span.high
-            return None if largest is None else (-largest, largest, 0.0)
-        read = [rule.read(value) for value in (span.low, span.high, span.middle)]
-        return min(read[:2]), max(read[:2]), read[2]
+        span, rule = self.seen.get(column.source), self.rules.get(column.key, ColumnRule(column.source))
+        if span is None:
+            return None
+        if rule.sign_from is not None:
+            return -abs(rule.scale) * span.high, abs(rule.scale) * span.high, 0.0
+        low, high = sorted(map(rule.read, (span.low, span.high)))
+        return low, high, rule.read(span.middle)
 
     @property
     def foreign(self) -> bool:
+        """Whether nothing in it is of a vehicle."""
         of_vehicle = {YAW.position, YAW.velocity, YAW.command, *YAW.thrusters}
-        found = {CANONICAL[one.key].quantity for one in self.columns}
-        return not self.bollard and self.dof is YAW and not found & of_vehicle
+        quantities = quantities_of(column.key for column in self.columns)
+        return not self.bollard and self.dof is YAW and not quantities & of_vehicle
 
 
 @dataclass(frozen=True)
@@ -518,98 +507,89 @@ def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
 def recognised(layout: Layout, alike: Mapping[str, Span], given: ColumnMap) -> Layout:
     """The layout with what its columns are taken for: first as `given`, then by name and by what they do in all logs
     of the kind (`alike`)."""
-    known = {}
+    mapped = {}
     for key, rule in given.of(layout.files[0].path).columns.items():
         if key not in LABELS and rule.source in layout.names:
-            known[CANONICAL[key].quantity] = _given(key, rule, layout.seen)
-    taken = {one.source for one in known.values()}
-    names = [name for name in layout.names if name not in taken]
-    seen = {name: alike[name] for name in names if name in alike}
-    wanted = BOLLARD if layout.bollard else OF_YAW
-    found = {quantity: known.get(quantity) or recognise(quantity, names, seen) for quantity in wanted}
-    found |= {quantity: one for quantity, one in known.items() if quantity not in found}
+            mapped[CANONICAL[key].quantity] = _as_mapped(key, rule, layout.seen)
+    sources = {column.source for column in mapped.values()}
+    names = [name for name in layout.names if name not in sources]
+    spans = {name: alike[name] for name in names if name in alike}
+    every = BOLLARD if layout.bollard else OF_YAW
+    columns = {quantity: mapped.get(quantity) or recognise(quantity, names, spans) for quantity in every}
+    columns |= mapped
     if layout.bollard:
-        found |= _tests(found, layout, known)
-    elif not all(found[side] is not None for side in YAW.thrusters):
-        found |= {side: known.get(side) for side in YAW.thrusters}
-    commanded = all(found.get(side) is not None for side in YAW.thrusters)  # in place of a moment
+        columns |= _tests(columns, layout, mapped)
+    elif not all(columns[side] is not None for side in YAW.thrusters):
+        columns |= {side: mapped.get(side) for side in YAW.thrusters}
+    commanded = all(columns.get(side) is not None for side in YAW.thrusters)  # in place of a moment
     needed = BOLLARD[:2] if layout.bollard else NEEDED[:2] if commanded else NEEDED
-    lacking = tuple(quantity for quantity in needed if found.get(quantity) is None)
+    lacking = tuple(quantity for quantity in needed if columns.get(quantity) is None)
     # a column that was recognised as two quantities is the first of them
-    first = {column.source: column for column in reversed(list(found.values())) if column is not None}
+    first = {column.source: column for column in reversed(list(columns.values())) if column is not None}
     return replace(layout, columns=tuple(first.values())[::-1], lacking=lacking)
 
 
-def _given(key: str, rule: ColumnRule, seen: Mapping[str, Span]) -> Recognised:
+def _as_mapped(key: str, rule: ColumnRule, spans: Mapping[str, Span]) -> Recognised:
     usual = asdict(ColumnRule(rule.source, rule.unit))
     more = {name: value for name, value in asdict(rule).items() if value != usual[name]}
     if rule.sign_from is not None:
         more["sign_from"] = _signed_by(rule.sign_from.source, rule.sign_from.subtract)
-    span = seen.get(rule.source)
-    told = "" if span is None or span.stamps else f", {span.low:.5g} to {span.high:.5g}"
-    return Recognised(key, rule.source, f"as --columns says{told}", rule.unit, more=more)
+    span = spans.get(rule.source)
+    ends = "" if span is None or span.stamps else f", {span.low:.5g} to {span.high:.5g}"
+    return Recognised(key, rule.source, f"as --columns says{ends}", rule.unit, more=more)
 
 
 def _tests(
-    found: Mapping[str, Recognised | None], layout: Layout, known: Mapping[str, Recognised]
+    columns: Mapping[str, Recognised | None], layout: Layout, mapped: Mapping[str, Recognised]
 ) -> dict[str, Recognised | None]:
-    n, force = found["n"], found["force"]
+    """Control signal and force of bollard tests, judged together."""
+    n, force = columns["n"], columns["force"]
     if n is None and force is not None:  # a throttle called thrust, beside a force with its unit
-        free = [name for name in layout.names if name.lower().startswith("thrust") and name != force.source]
-        throttle = next((name for name in free if name in layout.seen and is_share(layout.seen[name])), None)
-        if throttle is not None:
-            span = layout.seen[throttle]
-            n = Recognised("n", throttle, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
-    if n is None or force is None or n.source == force.source or known.keys() & {"n", "force"}:
-        return {"n": None if n is not None and force is not None and n.source == force.source else n, "force": force}
-    if not force.open or force.unit_open:
-        n, force = directed(n, force, _numbers(layout), layout.seen)
+        for name, span in layout.seen.items():
+            if name.lower().startswith("thrust") and name != force.source and is_share(span) and n is None:
+                n = Recognised("n", name, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
+    if n is None or force is None:
+        return {"n": n, "force": force}
+    if n.source == force.source:
+        return {"n": None, "force": force}
+    if not mapped.keys() & {"n", "force"} and (not force.open or force.unit_open):
+        raws = [whole_log(file, ColumnMap()) for file in layout.files[:MOST_LOOKED_INTO]]
+        numeric = [i for i, name in enumerate(layout.names) if name in layout.seen and not layout.seen[name].stamps]
+        numbers = {layout.names[i]: np.concatenate([np.asarray(raw.arrays[i], float) for raw in raws]) for i in numeric}
+        n, force = directed(n, force, numbers, layout.seen)
     return {"n": n, "force": force}
-
-
-def _numbers(layout: Layout) -> dict[str, Floats]:
-    """The columns of numbers of the tests of a layout, one test after the other."""
-    raws = [whole_log(file, ColumnMap()) for file in layout.files[:MOST_LOOKED_INTO]]
-    numeric = [(i, name) for i, name in enumerate(layout.names) if name in layout.seen and not layout.seen[name].stamps]
-    return {name: np.concatenate([np.asarray(raw.arrays[i], dtype=float) for raw in raws]) for i, name in numeric}
 
 
 def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, given: ColumnMap) -> Maps:
     """The maps of layouts, of which the first to come has the map of all logs; those that would read each other's
     columns wrong have maps of their own."""
-    shared: list[Layout] = []
-    own: list[list[Layout]] = []
+    groups: list[list[Layout]] = [[]]
     for layout in layouts:
-        groups = (part for part in (shared, *own) if all(_fits(layout, o) and _fits(o, layout) for o in part))
-        group = next(groups, None)
+        group = next((group for group in groups if all(_fits(layout, o) and _fits(o, layout) for o in group)), None)
         if group is None:
-            own.append(group := [])
+            groups.append(group := [])
         group.append(layout)
+    inner = {file: _within(folder, file).as_posix() for file in files}
     named = []
-    for group in own:
-        named.append((_names([file for layout in group for file in layout.files], files, folder), tuple(group)))
-    return Maps(tuple(shared), tuple(named), given.join, given)
+    for group in groups[1:]:
+        members = [file for layout in group for file in layout.files]
+        places = places_of([inner[file] for file in members], list(inner.values()))
+        stray = [any(file not in members and matches(file.path, place) for file in files) for place in places]
+        above = folder.resolve().name
+        named.append((tuple(f"{above}/" * far + place for place, far in zip(places, stray)), tuple(group)))
+    return Maps(tuple(groups[0]), tuple(named), given.join, given)
 
 
-def _fits(one: Layout, other: Layout) -> bool:
-    """Whether the rules of `one` read nothing of `other` but what its own rules read."""
-    theirs = {taken.key: taken.rule for taken in other.columns}
+def _fits(layout: Layout, other: Layout) -> bool:
+    """Whether the rules of a layout read nothing of another but what that one's own rules read."""
+    theirs = {column.key: column.rule for column in other.columns}
     quantities = {CANONICAL[key].quantity: key for key in theirs}
-    for taken in one.columns:
-        key = quantities.get(CANONICAL[taken.key].quantity)
-        same = key == taken.key and theirs[taken.key] == taken.rule
-        if not same and not taken.as_named and (key == taken.key or taken.source in other.names):
+    for column in layout.columns:
+        key = quantities.get(CANONICAL[column.key].quantity)
+        same = key == column.key and theirs[column.key] == column.rule
+        if not same and not column.as_named and (key == column.key or column.source in other.names):
             return False
     return True
-
-
-def _names(wanted: Sequence[LogFile], every: Sequence[LogFile], folder: Path) -> tuple[str, ...]:
-    inner = {file: _within(folder, file).as_posix() for file in every}
-    names = []
-    for place in places_of([inner[file] for file in wanted], list(inner.values())):
-        stray = any(file not in wanted and matches(file.path, place) for file in every)
-        names.append(f"{folder.resolve().name}/{place}" if stray else place)
-    return tuple(names)
 
 
 def _within(folder: Path, file: LogFile) -> Path:
@@ -619,23 +599,21 @@ def _within(folder: Path, file: LogFile) -> Path:
 def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
     """Return which files of a folder are one log, by their names: those that hold what moves beside those that hold
     what drives."""
-    moving = [layout for layout in kinds if _moves(layout) and not _drives(layout)]
-    main = [_within(folder, file) for layout in moving for file in layout.files]
-    driving = [
-        layout for layout in kinds if not _moves(layout) and (_drives(layout) or _goes_with(layout, main, folder))
-    ]
-    others = [_within(folder, file) for layout in driving for file in layout.files]
-    found: dict[tuple[str, str], None] = {}
+    moving = [layout for layout in kinds if _moves(layout)]
+    main = [_within(folder, file) for layout in moving if not _drives(layout) for file in layout.files]
+    unmoving = [layout for layout in kinds if not _moves(layout)]
+    driving = [layout for layout in unmoving if _drives(layout) or _goes_with(layout, main, folder)]
+    driving_files = [_within(folder, file) for layout in driving for file in layout.files]
+    pairs: dict[tuple[str, str], None] = {}
     for path in main:
-        pair = next(filter(None, (_pattern(path, other) for other in others)), None)
-        near = [other for other in others if other.parent == path.parent]
-        if pair is None and len(near) == 1:
-            pair = path.name, near[0].name
-        if pair is not None:
-            found.setdefault(pair)
+        pair = next(filter(None, (_pattern(path, other) for other in driving_files)), None)
+        neighbours = [other for other in driving_files if other.parent == path.parent]
+        if pair is None and len(neighbours) == 1:
+            pair = path.name, neighbours[0].name
+        pairs |= {pair: None} if pair else {}
     longest = max(map(_longest_gap, driving), default=0.0)
     age = OLDEST if longest < OLDEST else float(np.ceil(1.1 * longest))
-    return tuple(Join(*pair, max_age_s=age) for pair in found)
+    return tuple(Join(*pair, max_age_s=age) for pair in pairs)
 
 
 def _goes_with(layout: Layout, main: Sequence[Path], folder: Path) -> bool:
@@ -643,7 +621,7 @@ def _goes_with(layout: Layout, main: Sequence[Path], folder: Path) -> bool:
     whatever that is called."""
     paired = all(any(_pattern(other, _within(folder, file)) for other in main) for file in layout.files)
     clock, signal = (recognise(quantity, layout.names, layout.seen) for quantity in ("time", "n"))
-    return paired and clock is not None and not (layout.bollard and signal is not None)
+    return paired and clock is not None and not (layout.bollard and signal)
 
 
 def _moves(layout: Layout) -> bool:
@@ -665,13 +643,13 @@ def _longest_gap(layout: Layout) -> float:
     return unit * span.largest_step if 3 * unit * span.median_step > OLDEST else 0.0
 
 
-def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
+def _pattern(path: Path, other: Path) -> tuple[str, str] | None:
     """Patterns of two names that differ in one word: nav_*.csv and cmd_*.csv, or nav/*.csv and cmd/*.csv."""
-    if one.name == other.name and one.parent.parent == other.parent.parent and one.parent != other.parent:
-        return f"{one.parent.name}/*{one.suffix}", f"{other.parent.name}/*{other.suffix}"
-    stems = [stem_of(path.name) for path in (one, other)]
+    if path.name == other.name and path.parent.parent == other.parent.parent and path.parent != other.parent:
+        return f"{path.parent.name}/*{path.suffix}", f"{other.parent.name}/*{other.suffix}"
+    stems = [stem_of(path.name), stem_of(other.name)]
     words = [re.split(r"([_\-. ]+)", stem) for stem in stems]
-    if one.parent != other.parent or len(words[0]) != len(words[1]) or len(words[0]) < 3:
+    if path.parent != other.parent or len(words[0]) != len(words[1]) or len(words[0]) < 3:
         return None
     differ = [i for i, (mine, theirs) in enumerate(zip(*words)) if mine != theirs]
     if len(differ) != 1:
@@ -679,19 +657,15 @@ def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
     i = differ[0]
     before = "*" + words[0][i - 1] if i else ""
     after = words[0][i + 1] + "*" if i + 1 < len(words[0]) else ""
-    endings = [path.name[len(stem) :] for path, stem in zip((one, other), stems)]
+    endings = path.name.removeprefix(stems[0]), other.name.removeprefix(stems[1])
     return f"{before}{words[0][i]}{after}{endings[0]}", f"{before}{words[1][i]}{after}{endings[1]}"
 
 
-def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
+def together(parts: Iterable[Mapping[str, Span]]) -> dict[str, Span]:
     union: dict[str, Span] = {}
-    for part in seen:
+    for part in parts:
         union |= {name: union[name] + span if name in union else span for name, span in part.items()}
     return union
-
-
-def quantities_of(names: Iterable[str]) -> set[str]:
-    return {CANONICAL[name].quantity for name in names if name in CANONICAL}
 
 
 def layouts_of(
@@ -701,27 +675,26 @@ def layouts_of(
     whole logs, kinds of these but those of no vehicle, the maps that read them, and why some cannot be read."""
     logs = whole_logs(files, given)
     layout_of = partial(_layout_of, columns=given)
-    seen = dict(zip(logs, ordered_map(layout_of, logs, jobs, progress=progress, stage="looking at columns")))
-    beside: list[Layout] = []
+    parts = dict(zip(logs, ordered_map(layout_of, logs, jobs, progress=progress, stage="looking at columns")))
+    clocks_beside: list[Layout] = []
     if not given.join:
-        apart = [layout for layout in _recognised(seen.values(), given) if layout.dof.wraps]
+        apart = [layout for layout in _recognised(parts.values(), given) if layout.dof.wraps]
         given = replace(given, join=joins_of(apart, folder))
         clocks = maps_of([layout.clock for layout in apart], logs, folder, given).columns()
         logs = whole_logs(logs, given)
-        beside = [layout.clock for layout in apart if not set(layout.files) & set(logs)]
-        seen |= {file: _layout_of(file, clocks) for file in logs if any(join.places(file.path) for join in given.join)}
-        seen = {file: seen[file] for file in logs}
-    layouts = _recognised(seen.values(), given)
-    if ours := {layout.names for layout in layouts if not layout.foreign}:
-        parts = (part for part in seen.values() if isinstance(part, Layout) and part.names in ours)
-        layouts = _recognised(parts, given)  # what strangers' columns do says nothing of columns of that name in logs
-    maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *beside], files, folder, given)
-    unread = {file: error for file, error in seen.items() if isinstance(error, LogError)}
+        clocks_beside = [layout.clock for layout in apart if not set(layout.files) & set(logs)]
+        joined = {file for file in logs if any(join.places(file.path) for join in given.join)}
+        parts = {file: _layout_of(file, clocks) if file in joined else parts[file] for file in logs}
+    layouts = _recognised(parts.values(), given)
+    if of_vehicles := {layout.names for layout in layouts if not layout.foreign}:
+        # what strangers' columns do says nothing of columns of that name in logs
+        layouts = _recognised((p for p in parts.values() if isinstance(p, Layout) and p.names in of_vehicles), given)
+    maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *clocks_beside], files, folder, given)
+    unread = {file: error for file, error in parts.items() if isinstance(error, LogError)}
     return tuple(logs), tuple(layouts), maps, unread
 
 
 def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
-    """The layout of one log; or why it cannot be read."""
     try:
         rules = columns.of(file.path)
         raw = whole_log(file, rules)
@@ -734,7 +707,7 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
     split = RUN in raw.names or RUN in rules.columns or BY in rules.columns
     words = {} if split else {key: label.names for key, label in labels.items()}
     bollard = means_thruster_test(quantities_of([*raw.names, *mapped]), names, dof)
-    return Layout(names, bollard, (file,), spans(raw), dof, words=words)
+    return Layout(names, bollard, (file,), spans_of(raw), dof, words=words)
 
 
 def _recognised(parts: Iterable[Layout | LogError], given: ColumnMap) -> list[Layout]:
@@ -749,34 +722,30 @@ def _recognised(parts: Iterable[Layout | LogError], given: ColumnMap) -> list[La
         for group in groups.values()
     ]
     layouts.sort(key=lambda layout: (layout.dof is not YAW, layout.bollard, -len(layout.files)))
-    kinds = [(layout.bollard, layout.dof) for layout in layouts]
-    alike = {
-        kind: together([layout.seen for layout, other in zip(layouts, kinds) if other == kind]) for kind in set(kinds)
-    }
-    return [
-        recognised(layout, alike[kind], given) if layout.dof.wraps else layout for layout, kind in zip(layouts, kinds)
-    ]
+
+    def alike(layout: Layout) -> dict[str, Span]:
+        return together(o.seen for o in layouts if (o.bollard, o.dof) == (layout.bollard, layout.dof))
+
+    return [recognised(layout, alike(layout), given) if layout.dof.wraps else layout for layout in layouts]
 
 
 def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
     """Folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs; never the
     folder at the top, as results that are written into it later would be taken for logs."""
-    left, found = set(wanted), []
-    folders = {"/".join(name.split("/")[:i]) for name in everywhere for i in range(1, name.count("/") + 1)}
+    remaining, places = set(wanted), []
+    folders = {parent.as_posix() for name in everywhere for parent in PurePosixPath(name).parents[:-1]}
     for folder in sorted(folders, key=lambda folder: (folder.count("/"), folder)):  # outer ones first
-        if re.search(r"[*?[]", folder):
-            continue
         inside = {name for name in everywhere if name.startswith(f"{folder}/")}
-        if inside and inside <= left:
-            found.append(folder)
-            left -= inside
-    for glob in _globs(sorted(left)):
+        if inside <= remaining and not re.search(r"[*?[]", folder):
+            places.append(folder)
+            remaining -= inside
+    for glob in _globs(sorted(remaining)):
         folder = glob.rpartition("/")[0]
         meant = {name for name in everywhere if name.rpartition("/")[0] == folder and fnmatchcase(name, glob)}
-        if len(meant & left) > 1 and meant <= set(wanted):
-            found.append(glob)
-            left -= meant
-    return sorted([*found, *left])
+        if len(meant & remaining) > 1 and meant <= set(wanted):
+            places.append(glob)
+            remaining -= meant
+    return sorted([*places, *remaining])
 
 
 def _globs(names: Sequence[str]) -> list[str]:

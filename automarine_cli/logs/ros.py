@@ -74,13 +74,13 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
             notes = ("the file ends within a chunk: its recorder was stopped; read up to there",)
         by_kind: dict[str, Rows] = {}
         streams = []
-        for topic, told in rows.items():
+        for topic, part in rows.items():
             if kind := _mavlink(topic):
-                by_kind.setdefault(kind, []).extend(told)
+                by_kind.setdefault(kind, []).extend(part)
             else:
-                time = np.array([at for at, _ in told])
-                streams.append(taken(topic, time, _json_columns([_flat(data) for _, data in told]), {}, columns))
-        messages = {kind: _json_message(sorted(told, key=lambda row: row[0])) for kind, told in by_kind.items()}
+                time = np.array([at for at, _ in part])
+                streams.append(taken(topic, time, _json_columns([_flat(data) for _, data in part]), {}, columns))
+        messages = {kind: _json_message(sorted(part, key=lambda row: row[0])) for kind, part in by_kind.items()}
         recorded = recording(of_the_vehicle(messages), columns, notes) if messages else Recording((), "", (), notes)
         holds = tuple(f"{topic} ({count})" for topic, count in counted.items())
     all_streams = (*recorded.streams, *streams)
@@ -95,56 +95,52 @@ def _mavlink(topic: str) -> str:
 
 def _json_message(rows: Rows) -> Message:
     """The fields of one kind of message, with when it was recorded [s] and who sent it."""
-    headers = [one.get("header", {}) for _, one in rows]
-    sender = [(int(one.get("system_id", 0)) << 8) + int(one.get("component_id", 0)) for one in headers]
-    fields = _json_columns([_plain(one.get("message", {})) for _, one in rows])
+    headers = [data.get("header", {}) for _, data in rows]
+    sender = [(int(head.get("system_id", 0)) << 8) + int(head.get("component_id", 0)) for head in headers]
+    fields = _json_columns([_plain(data.get("message", {})) for _, data in rows])
     return {"received": np.array([at for at, _ in rows]), "sender": np.array(sender, dtype=np.int64), **fields}
 
 
 def _plain(message: Mapping[str, Any]) -> dict[str, float | str]:
     """Numbers and names of a message; what MAVLink counts and JSON spells out becomes the number again."""
-    told: dict[str, float | str] = {}
+    fields: dict[str, float | str] = {}
     for key, value in message.items():
         if key == "mavtype":
             word = value.get("type", "") if isinstance(value, dict) else str(value)
-            told["type"] = float(VEHICLES.get(word, 0))
+            fields["type"] = float(VEHICLES.get(word, 0))
         elif key == "base_mode":
             bits = value.get("bits", 0) if isinstance(value, dict) else value
-            told[key] = float(MAV_MODE_ARMED * (ARMED in bits) if isinstance(bits, str) else bits)
+            fields[key] = float(MAV_MODE_ARMED * (ARMED in bits) if isinstance(bits, str) else bits)
         elif key == "param_id":
-            told[key] = ("".join(value) if isinstance(value, list) else str(value)).rstrip("\0")
+            fields[key] = ("".join(value) if isinstance(value, list) else str(value)).rstrip("\0")
         elif isinstance(value, int | float):
-            told[key] = float(value)
-    return told
+            fields[key] = float(value)
+    return fields
 
 
 def _flat(value: object, prefix: str = "", depth: int = 0) -> dict[str, float | str]:
     """`{"a": {"b": [1, 2]}}` as a.b[0] and a.b[1]: the numbers, and words."""
-    if isinstance(value, bool | int | float):
-        return {prefix: float(value)}
-    if isinstance(value, str):
-        return {prefix: value}
+    if isinstance(value, int | float | str):
+        return {prefix: value if isinstance(value, str) else float(value)}
     inner: Mapping[str, object] = {}
     if isinstance(value, dict):
-        inner = {f"{prefix}.{key}" if prefix else str(key): one for key, one in value.items()}
+        inner = {f"{prefix}.{key}" if prefix else str(key): part for key, part in value.items()}
     elif isinstance(value, list):
-        inner = {f"{prefix}[{i}]": one for i, one in enumerate(value)}
-    found: dict[str, float | str] = {}
-    for path, one in inner.items() if depth < DEEPEST_OBJECT else ():
-        found |= _flat(one, path, depth + 1)
-    return found
+        inner = {f"{prefix}[{i}]": part for i, part in enumerate(value)}
+    flat = (_flat(part, path, depth + 1) for path, part in inner.items() if depth < DEEPEST_OBJECT)
+    return dict(item for part in flat for item in part.items())
 
 
 def _json_columns(rows: list[dict[str, float | str]]) -> Message:
     """One array a field that is a number, or a word, in every row that has it; a number that is missing is NaN."""
-    found: Message = {}
+    fields: Message = {}
     for key in dict.fromkeys(key for row in rows for key in row):
         values = [row.get(key) for row in rows]
         if all(isinstance(value, float) or value is None for value in values):
-            found[key] = np.array(values, dtype=np.float64)
+            fields[key] = np.array(values, dtype=np.float64)
         elif all(isinstance(value, str) for value in values):
-            found[key] = np.array(values, dtype=str)
-    return found
+            fields[key] = np.array(values, dtype=str)
+    return fields
 
 
 MCAP = b"\x89MCAP0\r\n"
@@ -189,12 +185,12 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
         )
     if profile not in (None, "ros2"):
         return _read_json_channels(path, name, columns)
-    one = path.suffix.lower() == ".bag"
-    library = needed("rosbags.rosbag1" if one else "rosbags.rosbag2", "ros", name, "ROS bags")
+    ros1 = path.suffix.lower() == ".bag"
+    library = needed("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", "ros", name, "ROS bags")
     with unsound_is_refused(name, "bag's", MEND), library.Reader(path) as bag:
-        asked = columns.sources
-        wanted = [link for link in bag.connections if link.msgcount and _wanted(link, asked)]
-        topics = list(_topics(bag, wanted, one, asked))
+        sources = columns.sources
+        connections = [link for link in bag.connections if link.msgcount and _wanted(link, sources)]
+        topics = list(_topics(bag, connections, ros1, sources))
         holds = {link.topic: f"{link.topic} ({link.msgtype.replace('/msg/', '/')})" for link in bag.connections}
     return on_one_clock(_recording(topics, tuple(holds.values()), columns), columns, name)
 
@@ -217,11 +213,11 @@ def _wanted(link: Any, asked: Iterable[str]) -> bool:
     return known or any(source.startswith(f"{link.topic}.") for source in asked)
 
 
-def _topics(bag: Any, wanted: list[Any], one: bool, asked: set[str]) -> Iterable[Topic]:
+def _topics(bag: Any, wanted: list[Any], ros1: bool, asked: set[str]) -> Iterable[Topic]:
     """The topics with the numbers and words that serve; messages of one topic in the order of the file."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    store = get_typestore(Stores.ROS1_NOETIC if one else Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     for link in wanted.copy():
         if link.msgtype not in store.fielddefs and not link.msgdef.data:
             wanted.remove(link)  # older bags do not say what types of one's own hold
@@ -229,24 +225,22 @@ def _topics(bag: Any, wanted: list[Any], one: bool, asked: set[str]) -> Iterable
             idl = link.msgdef.format.name == "IDL"
             types = get_types_from_idl(link.msgdef.data) if idl else get_types_from_msg(link.msgdef.data, link.msgtype)
             store.register({key: value for key, value in types.items() if key not in store.fielddefs})
-    read_one = store.deserialize_ros1 if one else store.deserialize_cdr
-    found: dict[str, tuple[str, list[int], list[Any]]] = {}
+    deserialize = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+    topics: dict[str, tuple[str, list[int], list[Any]]] = {}
     if wanted:
         for link, stamp, raw in bag.messages(connections=wanted):
-            _, stamps, messages = found.setdefault(link.topic, (link.msgtype, [], []))
+            _, stamps, messages = topics.setdefault(link.topic, (link.msgtype, [], []))
             stamps.append(stamp)
-            messages.append(read_one(raw, link.msgtype))
-    for topic, (kind, stamps, messages) in found.items():
-        getters = _inside(store.fielddefs, kind, "", messages[0], 0)
-        columns = {
-            name: np.array([get(message) for message in messages])
-            for name, get in getters
-            if _serves(topic, kind, asked, name)
-        }
-        fields = {name: c if c.dtype.kind == "U" else c.astype(np.float64) for name, c in columns.items()}
-        seconds, rest = fields.pop("header.stamp.sec", None), fields.pop("header.stamp.nanosec", None)
+            messages.append(deserialize(raw, link.msgtype))
+    for topic, (kind, stamps, messages) in topics.items():
+        fields = {}
+        for name, get in _inside(store.fielddefs, kind, "", messages[0], 0):
+            if _serves(topic, kind, asked, name):
+                values = np.array([get(message) for message in messages])
+                fields[name] = values if values.dtype.kind == "U" else values.astype(np.float64)
+        seconds, nanos = fields.pop("header.stamp.sec", None), fields.pop("header.stamp.nanosec", None)
         none = np.full(len(stamps), np.nan)
-        stamped = none if seconds is None or rest is None else np.where(seconds > 0, seconds + rest / 1e9, np.nan)
+        stamped = none if seconds is None or nanos is None else np.where(seconds > 0, seconds + nanos / 1e9, np.nan)
         yield Topic(topic, kind, fields, np.array(stamps, dtype=np.float64) / 1e9, stamped)
 
 
@@ -266,26 +260,22 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
     turning.sort(key=lambda topic: list(POSES).index(topic.kind))  # among those of one type the bag's order
     shift, notes = _clocks(turning)
     streams = []
-    given: set[str] = set()
-    for topic in [*turning, *(one for one in topics if one not in turning)]:
+    free = {**OWN, "voltage": "voltage_V"}  # of several sensors of one kind the first serves
+    for topic in [*turning, *(topic for topic in topics if topic not in turning)]:
         time = np.where(np.isnan(topic.stamped), topic.recorded + shift, topic.stamped)
-        own = {key: name for key, name in OWN.items() if key in motions.get(topic.name, {}) and key not in given}
-        given |= set(own)
-        if topic.kind == BATTERY and "voltage" not in given:
-            own["voltage"] = "voltage_V"
-            given.add("voltage")
-        fields = {**topic.fields, **motions.get(topic.name, {})}
-        keep = topic.kind.startswith(STANDARD)
-        streams.append(taken(topic.name, time, fields, own, columns, keep=keep))
+        motion = motions.get(topic.name, {})
+        names = {key: name for key, name in free.items() if key in motion or (topic.kind, key) == (BATTERY, "voltage")}
+        free = {key: name for key, name in free.items() if key not in names}
+        fields = {**topic.fields, **motion}
+        streams.append(taken(topic.name, time, fields, names, columns, keep=topic.kind.startswith(STANDARD)))
         if topic.kind == STATE:
             states = {"mode": fields["mode"], "armed": arming(fields["armed"] > 0)}
             streams.append(Stream(topic.name, time, states, lasting=True))
-    names = {stream.name for stream in streams if stream.columns}
-    unstamped = [one.name for one in topics if np.isnan(one.stamped).any() and one.name in names]
-    if unstamped:
+    serving = {stream.name for stream in streams if stream.columns}
+    if unstamped := [topic.name for topic in topics if np.isnan(topic.stamped).any() and topic.name in serving]:
         notes.append(f"without stamps of their own, at the time of recording: {listed(unstamped)}")
     if turning:
-        others = f", not of {listed(one.name for one in turning[1:])}" if len(turning) > 1 else ""
+        others = f", not of {listed(topic.name for topic in turning[1:])}" if len(turning) > 1 else ""
         turned = "turned from ROS's east, north, up and forward, left, up to clockwise from north"
         notes.insert(0, f"heading of {turning[0].name}{others}, {turned}")
     return Recording(streams, "topics", holds, tuple(notes))
@@ -295,16 +285,16 @@ def _motion(topic: Topic) -> Fields:
     """Heading [rad], yaw rate [rad/s], surge and sway [m/s] by our signs, whichever the type has."""
     quaternion, angular, linear = POSES[topic.kind]
     x, y, z, w = (topic.fields[f"{quaternion}.{dof}"] for dof in "xyzw")
-    found = {}
+    channels = {}
     yaw = yaw_of(w, x, y, z)
     yaw[topic.fields.get(NOT_MEASURED, np.zeros(len(yaw))) == -1] = np.nan
     if not np.isnan(yaw).all():
-        found["heading"] = (np.pi / 2 - yaw) % (2 * np.pi)
+        channels["heading"] = (np.pi / 2 - yaw) % (2 * np.pi)
     if angular:
-        found["yaw_rate"] = -topic.fields[f"{angular}.z"]
+        channels["yaw_rate"] = -topic.fields[f"{angular}.z"]
     if linear:
-        found |= {"surge": topic.fields[f"{linear}.x"], "sway": -topic.fields[f"{linear}.y"]}
-    return found
+        channels |= {"surge": topic.fields[f"{linear}.x"], "sway": -topic.fields[f"{linear}.y"]}
+    return channels
 
 
 def _clocks(turning: list[Topic]) -> tuple[float, list[str]]:
@@ -334,5 +324,4 @@ def _inside(types: Mapping[str, Any], kind: str, prefix: str, first: Any, depth:
 
 
 def _element(values: Getter, i: int, message: Any) -> Any:
-    array = values(message)
-    return array[i] if i < len(array) else np.nan
+    return next(iter(values(message)[i : i + 1]), np.nan)

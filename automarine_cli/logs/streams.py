@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
-from automarine_cli.logs.columns import CANONICAL, VELOCITIES, ColumnMap, Join, motion_of, names_of
+from automarine_cli.logs.columns import CANONICAL, VELOCITIES, ColumnMap, Join, motion_of, names_of, quantities_of
 from automarine_cli.logs.formats import LOGGED, Origin, RawLog, decoded
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed, printable
@@ -57,7 +57,7 @@ def unsound_is_refused(source: str, what: str, mend: str = "copy the file again"
 
 def yaw_of(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
     """Yaw [rad] of unit quaternions, shape (N,), from -pi to pi: the last of the turns z-y-x (Diebel 2006, eq. 290);
-    NaN where there is no direction, as PX4 and ROS say by zeros or NaN."""
+    NaN where there is no direction, which PX4 and ROS write as zeros or NaN."""
     yaw = np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)
     with np.errstate(invalid="ignore"):
         return np.where(w**2 + x**2 + y**2 + z**2 > 0.5, yaw, np.nan)
@@ -67,17 +67,18 @@ def mode_names(codes: NDArray[Any], vehicle: int) -> NDArray[np.str_]:
     """Names of flight modes, shape (N,), for a MAV_TYPE; a mode without a name keeps its number."""
     if codes.dtype.kind not in "iuf":
         return codes.astype(str)
-    try:
+    names: Mapping[int, object] = {}
+    with contextlib.suppress(ImportError):  # a log that needs no pymavlink otherwise
         from pymavlink.mavutil import mode_mapping_bynumber
-    except ImportError:  # a log that needs no pymavlink otherwise
-        return named(codes, {}, "mode {}")
-    return named(codes, mode_mapping_bynumber(vehicle) or {}, "mode {}")
+
+        names = mode_mapping_bynumber(vehicle) or {}
+    return named(codes, names, "mode {}")
 
 
 def named(codes: NDArray[Any], names: Mapping[int, object], other: str = "{}") -> NDArray[np.str_]:
     """The name of each code, shape (N,); one without a name keeps its number, told by `other`."""
-    found, at = np.unique(codes, return_inverse=True)
-    return np.array([str(names.get(int(code), other.format(int(code)))) for code in found], dtype=str)[at]
+    distinct, at = np.unique(codes, return_inverse=True)
+    return np.array([str(names.get(int(code), other.format(int(code)))) for code in distinct], dtype=str)[at]
 
 
 def arming(armed: NDArray[np.bool_]) -> NDArray[np.str_]:
@@ -110,9 +111,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a format finds in a file: its streams, what it calls them (`kind`: messages, topics), all that the file
-    holds, notes, and where commands come from that were worked back from what was sent to motors.
-    """
+    """What a format finds in a file: its streams, what it calls them (`kind`: messages, topics), and as in `RawLog`."""
 
     streams: Sequence[Stream]
     kind: str
@@ -127,52 +126,50 @@ def taken(
 ) -> Stream:  # fmt: skip
     """The stream of those fields of a message that serve: `own` under its canonical names (field -> name) unless the
     column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all."""
-    asked = columns.sources
+    sources = columns.sources
     mapped = {CANONICAL[key].quantity for key in columns.columns if key in CANONICAL}
     used, also = {}, {}
     for key, values in fields.items():
         full, canonical = f"{name}.{key}", own.get(key)
-        if canonical is not None and (full in asked or CANONICAL[canonical].quantity not in mapped):
+        if canonical is not None and (full in sources or CANONICAL[canonical].quantity not in mapped):
             used[canonical], also[full] = values, canonical
-        elif full in asked or keep:
+        elif full in sources or keep:
             used[full] = values
     return Stream(name, time, used, also)
 
 
-def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
+def on_one_clock(recording: Recording, columns: ColumnMap, source: str) -> RawLog:
     """All streams on the clock of the one that holds the heading (in a thruster test: the force), whose messages rows
     count. Raises LogError that lists what the file holds where there is neither."""
-    streams = [stream for stream in found.streams if len(stream.time) and stream.columns]
+    streams = [stream for stream in recording.streams if len(stream.time) and stream.columns]
     also = {name: column for stream in reversed(streams) for name, column in stream.also.items()}
     bollard = _is_bollard(streams, also, columns)
     if bollard:  # nothing turns in it, though a compass may have been on
         headings = names_of("heading")
-        streams = [
-            replace(stream, columns={name: c for name, c in stream.columns.items() if name not in headings})
-            for stream in streams
-            if stream.columns.keys() - set(headings)
-        ]
+        plain = ({name: c for name, c in stream.columns.items() if name not in headings} for stream in streams)
+        streams = [replace(stream, columns=rest) for stream, rest in zip(streams, plain) if rest]
         also = {name: column for name, column in also.items() if column not in headings}
     master = _master(streams, also, columns, bollard)
     if master is None:
-        there = f"found the {found.kind} {listed(found.holds)}" if found.holds else f"it holds no {found.kind}"
+        holds = recording.holds
+        there = f"found the {recording.kind} {listed(holds)}" if holds else f"it holds no {recording.kind}"
         raise LogError(
             f"{source}: no heading in it; {there}. If one of them holds the heading, name its field with a line such "
             'as heading_deg = "NAME.FIELD" under [columns] in a file and give it with --columns FILE.toml'
         )
-    names: dict[str, pa.ChunkedArray] = {"time_s": _array(master.time)}
+    arrays: dict[str, pa.ChunkedArray] = {"time_s": _array(master.time)}
     ages, moving = [], _moving(columns)
-    for stream in [master, *(one for one in streams if one is not master)]:
-        held = _held(stream, master)
+    for stream in [master, *(stream for stream in streams if stream is not master)]:
+        last = _held(stream, master)
         for name, values in stream.columns.items():
             moves = stream is not master and name in moving
-            names.setdefault(name, _brought(stream, values, master, held, moves))
+            arrays.setdefault(name, _brought(stream, values, master, last, moves))
         if stream is not master and not stream.lasting:
-            ages.append(_age(stream, master, held, moving.issuperset(stream.columns)))
-    told = (f"on the clock of {printable(master.name)}, last values held: {'; '.join(ages)}",) if ages else ()
+            ages.append(_age(stream, master, last, moving.issuperset(stream.columns)))
+    clocks = (f"on the clock of {printable(master.name)}, last values held: {'; '.join(ages)}",) if ages else ()
     return RawLog(
-        tuple(names), tuple(names.values()), np.arange(1, len(master.time) + 1),
-        also=also, notes=(*found.notes, *told), holds=found.holds, origin=found.origin,
+        tuple(arrays), tuple(arrays.values()), np.arange(1, len(master.time) + 1),
+        also=also, notes=(*recording.notes, *clocks), holds=recording.holds, origin=recording.origin,
     )  # fmt: skip
 
 
@@ -181,7 +178,7 @@ def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnM
     motion = (motion_of(names, columns.columns).position, "heading")
     for quantity in ("force",) if bollard else (*motion, "force"):
         mapped = [columns.columns[name].source for name in names_of(quantity) if name in columns.columns]
-        for name in [*(also.get(one, one) for one in mapped), *names_of(quantity)]:
+        for name in [*(also.get(source, source) for source in mapped), *names_of(quantity)]:
             for stream in streams:
                 if name in stream.columns:
                     return stream
@@ -190,9 +187,7 @@ def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnM
 
 def _is_bollard(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> bool:
     there = {name for stream in streams for name in stream.columns} | set(also)
-    named = {
-        CANONICAL[name].quantity for name, rule in columns.columns.items() if name in CANONICAL and rule.source in there
-    }
+    named = quantities_of(name for name, rule in columns.columns.items() if rule.source in there)
     commands = {name for dof in DOFS.values() for name in (dof.command, *dof.thrusters)}
     return named >= {"n", "force"} and not named & commands
 
@@ -207,10 +202,10 @@ def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
     if stream.nearest:
         after = np.minimum(place + 1, len(time) - 1)
         place = np.where((place < 0) | (time[after] - master.time < master.time - time[place]), after, place)
-    known = (place >= 0) & (np.abs(master.time - time[place]) <= stream.oldest)
+    valid = (place >= 0) & (np.abs(master.time - time[place]) <= stream.oldest)
     if not stream.lasting:  # what was sent before the recording paused says nothing of after
-        known &= stream.time[order[place]] > _paused(master.time)
-    return np.where(known, order[place], -1)
+        valid &= stream.time[order[place]] > _paused(master.time)
+    return np.where(valid, order[place], -1)
 
 
 def _paused(time: Floats) -> Floats:
@@ -239,11 +234,11 @@ def _array(values: Floats) -> pa.ChunkedArray:
 
 
 def _age(stream: Stream, master: Stream, held: NDArray[np.int64], interpolated: bool) -> str:
-    name, known = printable(stream.name), held >= 0
-    if not known.any():
+    name, valid = printable(stream.name), held >= 0
+    if not valid.any():
         return f"{name} begins only after the last row"
-    age = np.abs(master.time[known] - stream.time[held[known]])
-    late = len(held) - int(np.count_nonzero(known))
+    age = np.abs(master.time[valid] - stream.time[held[valid]])
+    late = len(held) - int(np.count_nonzero(valid))
     lacking = f", none in {late} row{'s' * (late != 1)}" if late else ""
     how = ", interpolated" * interpolated
     return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{lacking}{how}"
@@ -256,37 +251,30 @@ def joined(
     """A log with the columns of another file on its clock, each value held as `join` says; the log's own of the same
     name stay. Clocks are columns and seconds (N,). Raises LogError where they never meet."""
     (column, time), master = theirs, Stream(names[0], clock[1], {})
-    both = [one[np.isfinite(one)] for one in (master.time, time)]
-    if all(len(one) and one.max() < BARE for one in both):  # clocks of the day: the nearest midnight
-        time = time + DAY * np.round((np.median(both[0]) - np.median(both[1])) / DAY)
+    clocks = [clock[np.isfinite(clock)] for clock in (master.time, time)]
+    if all(len(clock) and clock.max() < BARE for clock in clocks):  # clocks of the day: the nearest midnight
+        time = time + DAY * np.round((np.median(clocks[0]) - np.median(clocks[1])) / DAY)
     sound = np.isfinite(time)
     stream = Stream(names[1], time[sound], {}, oldest=join.max_age_s, nearest=join.take == "nearest")
-    held = _held(stream, master) if sound.any() else np.full(len(master.time), -1)
-    if not (held >= 0).any():
-        ends = [f"from {one.min():.10g} to {one.max():.10g} s" if len(one) else "without a time" for one in both]
+    last = _held(stream, master) if sound.any() else np.full(len(master.time), -1)
+    if not (last >= 0).any():
+        ends = [f"from {c.min():.10g} to {c.max():.10g} s" if len(c) else "without a time" for c in clocks]
         raise LogError(
             f"{names[0]} runs {ends[0]}, {names[1]}, which is joined to it, {ends[1]}: their clocks do not meet within "
             f"{join.max_age_s:g} s; expected one clock. Correct the names in join, or one clock by an offset under "
             "[[columns_of]]"
         )
-    moving = _moving(columns)
-    found = {
-        name: _brought(stream, _plain(array)[sound], master, held, name in moving)
-        for name, array in zip(other.names, other.arrays)
-        if name and name != column and name not in raw.names and not pa.types.is_timestamp(array.type)
-    }
-    told = f"joined to the clock of {printable(names[0])}: {_age(stream, master, held, moving.issuperset(found))}"
-    return replace(raw, names=(*raw.names, *found), arrays=(*raw.arrays, *found.values()), notes=(*raw.notes, told))
-
-
-def _plain(array: pa.ChunkedArray) -> NDArray[Any]:
-    """A column as numbers, or as words."""
-    if pa.types.is_floating(array.type):
-        return np.asarray(array.to_numpy())
-    return np.array([decoded(cell) for cell in array.to_pylist()], dtype=str)
+    moving, arrays = _moving(columns), {}
+    for name, array in zip(other.names, other.arrays):
+        if name and name != column and name not in raw.names and not pa.types.is_timestamp(array.type):
+            number = pa.types.is_floating(array.type)
+            values = array.to_numpy() if number else np.array([decoded(cell) for cell in array.to_pylist()], dtype=str)
+            arrays[name] = _brought(stream, values[sound], master, last, name in moving)
+    note = f"joined to the clock of {printable(names[0])}: {_age(stream, master, last, moving.issuperset(arrays))}"
+    return replace(raw, names=(*raw.names, *arrays), arrays=(*raw.arrays, *arrays.values()), notes=(*raw.notes, note))
 
 
 def _moving(columns: ColumnMap) -> set[str]:
     """Columns that hold motion, which goes on between two messages: by their names, and by what they are mapped to."""
-    names = {name for name, one in CANONICAL.items() if one.quantity in MOTION}
+    names = {name for name, canonical in CANONICAL.items() if canonical.quantity in MOTION}
     return names | {columns.columns[name].source for name in names & set(columns.columns)}

@@ -36,6 +36,7 @@ from automarine_cli.logs.columns import (
     motion_of,
     motions_in,
     names_of,
+    quantities_of,
     unit_in,
 )
 from automarine_cli.logs.find import ENDINGS, format_of
@@ -57,25 +58,19 @@ class Labels:
 
 @dataclass(frozen=True)
 class LogTable:
-    """One log file, read: `columns` of canonical quantities in SI units, each of shape (N,), a missing value NaN.
+    """One log file, read: `columns` of canonical quantities (`CANONICAL`) in SI units, each of shape (N,), a missing
+    value NaN; positions that wrap as logged, control signals in the file's own unit.
 
-    These are `time` [s], `heading` [rad, as logged: wrapped or not], `yaw_rate` [rad/s], `moment` [`moment_unit`],
-    `n_port`, `n_stbd`, `n` [the file's own unit], `voltage` [V], `surge`, `sway` [m/s], `force` [N]; in a log of
-    another motion (`dof`) its position [m] and force [`moment_unit`] in place of heading and moment, in one of motion
-    in the plane also its other velocities and commands, `north`, `east` [m], `lat`, `lon` [rad]. `units` tell newtons
-    from a normalised force. Every other numeric column is in `extras` under the file's own name. `rows` are 1-based
-    line numbers in the file (Parquet: row numbers), `names` all its columns, `notes` what a person should know.
-    `run_names` are the runs of the file in the order in which they begin, `run_code` says of which each row is, `parts`
-    what the column map splits it by, `words` other columns of few words. `states` are mode and arming, `holds` the
-    messages or topics, `origin` where commands come from, if they were worked back from what was sent to motors.
+    `units` tell newtons from a normalised force. Every other numeric column is in `extras` under the file's own name.
+    `rows` are 1-based line numbers in the file (Parquet: row numbers), `names` all its columns, `notes` what a person
+    should know. `runs` are those that the file names, `parts` what the column map splits it by, `words` other columns
+    of few words, `states` mode and arming; `holds` and `origin` as in `RawLog`.
     """
 
     source: str
     columns: Mapping[str, Floats]
     rows: NDArray[np.int64]
-    run_names: tuple[str, ...] = ()
-    run_code: NDArray[np.int64] | None = None
-    moment_unit: str | None = None
+    runs: Labels | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     dof: Dof = field(kw_only=True)
     extras: Mapping[str, Floats] = field(default_factory=dict)
@@ -89,8 +84,12 @@ class LogTable:
 
     @property
     def run(self) -> NDArray[np.str_] | None:
-        """Return the name of each row's run, shape (N,), or None where the file is one run."""
-        return None if self.run_code is None else np.array(self.run_names)[self.run_code]
+        """The name of each row's run, shape (N,), or None where the file is one run."""
+        return None if self.runs is None else np.array(self.runs.names)[self.runs.code]
+
+    @property
+    def moment_unit(self) -> str:
+        return self.units.get(self.dof.command, "")
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -121,7 +120,6 @@ def read_log(
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = motion_of(raw.names, mapped)
     uses, notes = _assigned(raw, columns, source, foreign(dof, motion))
-    runs = split_by(raw, columns, source, RUN)
     used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
@@ -136,9 +134,7 @@ def read_log(
         source=source,
         columns=values_of,
         rows=raw.rows,
-        run_names=runs.names if runs else (),
-        run_code=runs.code if runs else None,
-        moment_unit=next((use.canonical.unit for use in uses if use.canonical.quantity == dof.command), None),
+        runs=split_by(raw, columns, source, RUN),
         units={use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses},
         extras=extras,
         names=raw.names,
@@ -165,8 +161,7 @@ def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:
 
 
 def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
-    """The columns of a file as they stand, whatever its format. Raises LogError for what is no file, or holds
-    nothing."""
+    """The columns of a file as they stand. Raises LogError for what is no file, or holds nothing."""
     name, path = file.name, file.path
     try:
         if file.content is not None:
@@ -202,8 +197,8 @@ def _format_of_file(path: Path, name: str) -> Format:
     if path.is_symlink() and not path.exists():
         trouble = f"a broken link; expected a {form.name} file. Copy the log here, or leave the link out"
     elif path.is_dir() or not path.is_file():
-        what = "a directory" if path.is_dir() else "not a regular file"
-        trouble = f"{what}; expected a {form.name} file. Rename it, or leave it out"
+        kind = "a directory" if path.is_dir() else "not a regular file"
+        trouble = f"{kind}; expected a {form.name} file. Rename it, or leave it out"
     elif path.stat().st_size == 0:
         trouble = (
             f"the file is empty; expected a {form.name} file with a header and rows. Copy it again, or leave it out"
@@ -226,8 +221,7 @@ def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:
 
 
 def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[str]) -> tuple[list[_Use], list[str]]:
-    """Which column serves which quantity; rules of the map come before names of the file. By those names `others` are
-    not read."""
+    """Which column serves which quantity; rules of the map come before names of the file. `others` are not read."""
     mapped: dict[str, list[_Use]] = {}
     missing: dict[str, str] = {}
     for name, rule in columns.columns.items():
@@ -239,19 +233,19 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
         else:
             why = f"the column map names {quoted(rule.source)} for {name}; the file has no such column"
             missing[canonical.quantity] = why
-    named: dict[str, list[_Use]] = {}
+    by_name: dict[str, list[_Use]] = {}
     for name, canonical in CANONICAL.items():
         if canonical.quantity in others or canonical.quantity in mapped or (place := raw.place(name)) is None:
             continue
         # a column `time` of plain numbers has no unit: it is not taken as the clock
         if name != "time" or not raw.is_numeric(place):
-            named.setdefault(canonical.quantity, []).append(_Use(canonical, place, ColumnRule(name)))
-    used = mapped | named
+            by_name.setdefault(canonical.quantity, []).append(_Use(canonical, place, ColumnRule(name)))
+    used = mapped | by_name
     for quantity, uses in used.items():
         if len(uses) > 1:
-            both = " and ".join(use.rule.source for use in uses[:2])
+            names = " and ".join(use.rule.source for use in uses[:2])
             raise LogError(
-                f"{source}: columns {both} both hold the {quantity}; expected one. Choose with a line such "
+                f"{source}: columns {names} both hold the {quantity}; expected one. Choose with a line such "
                 f'as {uses[0].canonical.name} = "{uses[0].rule.source}" {GIVE_IT}'
             )
     moves = any(dof.position in used for dof in DOFS.values())  # one map may serve runs and thruster tests
@@ -275,8 +269,7 @@ def _refusal(raw: RawLog, use: _Use, source: str, row: int, text: str, expected:
 def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
     """One canonical column in SI units, shape (N,); what to know of its reading goes to the notes."""
     array, rule = raw.arrays[use.index], use.rule
-    unit, stamped = rule.unit or use.canonical.unit, pa.types.is_timestamp(array.type)
-    factor = 1.0
+    unit, stamped, factor = rule.unit or use.canonical.unit, pa.types.is_timestamp(array.type), 1.0
     if use.canonical.quantity == "time" and (unit == TIMESTAMP or stamped):
         values = _seconds(raw, use, source, notes)
     elif raw.is_numeric(use.index):
@@ -287,25 +280,17 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
     if (infinite := np.isinf(values)).any():
         row = int(np.argmax(infinite))
         raise _refusal(raw, use, source, row, "an infinite value", f"a finite number. {OR_EMPTY}")
-    if rule.subtract != 0:
-        values = values - rule.subtract
-    if rule.sign_from is not None:
-        values = np.abs(values) * _signs(raw, use, rule.sign_from, source)
-    if rule.scale != 1 or rule.offset != 0:
-        values = rule.scale * values + rule.offset
-    return values if rule.sign * factor == 1 else rule.sign * factor * values
-
-
-def _signs(raw: RawLog, use: _Use, rule: ColumnRule, source: str) -> Floats:
-    """Which way an unsigned column counts, 1, 0 or -1, shape (N,)."""
-    index = raw.place(rule.source)
-    if index is None or not raw.is_numeric(index):
-        found = "no such column" if index is None else "words in it, expected numbers"
-        raise LogError(
-            f"{source}: {use.canonical.name} takes its sign from {quoted(rule.source)}; the file has {found}. Correct "
-            "sign_from in the column map"
-        )
-    return rule.sign * np.sign(raw.arrays[index].to_numpy() - rule.subtract)
+    values = values - rule.subtract
+    if (other := rule.sign_from) is not None:
+        index = raw.place(other.source)
+        if index is None or not raw.is_numeric(index):
+            trouble = "no such column" if index is None else "words in it, expected numbers"
+            raise LogError(
+                f"{source}: {use.canonical.name} takes its sign from {quoted(other.source)}; the file has {trouble}. "
+                "Correct sign_from in the column map"
+            )
+        values = np.abs(values) * other.sign * np.sign(raw.arrays[index].to_numpy() - other.subtract)
+    return rule.sign * factor * (rule.scale * values + rule.offset)
 
 
 def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
@@ -333,35 +318,24 @@ def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
     return stamps.seconds
 
 
-DECIMALS = 9  # of degrees: the way to radians and back leaves rounding behind
-
-
 def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | list[str]]:
-    """Rows `first` to `stop - 1` under the canonical names, then every other column, then mode and arming; none that
-    has a canonical name without being read as that."""
+    """Rows `first` to `stop - 1` under the canonical names (in degrees, in the unit of the moment or force, else in SI
+    units), then every other column, then mode and arming; none that has a canonical name without being read as that."""
     rows = slice(first, stop)
-    found: dict[str, Floats | list[str]] = {}
+    columns: dict[str, Floats | list[str]] = {}
     for quantity in dict.fromkeys(canonical.quantity for canonical in CANONICAL.values()):
         if quantity in table.columns:
-            name = _name_of(quantity, table)
+            command = quantity == table.dof.command
+            names = [n for n in names_of(quantity) if not command or CANONICAL[n].unit == table.moment_unit]
+            name = next((n for n in names if "_deg" in n or command), None)
+            name = name or next(n for n in names if CANONICAL[n].factor() == 1)
             plain = table.columns[quantity][rows] / CANONICAL[name].factor()
-            found[name] = np.round(plain, DECIMALS) if "_deg" in name else plain
-    for name, values in table.extras.items():
-        if name not in CANONICAL and name not in LABELS:
-            found[name] = values[rows]
+            columns[name] = np.round(plain, 9) if "_deg" in name else plain  # radians and back leave rounding behind
+    columns |= {name: c[rows] for name, c in table.extras.items() if name not in CANONICAL and name not in LABELS}
     for name, labels in table.states.items():
         words = [*labels.names, ""]
-        found[name] = [words[code] for code in labels.code[rows]]
-    return found
-
-
-def _name_of(quantity: str, table: LogTable) -> str:
-    """The name that a quantity is written under: in degrees, in the unit of the moment or force, else in SI units."""
-    names = names_of(quantity)
-    if quantity == table.dof.command:
-        return next(name for name in names if CANONICAL[name].unit == table.moment_unit)
-    degrees = (name for name in names if "_deg" in name)
-    return next(degrees, None) or next(name for name in names if CANONICAL[name].factor() == 1)
+        columns[name] = [words[code] for code in labels.code[rows]]
+    return columns
 
 
 def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
@@ -404,21 +378,20 @@ def split_by(raw: RawLog, columns: ColumnMap, source: str, label: str) -> Labels
 
 
 def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
-    """Return columns of words that may name runs or parts of a table: of FEWEST_ROWS rows a name and more, two to
-    MOST_NAMES names; none of those in `taken`."""
-    found = {}
-    for name, array in zip(raw.names, raw.arrays):
-        words = not (pa.types.is_floating(array.type) or pa.types.is_timestamp(array.type))
-        if not name or name in taken or not words or array.null_count or raw.holds:
-            continue
-        if 2 <= pc.count_distinct(array).as_py() <= min(MOST_NAMES, len(array) // FEWEST_ROWS):
-            found[printable(name)] = _labels(array)
-    return found
+    """Columns of words that may name runs or parts of a table: of FEWEST_ROWS rows a name and more, two to MOST_NAMES
+    names; none of those in `taken`."""
+    columns = {} if raw.holds else {name: c for name, c in zip(raw.names, raw.arrays) if name and name not in taken}
+    return {
+        printable(name): _labels(array)
+        for name, array in columns.items()
+        if not (pa.types.is_floating(array.type) or pa.types.is_timestamp(array.type) or array.null_count)
+        and 2 <= pc.count_distinct(array).as_py() <= min(MOST_NAMES, len(array) // FEWEST_ROWS)
+    }
 
 
 def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
-    """Return the line of a column map for the first column of a few words that is called like what it names: the
-    thrusters of a bollard test, or runs; {} for none."""
+    """The line of a column map for the first of columns of few words that is called like what it names, if one is: the
+    thrusters of a bollard test, or runs."""
     key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
     return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
 
@@ -433,9 +406,8 @@ def _labels(array: pa.ChunkedArray) -> Labels:
     coded: Any = pc.dictionary_encode(array).unify_dictionaries().combine_chunks()
     coded = coded if isinstance(coded, pa.Array) else coded.chunk(0)
     words = [_word(value) for value in coded.dictionary.to_pylist()]
-    places = {
-        name: i for i, name in enumerate(dict.fromkeys(word for word in words if word is not None))
-    }  # 7 and 7.0 are one name
+    # 7 and 7.0 are one name
+    places = {name: i for i, name in enumerate(dict.fromkeys(word for word in words if word is not None))}
     code = np.array([-1 if word is None else places[word] for word in [*words, None]], dtype=np.int64)
     return Labels(tuple(places), code[pc.fill_null(coded.indices, -1).to_numpy()])
 
@@ -458,16 +430,14 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
     guesses = {quantity: guess for quantity in lacking if (guess := _guess(table, quantity)) is not None}
     hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
     if guesses:
-        lines = " and ".join(_line(quantity, guess) for quantity, guess in guesses.items())
-        hint = (
-            f"If {_and([*map(quoted, guesses.values())])} {'is' if len(guesses) == 1 else 'are'} meant, write {lines}"
-        )
+        lines, verb = " and ".join(map(_line, guesses, guesses.values())), "is" if len(guesses) == 1 else "are"
+        hint = f"If {_and([*map(quoted, guesses.values())])} {verb} meant, write {lines}"
     holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
     unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
     raise LogError(
         f"{missing}; found the columns {listed(table.names)}{holds}; expected {'; '.join(map(_expected, lacking))}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
-        + (_meant_for(table, lacking) or f"{hint} under [columns] in a file and give it with --columns FILE.toml")
+        + (_meant_for(table, lacking) or f"{hint} {GIVE_IT}")
     )
 
 
@@ -476,29 +446,23 @@ def require_motion(table: LogTable) -> None:
     or force or every thruster command."""
     dof = table.dof
     by_name = _guess(table, dof.position) is None and _guess(table, dof.velocity) is not None
-    velocity = dof.position not in table.columns and (is_velocity_only(table) or by_name)
+    velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)
     by_thrusters = dof.command not in table.columns and {*dof.thrusters} & set(table.columns)
     commands = dof.thrusters if by_thrusters else (dof.command,)
     require(table, ("time", dof.velocity if velocity else dof.position, *commands))
 
 
-def is_velocity_only(table: LogTable) -> bool:
-    """Return whether the table holds the velocity of its motion but not the position."""
-    return table.dof.position not in table.columns and table.dof.velocity in table.columns
-
-
 def require_thruster(table: LogTable) -> None:
-    """Refuse a table that is no thruster test: control signal and force."""
     require(table, ("n", "force"))
 
 
 def is_thruster_test(table: LogTable) -> bool:
-    """Return whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
     return means_thruster_test(table.columns.keys(), table.names, table.dof)
 
 
 def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
-    """Return the same of a log of a motion that holds these quantities in columns of these names."""
+    """Whether a log of these quantities, in columns of these names, is or seems meant as a thruster test rather than
+    as a log of a motion."""
     commanded = dof.command in held or driven(dof, held)
     if dof.position in held or (dof.velocity in held and commanded):
         return False
@@ -517,10 +481,10 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     """What the table is instead, and the command that reads it; empty where its columns make no whole log."""
     if set(lacking) == {"time"}:
         return ""
-    held = {CANONICAL[name].quantity for name in table.names if name in CANONICAL}
-    for dof in motions_in(held):
+    quantities = quantities_of(table.names)
+    for dof in motions_in(quantities):
         return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
-    return "This is a thruster test: give it to automarine fit-thrusters" if held >= {"n", "force"} else ""
+    return "This is a thruster test: give it to automarine fit-thrusters" if quantities >= {"n", "force"} else ""
 
 
 def _expected(quantity: str) -> str:

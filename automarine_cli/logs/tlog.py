@@ -53,16 +53,16 @@ FORMAT = Format("MAVLink telemetry", (".tlog",), read)
 def _messages(data: bytes, known: Mapping[int, Any]) -> tuple[dict[str, Message], int]:
     """Fields of the vehicle's messages by name, with the station's clock as `received` [s]; how many are damaged."""
     places = _indexed(data, known)
-    whole = np.frombuffer(data + bytes(300), dtype=np.uint8)  # a short payload ends in zeros that are not sent
-    found, bad = {}, 0
+    content = np.frombuffer(data + bytes(300), dtype=np.uint8)  # a short payload ends in zeros that are not sent
+    messages, bad = {}, 0
     for number, starts in sorted(places.items()):
         kind = known[number]
-        packets = _Packets(whole, np.array(starts))
+        packets = _Packets(content, np.array(starts))
         good = packets.sound(kind.crc_extra)
         bad += len(starts) - int(np.count_nonzero(good))
         if good.any():
-            found[kind.msgname] = _Packets(whole, packets.at[good]).fields(kind)
-    return of_the_vehicle(found), bad
+            messages[kind.msgname] = _Packets(content, packets.at[good]).fields(kind)
+    return of_the_vehicle(messages), bad
 
 
 def _indexed(data: bytes, known: Mapping[int, Any]) -> dict[int, list[int]]:
@@ -122,12 +122,12 @@ class _Packets:
         stamps = np.ascontiguousarray(self._bytes(np.zeros(len(self.at), np.int64), STAMP)).view(">u8")[:, 0]
         sender = self.whole[self.at + STAMP + np.where(self.head == 10, 5, 3)].astype(np.int64) << 8
         component = self.whole[self.at + STAMP + np.where(self.head == 10, 6, 4)]
-        found = {
+        columns = {
             key: np.char.decode(table[key], "latin-1") if layout[key].kind == "S" else table[key].astype(np.float64)
             for key in kind.ordered_fieldnames
             if layout[key].kind in "iufS"
         }
-        return {"received": stamps / 1e6, "sender": sender + component, **found}
+        return {"received": stamps / 1e6, "sender": sender + component, **columns}
 
 
 def _type(count: str, character: str) -> str:
@@ -153,8 +153,8 @@ def of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
 
 def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
     """What a vehicle's messages hold: by name, with when each was `received` [s], in whatever file they are."""
-    starts, told, states = _starts(messages), messages.get("PARAM_VALUE"), []
-    known = parameters(told["param_id"], told["received"], told["param_value"]) if told else {}
+    starts, values, states = _starts(messages), messages.get("PARAM_VALUE"), []
+    known = parameters(values["param_id"], values["received"], values["param_value"]) if values else {}
     if "SYS_STATUS" in messages:
         volts = messages["SYS_STATUS"]["voltage_battery"]
         supply = {**messages["SYS_STATUS"], "voltage_battery": np.where(volts == NO_VOLTAGE, np.nan, volts / 1e3)}
@@ -184,9 +184,9 @@ def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
 def _clock(starts: tuple[Floats, Floats], message: Mapping[str, NDArray[Any]]) -> Floats:
     """Seconds since 1970, shape (N,), by the vehicle's stamps where there are some."""
     heard, started = starts
-    own = next((message[key] / rate for key, rate in OWN_CLOCK.items() if key in message), None)
-    if own is None or not len(started) or own.max() > CALENDAR:
+    stamps = next((message[key] / rate for key, rate in OWN_CLOCK.items() if key in message), None)
+    if stamps is None or not len(started) or stamps.max() > CALENDAR:
         return message["received"]
     start = started[np.maximum(np.searchsorted(heard, message["received"], side="right") - 1, 0)]
-    turns = np.round((message["received"] - start - own) / COUNTER)  # a counter of microseconds begins anew
-    return start + own + COUNTER * turns
+    turns = np.round((message["received"] - start - stamps) / COUNTER)  # a counter of microseconds begins anew
+    return start + stamps + COUNTER * turns

@@ -17,34 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs import mixing, streams
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.mixing import (
-    ELSE,
-    ROUNDING,
-    Asked,
-    Channels,
-    Parameters,
-    Part,
-    Unclear,
-    Values,
-    is_commanded_by,
-    meaning,
-    parameters,
-    refuse_lacking,
-    worked_back,
-)
-from automarine_cli.logs.streams import (
-    Recording,
-    Stream,
-    arming,
-    named,
-    needed,
-    on_one_clock,
-    taken,
-    unsound_is_refused,
-    yaw_of,
-)
 from automarine_cli.quantities import Floats
 
 HEAD = b"ULog\x01\x12\x35"
@@ -69,8 +44,8 @@ Topics = Mapping[str, Mapping[str, NDArray[Any]]]
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a PX4 log. Raises LogError for what is none, and where it holds no attitude."""
-    library = needed("pyulog", "px4", name, "PX4 logs")
-    with path.open("rb") as file, unsound_is_refused(name, "ULog"):
+    library = streams.needed("pyulog", "px4", name, "PX4 logs")
+    with path.open("rb") as file, streams.unsound_is_refused(name, "ULog"):
         if file.read(len(HEAD)) != HEAD:
             raise LogError(
                 f"{name}: found no PX4 log (ULog), expected one from its extension; copy the file again, or rename it"
@@ -78,12 +53,12 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
         file.seek(0)
         log = library.ULog(file, None, True)
         topics = {
-            f"{one.name}[{one.multi_id}]" if one.multi_id else one.name: one.data
-            for one in log.data_list
-            if "timestamp" in one.data and len(one.data["timestamp"])
+            f"{topic.name}[{topic.multi_id}]" if topic.multi_id else topic.name: topic.data
+            for topic in log.data_list
+            if "timestamp" in topic.data and len(topic.data["timestamp"])
         }
-        found = _recording(topics, _notes(log), columns, _parameters(log))
-    return on_one_clock(found, columns, name)
+        recording = _recording(topics, _notes(log), columns, _parameters(log))
+    return streams.on_one_clock(recording, columns, name)
 
 
 FORMAT = Format("PX4 ULog", (".ulg",), read, begins=(HEAD,))
@@ -92,7 +67,7 @@ FORMAT = Format("PX4 ULog", (".ulg",), read, begins=(HEAD,))
 def _notes(log: Any) -> tuple[str, ...]:
     notes: tuple[str, ...] = ()
     if log.dropouts:
-        lengths = np.array([one.duration for one in log.dropouts], dtype=np.float64)
+        lengths = np.array([dropout.duration for dropout in log.dropouts], dtype=np.float64)
         many = "s" * (len(lengths) != 1)
         notes = (
             f"{len(lengths)} drop-out{many} of the logger of up to {lengths.max():g} ms, {lengths.sum():g} ms in all",
@@ -100,37 +75,40 @@ def _notes(log: Any) -> tuple[str, ...]:
     return (*notes, "damaged data were skipped") if log.file_corruption else notes
 
 
-def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known: Parameters) -> Recording:
-    streams = []
+def _recording(
+    topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known: mixing.Parameters
+) -> streams.Recording:
+    readings = []
     motors = next((name for name in MOTORS if name in topics), "")
-    asked, wished = (Asked(), NOTHING) if is_commanded_by(columns) else _asked(topics, known)
+    asked, wished = (mixing.Asked(), NOTHING) if mixing.is_commanded_by(columns) else _asked(topics, known)
     for name, data in topics.items():
         fields = {key: np.asarray(values, dtype=np.float64) for key, values in data.items()}
         own = {**TAKEN, **wished}.get(name, {})
         if name == "vehicle_attitude":
             w, x, y, z = (fields[f"q[{i}]"] for i in range(4))
-            fields["heading"] = yaw_of(w, x, y, z) % (2 * np.pi)
+            fields["heading"] = streams.yaw_of(w, x, y, z) % (2 * np.pi)
             own = own if "vehicle_angular_velocity" in topics else {**own, **BEFORE}
         commands = bool(motors) and name.partition("[")[0] == motors
         if commands:  # PX4 says by NaN that a motor is stopped
             fields = {key: np.nan_to_num(c) for key, c in fields.items() if key.startswith(("control[", "output["))}
             fields = {key: values for key, values in fields.items() if np.any(values)}
-        stream = taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands)
+        stream = streams.taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands)
         if name == MOTORS[0] and stream.columns:
             stream = replace(stream, columns={**stream.columns, **asked.columns})
-        streams.append(stream)
+        readings.append(stream)
     if "vehicle_status" in topics:
         status = topics["vehicle_status"]
-        mode, armed = named(status["nav_state"], MODES, "mode {}"), arming(status["arming_state"] == ARMED)
-        streams.append(Stream("vehicle_status", _clock(status), {"mode": mode, "armed": armed}, lasting=True))
+        armed = streams.arming(status["arming_state"] == ARMED)
+        states = {"mode": streams.named(status["nav_state"], MODES, "mode {}"), "armed": armed}
+        readings.append(streams.Stream("vehicle_status", _clock(status), states, lasting=True))
     holds = tuple(f"{name} ({len(data['timestamp'])})" for name, data in topics.items())
-    return Recording(streams, "topics", holds, (*asked.notes, *notes), asked.origin)
+    return streams.Recording(readings, "topics", holds, (*asked.notes, *notes), asked.origin)
 
 
-def _asked(topics: Topics, known: Parameters) -> tuple[Asked, Fields]:
+def _asked(topics: Topics, known: mixing.Parameters) -> tuple[mixing.Asked, Fields]:
     """What PX4 asked of the vehicle: by what it sent to the motors and where these are; else its own setpoints, as
     fields to take by topic."""
-    asked = Asked()
+    asked = mixing.Asked()
     if MOTORS[0] in topics:
         data = topics[MOTORS[0]]
         sent = {
@@ -138,41 +116,42 @@ def _asked(topics: Topics, known: Parameters) -> tuple[Asked, Fields]:
             for key, values in data.items()
             if key.startswith("control[")
         }
-        asked = worked_back(MOTORS[0], _clock(data), sent, known, _by_places)
+        asked = mixing.worked_back(MOTORS[0], _clock(data), sent, known, _by_places)
     wished = {topic: fields for topic, fields in SETPOINTS.items() if topic in topics}
     if asked.columns or TORQUE not in wished:
         return asked, NOTHING
     names = [name for fields in wished.values() for name in fields.values()]
-    return Asked(notes=(f"commands {meaning(names)} are {' and '.join(wished)}, before limits of the motors",)), wished
+    note = f"commands {mixing.meaning(names)} are {' and '.join(wished)}, before limits of the motors"
+    return mixing.Asked(notes=(note,)), wished
 
 
-def _by_places(source: str, sent: Channels, values: Values) -> Part:
+def _by_places(source: str, sent: mixing.Channels, values: mixing.Values) -> mixing.Part:
     """How motors are read by their places, axes and thrust coefficients, as PX4 mixes them. Raises Unclear."""
     if "CA_ROTOR_COUNT" not in values:
-        refuse_lacking(source, ["CA_ROTOR_COUNT"])
+        mixing.refuse_lacking(source, ["CA_ROTOR_COUNT"])
     rotors = [i for i in range(int(values["CA_ROTOR_COUNT"])) if i in sent]
-    keys = [[f"CA_ROTOR{i}_{what}" for what in ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")] for i in rotors]
-    refuse_lacking(source, [key for eight in keys for key in eight if key not in values])
+    keys = [[f"CA_ROTOR{i}_{key}" for key in ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")] for i in rotors]
+    mixing.refuse_lacking(source, [key for eight in keys for key in eight if key not in values])
     if not rotors:
-        raise Unclear(f"PX4 mixes no motors by their places here (CA_ROTOR_COUNT is 0); {ELSE}")
+        raise mixing.Unclear(f"PX4 mixes no motors by their places here (CA_ROTOR_COUNT is 0); {mixing.ELSE}")
     table = np.array([[values[key] for key in eight] for eight in keys])
     place, axis, coefficient, ratio = table[:, :3], table[:, 3:6], table[:, 6:7], table[:, 7:]
     axis = axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
     effect = np.hstack([coefficient * (np.cross(place, axis) - ratio * axis), coefficient * axis]).T
     mix = np.linalg.pinv(effect)
     scale = np.append(np.full(3, mix[:, 2].max()), np.full(3, np.linalg.norm(mix[:, 3:], axis=1).mean()))
-    found = np.abs(effect @ mix - np.eye(6)).max(axis=1) < ROUNDING
-    one, rows = np.ones(len(rotors)), [2, 3, 4, 5]
+    observable = np.abs(effect @ mix - np.eye(6)).max(axis=1) < mixing.ROUNDING
+    ones, rows = np.ones(len(rotors)), [2, 3, 4, 5]
     how = "PX4's mixing of motors at their places (CA_ROTORn)"
-    return Part(how, tuple(rotors), -one, 0 * one, one, (scale[:, None] * effect)[rows], found[rows])
+    return mixing.Part(how, tuple(rotors), -ones, 0 * ones, ones, (scale[:, None] * effect)[rows], observable[rows])
 
 
-def _parameters(log: Any) -> Parameters:
+def _parameters(log: Any) -> mixing.Parameters:
     """The parameters of the allocation: at the start of the log, and where they changed."""
-    told = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
-    told = [one for one in (*told, *log.changed_parameters) if one[1].startswith("CA_ROTOR")]
-    time, names, values = zip(*told) if told else ((), (), ())
-    return parameters(np.array(names, dtype=str), np.array(time) / 1e6, np.array(values, dtype=np.float64))
+    changes = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
+    changes = [change for change in (*changes, *log.changed_parameters) if change[1].startswith("CA_ROTOR")]
+    time, names, values = zip(*changes) if changes else ((), (), ())
+    return mixing.parameters(np.array(names, dtype=str), np.array(time) / 1e6, np.array(values, dtype=np.float64))
 
 
 def _clock(data: Mapping[str, NDArray[Any]], sampled: bool = False) -> Floats:

@@ -25,23 +25,19 @@ MIN_READINGS = 8  # Readings
 def unbiased_velocity(run: Run) -> Floats | None:
     """The velocity logged, (N,), less its bias, by which its sum runs away from the position; NaN where there is no
     reading, None where there are hardly any."""
-    read = run.extras.get(run.dof.velocity)
-    if read is None:
+    velocity = run.extras.get(run.dof.velocity)
+    if velocity is None or np.isfinite(velocity).sum() < MIN_READINGS:
         return None
-    good = np.isfinite(read)
-    if good.sum() < MIN_READINGS:
-        return None
-    time, velocity = run.time[good], read[good]
-    return np.asarray(read - slope(time, summed(time, velocity) - run.position[good])[0])
+    good = np.isfinite(velocity)
+    drift, _ = slope(run.time[good], summed(run.time[good], velocity[good]) - run.position[good])
+    return np.asarray(velocity - drift)
 
 
 def velocity_noise(run: Run) -> float:
     """Noise of the velocity logged, apart from any model; zero where there is none."""
-    read = run.extras.get(run.dof.velocity)
-    if read is None:
-        return 0.0
-    good = np.isfinite(read)
-    return position_noise(run.time[good], read[good])
+    velocity = run.extras.get(run.dof.velocity, np.zeros(0))
+    good = np.isfinite(velocity)
+    return position_noise(run.time[: len(velocity)][good], velocity[good])
 
 
 SEGMENTS = (16, 32, 128)  # Samples of a segment of the spectra: filters of different length show in each
@@ -61,8 +57,7 @@ def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
     the quieter half of the segments: where a command changed both see the same kink.
     """
     rough = [(np.diff(position, 3), np.diff(velocity, 2)) for position, velocity in pairs]
-    found = [share for size in SEGMENTS if (share := _followed(rough, size)) is not None]
-    return max(found, default=None)
+    return max((share for size in SEGMENTS if (share := _followed(rough, size)) is not None), default=None)
 
 
 def _followed(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None:
@@ -86,11 +81,11 @@ def _followed(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None
     octaves = [noise]
     if len(quiet) >= MANY_SEGMENTS:
         octaves = [noise & (inner >= low) & (inner < 2 * low) for low in 2 ** np.arange(int(np.log2(size)) - 1)]
-    shares = [
-        float(explained[one].sum() / power[one].sum() - LUCK / (len(quiet) * np.sqrt(one.sum())))
-        for one in octaves
-        if power[one].sum() > 0
-    ]
+    shares = (
+        float(explained[octave].sum() / power[octave].sum() - LUCK / (len(quiet) * np.sqrt(octave.sum())))
+        for octave in octaves
+        if power[octave].sum() > 0
+    )
     return max(shares, default=None)
 
 
@@ -128,10 +123,9 @@ class Stretch:
 class Agreement:
     """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position, both less a line;
     `scale` and `late` [s] by which it reads too small and too late, with standard errors, and whether the `clock`
-    explains more of what is left than the scale; `period` [s] of the slower
-    of the two sensors; `follows` the share of its power, where the position is noise, that is this noise filtered
-    (None: not to be told); `stuck` names the runs in which it repeats one value while the vehicle moves.
-    """
+    explains more of what is left than the scale; `period` [s] of the slower of the two sensors; `follows` the share of
+    its power, where the position is noise, that is this noise filtered (None: not to be told); `stuck` names the runs
+    in which it repeats one value while the vehicle moves."""
 
     moving: int
     correlation: float
@@ -148,66 +142,63 @@ class Agreement:
 
 def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
     """Compare the channel `quantity`, a velocity, with the positions of the runs that have both."""
-    both = [run for run in runs if run.channel(quantity) is not None and not run.summed_up and len(run) >= MIN_SAMPLES]
-    stuck = {run.name: at for run in both if (at := _stuck_at(run, quantity)) is not None}
+    good = [run for run in runs if run.channel(quantity) is not None and not run.summed_up and len(run) >= MIN_SAMPLES]
+    stuck = {run.name: at for run in good if (at := _stuck_at(run, quantity)) is not None}
     names, at = tuple(stuck), median(np.array([*stuck.values()])) if stuck else 0.0
-    every = [stretch for run in both if run.name not in stuck for stretch in stretches(run, quantity)]
+    every = [stretch for run in good if run.name not in stuck for stretch in stretches(run, quantity)]
     if len(every) > MAX_STRETCHES:
         every = [every[i] for i in np.linspace(0, len(every) - 1, MAX_STRETCHES).astype(int)]
-    follows = noise_followed([(one.position, one.velocity) for one in every])
+    follows = noise_followed([(stretch.position, stretch.velocity) for stretch in every])
     nothing = Agreement(0, 0.0, 1.0, np.inf, 0.0, np.inf, False, 0.0, follows, names, at)
     rough = _rough(every)
     if rough is None:
         return nothing
     correlation, scale = rough
-    moving = [one for one in every if _moves(one, abs(scale))]
+    moving = [stretch for stretch in every if _moves(stretch, abs(scale))]
     if len(moving) < MIN_STRETCHES:
         return replace(nothing, moving=len(every), correlation=correlation, scale=scale)
     fixed = 1.0 if abs(np.log(max(scale, 1e-9))) < OF_ONE else None
-    late, late_error, left = _delay(moving, fixed)
+    late, late_error, misfit = _delay(moving, fixed)
     correlation, scale, scale_error = _scale(moving, 0.0 if fixed else late)
-    clock = fixed is None or left < float(_misfit(moving, np.zeros(1), None).sum())
+    clock = fixed is None or misfit < float(_misfit(moving, np.zeros(1), None).sum())
     period = max(_pace(moving, "position"), _pace(moving, "velocity"))
     return Agreement(len(moving), correlation, scale, scale_error, late, late_error, clock, period, follows, names, at)
 
 
 def stretches(run: Run, quantity: str) -> list[Stretch]:
     """The parts of a run in which both sensors read without a hole."""
-    read = run.channel(quantity)
-    if read is None:
+    readings = run.channel(quantity)
+    rows = np.flatnonzero(np.isfinite(readings)) if readings is not None else np.zeros(0, dtype=int)
+    if readings is None or len(rows) < MIN_SAMPLES:
         return []
-    here = np.flatnonzero(np.isfinite(read))
-    if len(here) < MIN_SAMPLES:
-        return []
-    steps = np.diff(run.time[here])
+    steps = np.diff(run.time[rows])
     period = median(steps)
-    clock = run.time[here] - run.time[here[0]]
+    clock = run.time[rows] - run.time[rows[0]]
     part = np.concatenate([[0], np.cumsum(steps > STRETCH_GAP * period)]) * 1000.0
     part += np.floor(clock / max(LONGEST, MIN_SAMPLES * period))
-    found = []
-    for chosen in np.split(here, np.flatnonzero(np.diff(part)) + 1):
-        if len(chosen) < MIN_SAMPLES:
-            continue
-        time, position, velocity = run.time[chosen], run.position[chosen], read[chosen]
-        noises = position_noise(time, position), position_noise(time, velocity)
-        found.append(Stretch(time - time[0], position, velocity, summed(time, velocity), period, *noises))
-    return found
+    parts = []
+    for chosen in np.split(rows, np.flatnonzero(np.diff(part)) + 1):
+        if len(chosen) >= MIN_SAMPLES:
+            time, position, velocity = run.time[chosen], run.position[chosen], readings[chosen]
+            noises = position_noise(time, position), position_noise(time, velocity)
+            parts.append(Stretch(time - time[0], position, velocity, summed(time, velocity), period, *noises))
+    return parts
 
 
 def _stuck_at(run: Run, quantity: str) -> float | None:
     """The one value that the sensor repeats while the position goes elsewhere, and bends, as a steady turn repeats a
     coarse reading rightly; or None."""
-    read = run.channel(quantity)
-    assert read is not None
-    good = np.isfinite(read)
+    readings = run.channel(quantity)
+    assert readings is not None
+    good = np.isfinite(readings)
     if good.sum() < MIN_SAMPLES or np.ptp(run.position) < max(run.dof.limits.still, 5.0 * run.noise):
         return None
-    values, counts = np.unique(read[good], return_counts=True)
+    values, counts = np.unique(readings[good], return_counts=True)
     if counts.max() < REPEATS * good.sum():
         return None
     at = float(values[counts.argmax()])
-    here = read == at
-    (bent,) = _freed(run.time[here], run.position[here])
+    same = readings == at
+    (bent,) = _freed(run.time[same], run.position[same])
     return at if np.ptp(bent) > max(5.0 * run.noise, BENDS * np.ptp(run.position)) else None
 
 
@@ -220,89 +211,86 @@ def _freed(time: Floats, *columns: Floats) -> list[Floats]:
 def _rough(every: Sequence[Stretch]) -> tuple[float, float] | None:
     """Correlation and scale as if no sensor had a bias worth the name, from all stretches in which the position goes
     anywhere; None for none. Good for signs and units."""
-    found = []
-    for one in every:
-        position, summed = one.position - one.position.mean(), one.summed - one.summed.mean()
-        whole = float(position @ position)
-        square = max(float(summed @ summed), 1e-12 * whole)
-        drift = (one.velocity_noise * one.period * len(one.time)) ** 2 / 6.0  # of a sum of noise, less its mean
-        if whole > (MOVES * one.position_noise) ** 2 * len(one.time) and max(square, whole) > MOVES**2 * drift:
+    slopes = []
+    for part in every:
+        position, summed = part.position - part.position.mean(), part.summed - part.summed.mean()
+        power = float(position @ position)
+        square = max(float(summed @ summed), 1e-12 * power)
+        drift = (part.velocity_noise * part.period * len(part.time)) ** 2 / 6.0  # of a sum of noise, less its mean
+        if power > (MOVES * part.position_noise) ** 2 * len(part.time) and max(square, power) > MOVES**2 * drift:
             across = float(summed @ position)
-            found.append((across / np.sqrt(square * whole), across / square, whole))
-    if not found:
+            slopes.append((across / np.sqrt(square * power), across / square, power))
+    if not slopes:
         return None
-    correlations, slopes, weights = np.array(found).T
-    return _reached(correlations, weights), _weighted_median(slopes, weights)
+    correlations, scales, weights = np.array(slopes).T
+    return _reached(correlations, weights), _weighted_median(scales, weights)
 
 
-def _moves(one: Stretch, scale: float) -> bool:
+def _moves(part: Stretch, scale: float) -> bool:
     """By the position alone: chosen by the sum itself, those would be told of in which its noise adds to the motion."""
-    (position,) = _freed(one.time, one.position)
-    wander = (scale * one.velocity_noise * one.period) ** 2 * len(one.time) / 15.0  # of a sum of noise, less a line
-    moved = float(position @ position) / len(one.time)
-    return moved > MOVES**2 * wander and moved > SEEN**2 * one.position_noise**2
+    (position,) = _freed(part.time, part.position)
+    wander = (scale * part.velocity_noise * part.period) ** 2 * len(part.time) / 15.0  # of a sum of noise, less a line
+    moved = float(position @ position) / len(part.time)
+    return moved > MOVES**2 * wander and moved > SEEN**2 * part.position_noise**2
 
 
-def _ahead(one: Stretch, delays: Floats) -> Floats:
+def _ahead(part: Stretch, delays: Floats) -> Floats:
     """The summed velocities read `delays` (k,) later, (k, n); beyond the ends they go on as there."""
-    edge = max(3, min(8, len(one.time) // 4))
-    first, last = np.median(one.velocity[:edge]), np.median(one.velocity[-edge:])
-    far = 2.0 * LATEST
-    time = np.concatenate([[-far], one.time, [one.time[-1] + far]])
-    summed = np.concatenate([[-far * first], one.summed, [one.summed[-1] + far * last]])
-    return np.interp((one.time + delays[:, None]).ravel(), time, summed).reshape(len(delays), -1)
+    edge, far = max(3, min(8, len(part.time) // 4)), 2.0 * LATEST
+    first, last = np.median(part.velocity[:edge]), np.median(part.velocity[-edge:])
+    time = np.concatenate([[-far], part.time, [part.time[-1] + far]])
+    summed = np.concatenate([[-far * first], part.summed, [part.summed[-1] + far * last]])
+    return np.interp((part.time + delays[:, None]).ravel(), time, summed).reshape(len(delays), -1)
 
 
 def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> Floats:
     """What each delay leaves of each stretch's positions, as half its log likelihood (stretches, delays); the scale is
     the stretch's own where it is None."""
     rows = []
-    for one in moving:
-        position, summed = _freed(one.time, one.position, _ahead(one, delays))
+    for part in moving:
+        position, summed = _freed(part.time, part.position, _ahead(part, delays))
         across, square = summed @ position, (summed**2).sum(axis=1)
         slope = across / np.maximum(square, 1e-300) if scale is None else scale
-        left = position @ position - 2.0 * slope * across + slope**2 * square
-        least = len(one.time) * max(one.position_noise, 1e-9) ** 2
-        rows.append(0.5 * len(one.time) * np.log(np.maximum(left, 0.0) + 0.1 * least))
+        residual = position @ position - 2.0 * slope * across + slope**2 * square
+        least = len(part.time) * max(part.position_noise, 1e-9) ** 2
+        rows.append(0.5 * len(part.time) * np.log(np.maximum(residual, 0.0) + 0.1 * least))
     return np.array(rows)
 
 
 def _delay(moving: Sequence[Stretch], scale: float | None) -> tuple[float, float, float]:
     """How late the velocity is [s], the standard error of that over stretches, and the misfit that it leaves."""
-    longest = min(LATEST, median(np.array([one.time[-1] for one in moving])) / 3.0)
-    step = longest / GRID
+    step = min(LATEST, median(np.array([part.time[-1] for part in moving])) / 3.0) / GRID
     coarse = np.asarray(step * np.arange(-GRID, GRID + 1), dtype=np.float64)
     best = coarse[_misfit(moving, coarse, scale).sum(axis=0).argmin()]
     fine = best + 2.0 * step * np.arange(-FINE, FINE + 1) / FINE
-    misfit = _misfit(moving, fine, scale)
-    whole = misfit.sum(axis=0)
-    late = _lowest(fine, whole)
-    count = len(moving)
+    misfit, count = _misfit(moving, fine, scale), len(moving)
+    total = misfit.sum(axis=0)
     drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), DRAWS)
     again = np.array([_lowest(fine, row) for row in drawn @ misfit])
-    return late, float(max(again.std() * np.sqrt(count / (count - 1)), 0.1 * step / FINE)), float(whole.min())
+    error = float(max(again.std() * np.sqrt(count / (count - 1)), 0.1 * step / FINE))
+    return _lowest(fine, total), error, float(total.min())
 
 
 def _lowest(at: Floats, values: Floats) -> float:
     i = int(np.clip(values.argmin(), 1, len(at) - 2))
-    before, here, after = values[i - 1 : i + 2]
-    bend = before - 2.0 * here + after
+    before, middle, after = values[i - 1 : i + 2]
+    bend = before - 2.0 * middle + after
     return float(at[i] + (0.5 * (before - after) / bend if bend > 0 else 0.0) * (at[1] - at[0]))
 
 
 def _scale(moving: Sequence[Stretch], late: float) -> tuple[float, float, float]:
     products = []
-    for one in moving:
-        position, summed = _freed(one.time, one.position, _ahead(one, np.array([late]))[0])
-        own, step = float(summed @ summed), one.velocity_noise * one.period
-        whole = float(position @ position)
-        square = max(own - (step * len(one.time)) ** 2 / 15.0, 0.5 * own, 1e-12 * whole)
+    for part in moving:
+        position, summed = _freed(part.time, part.position, _ahead(part, np.array([late]))[0])
+        raw, power = float(summed @ summed), float(position @ position)
+        step = part.velocity_noise * part.period
+        square = max(raw - (step * len(part.time)) ** 2 / 15.0, 0.5 * raw, 1e-12 * power)
         wander = np.cumsum(summed[::-1])[::-1]  # of a sum of noise, by the noise of each sample
-        doubt = one.position_noise**2 * own + step**2 * float(wander @ wander)
-        products.append((float(summed @ position), square, whole, doubt))
-    across, squares, wholes, doubts = np.array(products).T
-    slopes, weights = across / squares, wholes / wholes.sum()
-    correlation = _reached(across / np.sqrt(squares * wholes), weights)
+        doubt = part.position_noise**2 * raw + step**2 * float(wander @ wander)
+        products.append((float(summed @ position), square, power, doubt))
+    across, squares, powers, doubts = np.array(products).T
+    slopes, weights = across / squares, powers / powers.sum()
+    correlation = _reached(across / np.sqrt(squares * powers), weights)
     scale = _weighted_median(slopes, weights)
     spread = 1.4826 * _weighted_median(np.abs(slopes - scale), weights) * np.sqrt((weights**2).sum())
     least = np.sqrt((weights**2 * doubts / squares**2).sum())
@@ -323,13 +311,11 @@ def _weighted_median(values: Floats, weights: Floats, share: float = 0.5) -> flo
 def _pace(moving: Sequence[Stretch], name: str) -> float:
     """Median time between new values of a sensor [s] while the vehicle moves: a slow one is held between readings."""
     times = []
-    for one in moving:
-        values = getattr(one, name)
-        fast = np.abs(one.velocity - np.median(one.velocity)) > 0.25 * np.abs(one.velocity).max()
-        fresh = np.flatnonzero(np.diff(values) != 0)
-        spans = np.diff(one.time[fresh])
-        chosen = spans[fast[fresh[1:]]] if len(spans) else spans
-        times.append(median(chosen) if len(chosen) > 3 else one.period)
+    for part in moving:
+        fast = np.abs(part.velocity - np.median(part.velocity)) > 0.25 * np.abs(part.velocity).max()
+        fresh = np.flatnonzero(np.diff(getattr(part, name)) != 0)
+        spans = np.diff(part.time[fresh])[fast[fresh[1:]]]
+        times.append(median(spans) if len(spans) > 3 else part.period)
     return median(np.array(times))
 
 
@@ -387,8 +373,7 @@ def wanted_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
     if text == POSITION:
         return (dof.position,)
     names = tuple(name.strip() for name in text.split(",") if name.strip())
-    unknown = [name for name in names if name not in dof.channels]
-    if unknown or not names:
+    if not names or not set(names) <= set(dof.channels):
         raise SettingError(
             f"channels is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
             "commas between"
@@ -412,99 +397,86 @@ def choose_channels(runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_p
         raise SettingError(f"channels is {wanted!r}, and no log holds {what}; name its column {columns} with --columns")
     if not read:
         return NOTHING_TO_CHOOSE
-    found = agreement(runs, dof.velocity)
-    trouble = trouble_of(found, dof, late_position) if logged else ""
+    sensors = agreement(runs, dof.velocity)
+    trouble = trouble_of(sensors, dof, late_position) if logged else ""
     velocity = dof.velocity in named if named else wanted == ALL or not trouble
     position = logged and (named is None or dof.position in named)
-    not_asked = "It was not asked for (--channels)."
+    not_named = "It was not asked for (--channels)."
     summed_up = (
         f"The logs hold no {dof.words.position}: shown is the sum of the {dof.words.rate}, by which runs are trimmed, "
         "and which is no evidence."
     )
-    why = trouble or (_stuck_in(found, dof) if velocity else "") if velocity or named is None else not_asked
-    of_position = "" if position else not_asked if logged else summed_up
+    why = trouble or (_stuck_in(sensors, dof) if velocity else "") if velocity or named is None else not_named
+    of_position = "" if position else not_named if logged else summed_up
     verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
-    names = tuple(one.quantity for one in verdicts if one.used)
-    return ChannelChoice(verdicts, names, frozenset(found.stuck))
+    return ChannelChoice(verdicts, tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck))
 
 
-def trouble_of(found: Agreement, dof: Dof, late_position: bool = False) -> str:
+def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str:
     """A sentence on what speaks against the velocity, with the remedy; empty for nothing."""
     rate, position, column = dof.words.rate, dof.words.position, names_of(dof.velocity)[0]
-    if found.follows is not None and found.follows > FOLLOWS:
+    correlation, scale = sensors.correlation, sensors.scale
+    if sensors.follows is not None and sensors.follows > FOLLOWS:
         return (
             f"The {rate} was computed from the {position}, or both come out of one estimator "
-            f"({100 * found.follows:.0f} % of its noise is that of the {position}): it adds no information."
+            f"({100 * sensors.follows:.0f} % of its noise is that of the {position}): it adds no information."
         )
-    if not found.moving:
-        return _stuck_in(found, dof)
-    if abs(found.correlation) < RELATED:
+    if not sensors.moving:
+        return _stuck_in(sensors, dof)
+    if abs(correlation) < RELATED:
         return (
-            f"The {rate} does not follow the {position} (correlation {found.correlation:.2f}): it is of another "
-            f"motion or another time; check which column is meant by {column}."
+            f"The {rate} does not follow the {position} (correlation {correlation:.2f}): it is of another motion or "
+            f"another time; check which column is meant by {column}."
         )
-    if abs(found.correlation) < SURELY_RELATED and not np.isfinite(found.scale_error):
+    if abs(correlation) < SURELY_RELATED and not np.isfinite(sensors.scale_error):
         return ""
-    size = abs(found.scale)
-    units = _mistaken_unit(size, dof)
-    if found.scale < 0:
-        also = f", and {units[0]}" if units else ""
-        more = f" and {units[1]}" if units else ""
+    unit, rule = _mistaken_unit(abs(scale), dof)
+    if scale < 0:
         return (
-            f"The {rate} has the wrong sign (correlation {found.correlation:.2f} of its sum with the {position})"
-            f"{also}; map it with sign = -1{more} in the --columns file."
+            f"The {rate} has the wrong sign (correlation {correlation:.2f} of its sum with the {position})"
+            f"{unit and f', and {unit}'}; map it with sign = -1{rule and f' and {rule}'} in the --columns file."
         )
-    if units:
-        return f"The {rate} {units[0]}; map it with {units[1]} in the --columns file."
-    off = abs(found.scale - 1.0) > max(LEAST_SCALE, SURE * found.scale_error)
-    late = abs(found.late) > max(LEAST_LATE * found.period, SURE * found.late_error)
-    if late and (found.clock or not off):
-        if late_position and found.late < 0:
+    if unit:
+        return f"The {rate} {unit}; map it with {rule} in the --columns file."
+    off = abs(scale - 1.0) > max(LEAST_SCALE, SURE * sensors.scale_error)
+    late = abs(sensors.late) > max(LEAST_LATE * sensors.period, SURE * sensors.late_error)
+    if late and (sensors.clock or not off):
+        if late_position and sensors.late < 0:
             return ""
         way, cause, mend = "late against", "by its clock or a filter", ""
-        if found.late < 0:
+        if sensors.late < 0:
             way, cause = "ahead of", f"by its clock, or because the {position} is read late"
             mend = " if the clock is to blame"
-        return (
-            f"The {rate} is {abs(found.late):.2g} s {way} the {position}, {cause}; shift its column by that in the "
-            f"log{mend}."
-        )
-    if off:
-        way = "less" if found.scale > 1 else "more"
-        return (
-            f"The {rate} reads {100 * abs(1 / found.scale - 1):.1f} % {way} than the {position} moves; if its "
-            f"sensor is to blame, map it with scale = {found.scale:.4g} in the --columns file."
-        )
-    return ""
-
-
-def _mistaken_unit(size: float, dof: Dof) -> tuple[str, str] | None:
-    own = names_of(dof.velocity)
-    if dof.wraps:
-        told = {
-            dof.units.per_base: (f"is in {dof.units.base}/s, not in {dof.units.log}/s", f'unit = "{dof.units.base}/s"'),
-            1 / dof.units.per_base: (
-                f"is in {dof.units.log}/s, not in {dof.units.base}/s", f'unit = "{dof.units.log}/s"'
-            ),
-        }  # fmt: skip
-    else:
-        told = {
-            0.01: ("is in cm/s", 'unit = "cm/s"'),
-            0.001: ("is in mm/s", "scale = 0.001"),
-            1 / 3.6: ("is in km/h", "scale = 0.2778"),
-            1852 / 3600: ("is in knots", 'unit = "kn"'),
-        }
-    for factor, said in told.items():
-        if abs(np.log(size / factor)) < np.log(NEAR):
-            return f"{said[0]} ({own[0]}: {1 / size:.3g} times what the {dof.words.position} moves)", said[1]
-    return None
-
-
-def _stuck_in(found: Agreement, dof: Dof) -> str:
-    if not found.stuck:
+        delay = f"{abs(sensors.late):.2g} s {way} the {position}"
+        return f"The {rate} is {delay}, {cause}; shift its column by that in the log{mend}."
+    if not off:
         return ""
-    value = f"{float(dof.logged(found.stuck_at)):.4g} {dof.units.log}/s"
-    where = listed(found.stuck) if found.moving else "every run"
+    return (
+        f"The {rate} reads {100 * abs(1 / scale - 1):.1f} % {'less' if scale > 1 else 'more'} than the {position} "
+        f"moves; if its sensor is to blame, map it with scale = {scale:.4g} in the --columns file."
+    )
+
+
+def _mistaken_unit(size: float, dof: Dof) -> tuple[str, str]:
+    """The unit that a velocity of this scale is in, and what mends it in a column map; both empty for none."""
+    base, log = f"{dof.units.base}/s", f"{dof.units.log}/s"
+    units = {0.01: ("cm/s", 'unit = "cm/s"'), 0.001: ("mm/s", "scale = 0.001"), 1 / 3.6: ("km/h", "scale = 0.2778"),
+             1852 / 3600: ("knots", 'unit = "kn"')}  # fmt: skip
+    if dof.wraps:
+        units = {dof.units.per_base: (f"{base}, not in {log}", f'unit = "{base}"'),
+                 1 / dof.units.per_base: (f"{log}, not in {base}", f'unit = "{log}"')}  # fmt: skip
+    for factor, (unit, rule) in units.items():
+        if abs(np.log(size / factor)) < np.log(NEAR):
+            times = f"{names_of(dof.velocity)[0]}: {1 / size:.3g} times what the {dof.words.position} moves"
+            return f"is in {unit} ({times})", rule
+    return "", ""
+
+
+def _stuck_in(sensors: Agreement, dof: Dof) -> str:
+    if not sensors.stuck:
+        return ""
+    value = f"{float(dof.logged(sensors.stuck_at)):.4g} {dof.units.log}/s"
+    where = listed(sensors.stuck) if sensors.moving else "every run"
     return (
         f"The {dof.words.rate} is stuck at {value} in {where} while the {dof.words.position} moves, and left out "
         "there; check the sensor and its cable."

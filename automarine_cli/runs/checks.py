@@ -38,27 +38,22 @@ IN_OTHER_UNITS = tuple(f"units look wrong: the {dof.position} " for dof in DOFS.
 
 def clock_trouble(time: Floats) -> str | None:
     """Why a clock, shape (N,), cannot be one of a test, or None."""
-    if len(time) > 1 and np.ptp(time) == 0:
+    count = len(time)
+    if count > 1 and np.ptp(time) == 0:
         return (
-            f"units look wrong: the clock stands still at {time[0]:.10g} s in all {len(time)} rows; expected a rising "
+            f"units look wrong: the clock stands still at {time[0]:.10g} s in all {count} rows; expected a rising "
             "clock. Look at the time column, or map another with --columns"
         )
-    if len(time) < FEWEST_SAMPLES:
-        return (
-            f"only {len(time)} sample{'s' * (len(time) != 1)} left; at least {FEWEST_SAMPLES} are needed. "
-            "Check that the log was not cut short"
-        )
+    if count < FEWEST_SAMPLES:
+        few = f"only {count} sample{'s' * (count != 1)} left; at least {FEWEST_SAMPLES} are needed"
+        return f"{few}. Check that the log was not cut short"
     period = median(np.diff(time))
     if period >= SLOWEST:
-        return (
-            f"units look wrong: {period:.4g} s between samples. If the clock counts milliseconds or "
-            "microseconds, name it time_ms or time_us, or say so with --columns"
-        )
+        trouble = f"{period:.4g} s between samples. If the clock counts milliseconds or microseconds"
+        return f"units look wrong: {trouble}, name it time_ms or time_us, or say so with --columns"
     if period < FASTEST:
-        return (
-            f"units look wrong: {period:.3g} s between samples. If the clock counts seconds, name it time_s, "
-            "or say so with --columns"
-        )
+        trouble = f"{period:.3g} s between samples. If the clock counts seconds"
+        return f"units look wrong: {trouble}, name it time_s, or say so with --columns"
     return None
 
 
@@ -77,15 +72,13 @@ def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
     later = np.interp(time + WHILE, time, position)
     fastest = float(np.percentile(np.abs(later - position), 90)) / WHILE
     if largest > dof.limits.far:
-        found = f"a {name} of {largest:.3g} {dof.units.base}"
+        size = f"a {name} of {largest:.3g} {dof.units.base}"
     elif fastest > dof.limits.fast:
-        found = f"the {name} changes by {fastest:.3g} {dof.units.base}/s"
+        size = f"the {name} changes by {fastest:.3g} {dof.units.base}/s"
     else:
         return None
-    return (
-        f"units look wrong: {found}. If it is in millimetres, say so with --columns, such as "
-        f'{column} = {{ from = "{name}", unit = "mm" }}'
-    )
+    rule = f'{column} = {{ from = "{name}", unit = "mm" }}'
+    return f"units look wrong: {size}. If it is in millimetres, say so with --columns, such as {rule}"
 
 
 def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
@@ -97,51 +90,46 @@ def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
             f"Check which column is the {name}"
         )
     span, jumps = float(np.ptp(angle)), np.abs(np.diff(angle))
-    for turn, found, expected, unit in (
-        (RADIANS_AS_DEGREES, "2 pi", "360 degrees", "rad"),
-        (DEGREES_AS_RADIANS, "360", "2 pi radians", "deg"),
-    ):
-        # within a turn, jumping by most of it, smooth otherwise
-        if span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn:
-            called = {"rad": "radians", "deg": "degrees"}[unit]
-            return (
-                f"units look wrong: the {name} wraps at {found} where it should at {expected}. If it is in {called}, "
-                f'name it {dof.column(name, unit)}, or say unit = "{unit}" with --columns'
-            )
-    speed = median(jumps / np.diff(time)) if span > 2 * dof.turn else 0.0
-    if speed > limits.fast:
-        return (
-            f"units look wrong: the {name} changes by {speed:.3g} rad/s. If it is in degrees, "
-            f'name it {dof.column(name, "deg")}, or say unit = "deg" with --columns'
-        )
-    return None
+
+    def wraps_at(turn: float) -> bool:
+        """Whether it stays within a turn, jumps by most of it, and is smooth otherwise."""
+        return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn)
+
+    unit, units = "deg", "degrees"
+    if wraps_at(RADIANS_AS_DEGREES):
+        unit, units, trouble = "rad", "radians", "wraps at 2 pi where it should at 360 degrees"
+    elif wraps_at(DEGREES_AS_RADIANS):
+        trouble = "wraps at 360 where it should at 2 pi radians"
+    elif span > 2 * dof.turn and (speed := median(jumps / np.diff(time))) > limits.fast:
+        trouble = f"changes by {speed:.3g} rad/s"
+    else:
+        return None
+    mend = f'name it {dof.column(name, unit)}, or say unit = "{unit}" with --columns'
+    return f"units look wrong: the {name} {trouble}. If it is in {units}, {mend}"
 
 
 def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
     """Why a position that repeats one value while a command acts is unusable, or None."""
-    acting = command != 0
+    acting, words = command != 0, dof.words
     if not acting.any():
         return None
     longest, at = longest_repeat(position, acting)
-    if longest >= max(LEAST_STUCK, acting.sum() / 2) and not is_slow(position, longest):
-        where = dof.shown(at) % 360 if dof.wraps else dof.shown(at)
-        words = dof.words
-        return (
-            f"{words.sensor} stuck: {longest} samples of exactly {where:.6g} {words.units} while a {words.force} acts. "
-            f"Check the {words.sensor} and its cable, or whether the vehicle was held"
-        )
-    return None
+    if longest < max(LEAST_STUCK, acting.sum() / 2) or is_slow(position, longest):
+        return None
+    where = dof.shown(at) % 360 if dof.wraps else dof.shown(at)
+    return (
+        f"{words.sensor} stuck: {longest} samples of exactly {where:.6g} {words.units} while a {words.force} acts. "
+        f"Check the {words.sensor} and its cable, or whether the vehicle was held"
+    )
 
 
 def is_slow(position: Floats, repeats: int) -> bool:
     """Whether `repeats` of one value are how the sensor works: it answers more seldom than the log asks, so that the
     other values of the run, (N,), are held for about as long."""
     edges = np.flatnonzero(np.diff(position)) + 1
-    held = np.sort(np.diff(np.concatenate([[0], edges, [len(position)]])))[:-1]
-    if not len(held):
-        return False
-    usual = np.repeat(held, held)  # each sample asks how long its own value stays
-    return bool(repeats <= TIMES_HELD * np.median(usual))
+    lengths = np.sort(np.diff(np.concatenate([[0], edges, [len(position)]])))[:-1]
+    # each sample asks how long its own value stays
+    return bool(len(lengths) and repeats <= TIMES_HELD * np.median(np.repeat(lengths, lengths)))
 
 
 def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
@@ -164,20 +152,20 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
     no further: so a command within a dead band, which moves nothing in any run, is none.
     """
     moved = [run for run in runs if _moved(run)]
-    kept, aside = [], []
+    good, aside = [], []
     for run in runs:
         free = run.dof.has_constant or _moved(run)  # under a constant force the smaller command may be what moves
         other = None if free else _moved_by_no_more(run, moved)
         if other is None:
-            kept.append(run)
-        else:
-            size = np.abs(run.command).max() * np.sign(run.command.sum())
-            why = (
-                f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} "
-                "did under no more; check thrusters and tether, and make the run again"
-            )
-            aside.append(SetAside(run.source, run.name, why))
-    return kept, tuple(aside)
+            good.append(run)
+            continue
+        size = np.abs(run.command).max() * np.sign(run.command.sum())
+        why = (
+            f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} "
+            "did under no more; check thrusters and tether, and make the run again"
+        )
+        aside.append(SetAside(run.source, run.name, why))
+    return good, tuple(aside)
 
 
 def _moved(run: Run) -> bool:
@@ -217,9 +205,9 @@ SPEED_SIGMAS = 8.0  # standard deviations of the position
 
 def without_undriven(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
     """The runs that their commands may have moved, and those that something else did."""
-    reasons = [undriven(run) for run in runs]
-    aside = tuple(SetAside(run.source, run.name, why) for run, why in zip(runs, reasons) if why)
-    return [run for run, why in zip(runs, reasons) if why is None], aside
+    reasons = [(run, undriven(run)) for run in runs]
+    aside = tuple(SetAside(run.source, run.name, why) for run, why in reasons if why)
+    return [run for run, why in reasons if why is None], aside
 
 
 def undriven(run: Run) -> str | None:
@@ -299,10 +287,10 @@ class AllocationLimit:
     @property
     def sentence(self) -> str:
         percent = f"{100 * self.share:.2g}" if self.share < 0.1 else f"{100 * self.share:.0f}"
-        held = listed(f"{name} at its limit of {limit:.4g}" for name, limit in self.thrusters.items())
+        stops = listed(f"{name} at its limit of {limit:.4g}" for name, limit in self.thrusters.items())
         return (
             f"the thrusters cannot give the {self.dof.words.full_force} commanded in {percent} % of the samples: at "
-            f"worst {self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, with {held}; fits "
+            f"worst {self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, with {stops}; fits "
             "use what was given"
         )
 
@@ -311,7 +299,6 @@ class AllocationLimit:
         return f"T{self.sentence[1:]}."
 
     def to_json(self) -> dict[str, object]:
-        """Its form in check.json."""
         return {"command": self.dof.command} | to_mapping(self)
 
 
@@ -331,11 +318,6 @@ class Law:
         """What thrusters give under commands (N, T), (N,)."""
         return _terms(single, self.exponent) @ self.coefficients
 
-    def shares(self, single: Floats) -> Floats:
-        """How much each thruster gives, (N, T), a size."""
-        parts = _terms(single, self.exponent) * self.coefficients
-        return np.abs(parts[:, : len(self.names)] + parts[:, len(self.names) :])
-
     def short(self, total: Floats, single: Floats) -> Mask:
         """Which samples (N,) ask for what thrusters at a limit do not give."""
         at_limit = (_at(single, self.low, self.high)).any(axis=1)
@@ -351,17 +333,19 @@ def commanded(run: Run) -> list[Commanded]:
     totals = {dof: run.extras[dof.command] for dof in DOFS.values() if dof.command in run.extras}
     total = run.extras.get(ASKED, run.moment)
     totals |= {run.dof: total} if total is not None else {}
-    units = {dof: run.moment_unit if dof is run.dof else dof.units.forces[1] for dof in totals}
-    finite = {dof: total for dof, total in totals.items() if np.isfinite(total).all()}
-    return [Commanded(dof, units[dof], names, total, single) for dof, total in finite.items()]
+    return [
+        Commanded(dof, run.moment_unit if dof is run.dof else dof.units.forces[1], names, total, single)
+        for dof, total in totals.items()
+        if np.isfinite(total).all()
+    ]
 
 
 def laws_of(runs: Sequence[Sequence[Commanded]]) -> Iterator[tuple[Law, dict[int, Commanded]]]:
     """The allocation of each degree of freedom of which runs show one, with what these ask, by their numbers."""
     for dof in DOFS.values():
-        asked = {i: part for i, parts in enumerate(runs) for part in parts if part.dof is dof}
-        if law := _law([*asked.values()]):
-            yield law, asked
+        commands = {i: part for i, parts in enumerate(runs) for part in parts if part.dof is dof}
+        if law := _law([*commands.values()]):
+            yield law, commands
 
 
 def _law(several: Sequence[Commanded]) -> Law | None:
@@ -378,7 +362,7 @@ def _law(several: Sequence[Commanded]) -> Law | None:
     if free.all() or not total[free].any():
         return None
     distinct = len(np.unique(single[free], axis=0))
-    found = []
+    laws = []
     for exponent in EXPONENTS:
         terms = _terms(single[free], exponent)
         # thrusters that always pull together are taken to give alike: the least norm of terms of one size
@@ -386,11 +370,11 @@ def _law(several: Sequence[Commanded]) -> Law | None:
         scale = np.where(size > 0, size, 1.0)
         scaled, _, rank, _ = np.linalg.lstsq(terms / scale, total[free], rcond=1e-6)
         coefficients = scaled / scale
-        left = float(np.sqrt(np.mean((total[free] - terms @ coefficients) ** 2)))
-        if distinct > 2 * rank and left <= LAW * float(np.sqrt(np.mean(total[free] ** 2))):
-            tolerance = max(SHORT * float(np.abs(total).max()), 10.0 * left)
-            found.append((left, Law(names, coefficients, exponent, low, high, tolerance)))
-    return min(found, key=lambda pair: pair[0])[1] if found else None
+        residual = float(np.sqrt(np.mean((total[free] - terms @ coefficients) ** 2)))
+        if distinct > 2 * rank and residual <= LAW * float(np.sqrt(np.mean(total[free] ** 2))):
+            tolerance = max(SHORT * float(np.abs(total).max()), 10.0 * residual)
+            laws.append((residual, Law(names, coefficients, exponent, low, high, tolerance)))
+    return min(laws, key=lambda pair: pair[0])[1] if laws else None
 
 
 def _together(several: Sequence[Commanded]) -> tuple[Floats, Floats]:
@@ -403,28 +387,28 @@ def limit_of(law: Law, several: Sequence[Commanded]) -> AllocationLimit | None:
     short = law.short(total, single)
     if np.count_nonzero(short) < FEWEST:
         return None
-    given = law.given(single)
-    worst = int(np.argmax(np.where(short, np.abs(total - given), 0.0)))
-    held = _at(single[[worst]], law.low, law.high)[0] & (law.shares(single[[worst]])[0] > 0.1 * law.tolerance)
-    thrusters = {name: float(n) for name, n, at_limit in zip(law.names, single[worst], held) if at_limit}
+    delivered = law.given(single)
+    worst = int(np.argmax(np.where(short, np.abs(total - delivered), 0.0)))
+    sizes = np.abs((_terms(single[[worst]], law.exponent) * law.coefficients).reshape(2, -1).sum(axis=0))
+    limited = _at(single[[worst]], law.low, law.high)[0] & (sizes > 0.1 * law.tolerance)
+    thrusters = {name: float(n) for name, n, at_limit in zip(law.names, single[worst], limited) if at_limit}
     dof, unit = several[0].dof, several[0].unit
-    return AllocationLimit(dof, unit, float(short.mean()), float(total[worst]), float(given[worst]), thrusters)
+    return AllocationLimit(dof, unit, float(short.mean()), float(total[worst]), float(delivered[worst]), thrusters)
 
 
 def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
     """The runs of one campaign driven by what their thrusters gave, where that is not what was commanded, which the
     notes of each tell; and what all of them together asked beyond the limits."""
     limited, limits = list(runs), []
-    for law, asked in laws_of([commanded(run) for run in runs]):
-        limit = limit_of(law, [*asked.values()])
+    for law, commands in laws_of([commanded(run) for run in runs]):
+        limit = limit_of(law, [*commands.values()])
         if limit is None:
             continue
         limits.append(limit)
-        for i, part in asked.items():
+        for i, part in commands.items():
             short, run = law.short(part.total, part.single), limited[i]
-            of_run = limit_of(law, [part])
-            notes = () if of_run is None else (of_run.sentence,)
-            run = replace(run, notes=(*run.notes, *notes), reading=(*run.reading, *notes))
+            if of_run := limit_of(law, [part]):
+                run = run.noted(of_run.sentence)
             total = np.where(short, law.given(part.single), part.total)
             if part.dof is not run.dof:
                 run = replace(run, extras={**run.extras, part.dof.command: total})
@@ -443,8 +427,7 @@ def _terms(single: Floats, exponent: float) -> Floats:
 def _limits(single: Floats, end: np.ufunc) -> Floats:
     limit = end(end.reduce(single, axis=0), 0.0)
     plateau = (np.abs(single - limit) <= 1e-9 * np.abs(limit)).sum(axis=0) >= FEWEST
-    endless = np.inf if end is np.maximum else -np.inf
-    return np.asarray(np.where(plateau & (limit != 0), limit, endless))
+    return np.asarray(np.where(plateau & (limit != 0), limit, np.inf if end is np.maximum else -np.inf))
 
 
 def _at(single: Floats, low: Floats, high: Floats) -> Mask:

@@ -65,12 +65,13 @@ ALREADY_ON = "the log begins with the {force} already on: its switch is taken wi
 def find_steps(run: Run) -> tuple[Step, ...]:
     """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time. Raises
     RunError where the run has no moment."""
-    held = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= FEWEST_SAMPLES)
-    return tuple(_step(run, first, stop, moment, _least_change(run.command)) for first, stop, moment in held)
+    least = _least_change(run.command)
+    stretches = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= FEWEST_SAMPLES)
+    return tuple(_step(run, first, stop, moment, least) for first, stop, moment in stretches)
 
 
 def segments(moment: Floats) -> list[tuple[int, int, float]]:
-    """Return (first, stop, moment) of every stretch of one constant moment, in order; a hair around 0 is 0."""
+    """(first, stop, moment) of every stretch of one constant moment, in order; a hair around 0 is 0."""
     if not len(moment):
         return []
     least = _least_change(moment)
@@ -84,9 +85,9 @@ def _least_change(moment: Floats) -> float:
 
 
 def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
-    rest, pace = _rest(run, first, stop, least)
+    rest_from, pace = _rest(run, first, stop, least)
     rate = 0.0
-    from_rest = rest < first
+    from_rest = rest_from < first
     if not from_rest:
         limit = run.dof.limits.start
         rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], run.noise, limit)
@@ -94,20 +95,11 @@ def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
         from_rest = first < SHORT_REST and abs(rate) <= SLOW * abs(pace) + SURE * doubt
     before = run.time[first - 1] if first else run.time[0] - run.sample_period
     return Step(
-        run=run,
-        first=first,
-        stop=stop,
-        moment=moment,
-        switch_from=float(before),
-        switch_to=float(run.time[first]),
-        start_position=float(run.position[rest:first].mean()) if rest < first else None,
-        rest=slice(rest, first) if rest < first else None,
-        from_rest=from_rest,
-        start_rate=rate,
-        begins_log=first == 0,
-        ends_log=stop == len(run),
-        notes=() if first else (run.dof.fill(ALREADY_ON),),
-    )
+        run, first, stop, moment, switch_from=float(before), switch_to=float(run.time[first]),
+        start_position=float(run.position[rest_from:first].mean()) if rest_from < first else None,
+        rest=slice(rest_from, first) if rest_from < first else None, from_rest=from_rest, start_rate=rate,
+        begins_log=first == 0, ends_log=stop == len(run), notes=() if first else (run.dof.fill(ALREADY_ON),),
+    )  # fmt: skip
 
 
 def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
@@ -121,7 +113,9 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
     pace = 0.0
     if last > first:
         pace = float((run.position[last] - run.position[first]) / (run.time[last] - run.time[first]))
-    length, most = first - _idle_since(run, first, least), SLOW * abs(pace)
+    idle = run.command[first - 1] if run.dof.has_constant and first else 0.0
+    acting = np.flatnonzero(np.abs(run.command[:first] - idle) > least)
+    length, most = first - (int(acting[-1]) + 1 if acting.size else 0), SLOW * abs(pace)
     while length >= FEWEST_AT_REST:
         start = first - length
         rate, error = slope(run.time[start:first], run.position[start:first])
@@ -133,22 +127,12 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
     return first, pace
 
 
-def _idle_since(run: Run, first: int, least: float) -> int:
-    command = run.command
-    idle = command[first - 1] if run.dof.has_constant and first else 0.0
-    acting = np.flatnonzero(np.abs(command[:first] - idle) > least)
-    return int(acting[-1]) + 1 if acting.size else 0
-
-
 def released(run: Run) -> int:
-    """Find the first sample of a new command before which the vehicle stands still from the start of the run on; else
-    return 0."""
-    stretches = segments(run.command)
-    if len(stretches) < 2:
-        return 0
-    first, stop, _ = stretches[1]
-    rest, _ = _rest(run, first, stop, _least_change(run.command))
-    return first if rest < first and rest <= 2 else 0
+    """The first sample of a new command before which the vehicle stands still from the start of the run on; else 0."""
+    for first, stop, _ in segments(run.command)[1:2]:
+        start, _ = _rest(run, first, stop, _least_change(run.command))
+        return first if start < first and start <= 2 else 0
+    return 0
 
 
 def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:
@@ -166,8 +150,8 @@ def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tu
 def start_length(position: Floats, way: float) -> int:
     """How many samples belong to the start of a step: those before the position has moved by `way` for good."""
     moved = np.abs(position - position[0]) > way
-    both = moved[:-1] & moved[1:]  # two in a row: a single sample may be noise
-    count = int(np.argmax(both)) if both.any() else len(position)
+    lasting = moved[:-1] & moved[1:]  # two in a row: a single sample may be noise
+    count = int(np.argmax(lasting)) if lasting.any() else len(position)
     return min(max(count, 6), len(position))
 
 
@@ -208,8 +192,7 @@ class Trim:
     high: float = math.inf
 
     def beyond(self, position: Floats, zero: float, noise: float, dof: Dof) -> Mask:
-        """Tell which positions (N,) are no longer followed; the ends of a window are as sure as the noise lets them
-        be."""
+        """Which positions (N,) are no longer followed; the ends of a window are as sure as the noise lets them be."""
         far = np.abs(position - zero) > (dof.limits.trim if self.reach is None else self.reach)
         margin = MARGIN_IN_SIGMA * noise
         return np.asarray(far | (position < self.low - margin) | (position > self.high + margin))
@@ -220,7 +203,6 @@ class Trim:
         return run.cut(0, int(np.argmax(out))) if not run.dof.wraps and out.any() else run
 
     def ended(self, dof: Dof) -> str:
-        """What ended a step that was cut, in words."""
         return dof.words.reach if dof.wraps or self.reach is not None else WINDOW
 
 
@@ -229,12 +211,12 @@ UNTRIMMED = Trim()
 
 @dataclass(frozen=True)
 class HalfTurn:
-    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `position`
-    [rad or m] theirs.
+    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `position` [rad or m]
+    theirs.
 
-    `start_position` [rad or m] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
-    it, in words; `turned` [rad or m] the signed way from psi0 to the end; `noise` [rad or m] of the position; `steady`
-    whether the rate had settled. `why` is empty, or the sentence for which the half-turn is set aside.
+    `start_position` [rad or m] is psi0; `cut_by` is what ended it, in words; `turned` [rad or m] the signed way from
+    psi0 to the end; `noise` [rad or m] of the position; `steady` whether the rate had settled; `why` the sentence for
+    which the half-turn is set aside, or empty.
     """
 
     step: Step
@@ -266,26 +248,24 @@ class HalfTurn:
 
     @property
     def looked_at(self) -> tuple[int, int]:
-        """Where begins and ends what sensors are judged by and figures show: some of the rest, and as much after."""
+        """Samples that sensors are judged by and figures show: some of the rest, and as much after."""
         step = self.step
         begin = max(step.first if step.rest is None else step.rest.start, step.first - MOST_REST)
         return begin, min(step.stop, 2 * self.kept.stop - step.first)
 
     def of(self, run: Run) -> "HalfTurn":
-        """Return the same of another version of the run, which has the same samples."""
+        """The same of another version of the run, which has the same samples."""
         return replace(self, step=replace(self.step, run=run))
 
 
 def all_half_turns(run: Run, trim: Trim = UNTRIMMED) -> list[HalfTurn]:
-    """Trim every step of a run to |psi - psi0| <= pi and judge it, in the order of time. Raises RunError where the run
-    has no moment."""
+    """Trim every step of a run and judge it, in the order of time. Raises RunError where the run has no moment."""
     return [_half_turn(step, trim) for step in find_steps(run)]
 
 
 def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
-    """Return the first half-turn of every run that serves, and the runs set aside with their reasons."""
-    good: list[HalfTurn] = []
-    aside: list[SetAside] = []
+    """The first half-turn of every run that serves, and the runs set aside with their reasons."""
+    good, aside = [], []
     for run in runs:
         turns = all_half_turns(run, trim)
         if first := next((turn for turn in turns if turn.serves), None):
@@ -298,40 +278,27 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
 def _half_turn(step: Step, trim: Trim) -> HalfTurn:
     run, first = step.run, step.first
     dof, noise, zero = run.dof, run.noise, start_position(step)
-    held = run.position[first : step.stop]
-    beyond = trim.beyond(held, zero, noise, dof)
-    crossed, stop = bool(beyond.any()), step.stop
-    if crossed:
-        stop = first + _kept_samples(held, int(np.argmax(beyond)), noise)
+    path = run.position[first : step.stop]
+    beyond = trim.beyond(path, zero, noise, dof)
+    crossed = bool(beyond.any())
+    stop = first + _before(path, int(np.argmax(beyond)), noise) if crossed else step.stop
     time, position = run.time[first:stop], run.position[first:stop]
-    last = slice(max(first, stop - 6), stop)  # the end is read from the line through the last six samples
-    rate, _ = slope(run.time[last], run.position[last])
-    end = run.position[last].mean() + rate * (run.time[stop - 1] - run.time[last].mean())
+    rate, _ = slope(time[-6:], position[-6:])  # the end is read from the line through the last six samples
+    end = position[-6:].mean() + rate * (time[-1] - time[-6:].mean())
     turn = HalfTurn(
-        step=step,
-        time=time,
-        position=position,
-        kept=slice(first, stop),
-        start_position=zero,
-        switch_from=step.switch_from,
-        switch_to=step.switch_to,
-        moment=step.moment,
+        step, time, position, slice(first, stop), zero, step.switch_from, step.switch_to, step.moment,
         cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.ends_log else dof.fill(COMMAND_ENDS),
-        turned=float(end - zero),
-        noise=noise,
-        steady=_is_steady(time, position, noise),
-        why="",
-    )
+        turned=float(end - zero), noise=noise, steady=_is_steady(time, position, noise), why="",
+    )  # fmt: skip
     return replace(turn, why=_why_not(turn, crossed))
 
 
-def _kept_samples(position: Floats, crossing: int, noise: float) -> int:
-    """How many samples are kept of a step that half a turn (or what else limits the motion) ends after `crossing`
-    samples."""
+def _before(path: Floats, crossing: int, noise: float) -> int:
+    """How many samples of a step are surely before the end of the half-turn, which it reaches after `crossing`."""
     back = min(10, crossing - 1)
     if back < 1:
         return max(crossing, 1)
-    pace = abs(position[crossing - 1] - position[crossing - 1 - back]) / back
+    pace = abs(path[crossing - 1] - path[crossing - 1 - back]) / back
     margin = math.ceil(MARGIN_IN_SIGMA * noise / pace) if pace > 0 else crossing
     return max(crossing - margin, min(crossing, MIN_SAMPLES))
 
@@ -343,8 +310,8 @@ def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
         return False
     late, late_error = slope(time[-third:], position[-third:])
     middle, middle_error = slope(time[-2 * third : -third], position[-2 * third : -third])
-    change, doubt = abs(late - middle), SURE * noise * math.hypot(late_error, middle_error)
-    return change <= STILL_CHANGING * abs(late) or change <= doubt
+    doubt = SURE * noise * math.hypot(late_error, middle_error)
+    return abs(late - middle) <= max(STILL_CHANGING * abs(late), doubt)
 
 
 def _why_not(turn: HalfTurn, crossed: bool) -> str:
@@ -352,8 +319,8 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     run, step, count = turn.step.run, turn.step, len(turn.position)
     dof, words, force, steady = run.dof, run.dof.words, run.dof.words.force, turn.steady
     at = f"the step of {turn.moment:.4g} {run.moment_unit}".rstrip()
-    shown = round(abs(float(dof.shown(turn.turned))))
-    way = f"{shown} {words.unit if shown == 1 else words.units}"
+    size = round(abs(float(dof.shown(turn.turned))))
+    way = f"{size} {words.unit if size == 1 else words.units}"
     repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
     if repeats >= max(FEWEST_STUCK, count / 2) and not is_slow(run.position, repeats):
         return (

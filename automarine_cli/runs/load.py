@@ -21,19 +21,10 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.columns import driven, names_of
-from automarine_cli.logs.table import is_velocity_only
+from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.checks import (
-    IN_OTHER_UNITS,
-    RADIANS_AS_DEGREES,
-    AllocationLimit,
-    beyond,
-    clock_trouble,
-    position_trouble,
-    stuck,
-    within_limits,
-)
+from automarine_cli.runs import checks
 from automarine_cli.runs.run import NORMAL, Run, SetAside, fresh_readings, median, named_apart, own_name, slope, summed
 from automarine_cli.text import listed
 
@@ -57,12 +48,13 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
-    columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
-    dof, summed = table.dof, is_velocity_only(table)
+    dof = table.dof
+    summed = dof.position not in table.columns  # of a velocity
     commands = (dof.command,) if dof.command in table.columns else dof.thrusters
     measured = dof.velocity if summed else dof.position
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
+    columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
     missing = np.any([np.isnan(columns[key]) for key in ("time", measured, *commands)], axis=0)
     counts["missing"] = int(np.count_nonzero(missing))
     columns, rows = _only(columns, ~missing), rows[~missing]
@@ -71,56 +63,42 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
         raise NotUsable(f"no row has time, {what} and command ({counts['missing']} rows lack one); check the columns")
     fresh = _rising(columns["time"], rows, table, name)
     if len(rows) > 1 and not fresh[1:].any():
-        _refuse(clock_trouble(columns["time"]))
+        _refuse(checks.clock_trouble(columns["time"]))
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
-    _refuse(clock_trouble(columns["time"]))
+    _refuse(checks.clock_trouble(columns["time"]))
     if not summed:
-        _refuse(position_trouble(columns["time"], columns[dof.position], dof))
+        _refuse(checks.position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
         if (largest := float(np.abs(columns[key]).max(initial=0.0))) > LARGEST_COMMAND:
             what = dof.words.force if key == dof.command else "thruster command"
             raise NotUsable(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
+    if not summed:
+        glitch = find_glitches(columns["time"], columns[dof.position], dof) | checks.beyond(columns[dof.position], dof)
+        counts["glitches"] = int(np.count_nonzero(glitch))
+        columns = _only(columns, ~glitch)
+        _refuse(checks.clock_trouble(columns["time"]))
+    notes = table.notes
+    if counts["duplicates"] > COARSE * counts["rows"]:
+        stamps = f"{counts['duplicates']} of {counts['rows']} stamps"
+        notes += (f"{stamps} repeat the one before: the clock is coarser than the log",)
+    run = Run(
+        name, table.source, columns.pop("time"), columns.pop(dof.position, np.zeros(0)), columns.pop(dof.command, None),
+        table.moment_unit, columns, counts, notes, table.notes, dof=dof,
+    )  # fmt: skip
     if summed:
-        return _bridged(_summed_up(_run(table, columns, name, counts)))
-    glitch = find_glitches(columns["time"], columns[dof.position], dof) | beyond(columns[dof.position], dof)
-    counts["glitches"] = int(np.count_nonzero(glitch))
-    columns = _only(columns, ~glitch)
-    _refuse(clock_trouble(columns["time"]))
-    run = _run(table, columns, name, counts)
-    _refuse(stuck(run.position, _any_command(run), dof))
+        return _bridged(_summed_up(run))
+    _refuse(checks.stuck(run.position, _any_command(run), dof))
     return _bridged(run)
 
 
-def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
-    dof = table.dof
-    extras = {key: values for key, values in columns.items() if key not in ("time", dof.position, dof.command)}
-    notes, repeated = table.notes, counts["duplicates"]
-    if repeated > COARSE * counts["rows"]:
-        notes += (f"{repeated} of {counts['rows']} stamps repeat the one before: the clock is coarser than the log",)
-    return Run(
-        name=name,
-        source=table.source,
-        time=columns["time"],
-        position=columns.get(dof.position, np.zeros(len(columns["time"]))),
-        moment=columns.get(dof.command),
-        moment_unit=table.moment_unit or "",
-        extras=extras,
-        counts=counts,
-        notes=notes,
-        reading=table.notes,
-        dof=dof,
-    )
-
-
 def _summed_up(run: Run) -> Run:
-    dof = run.dof
-    velocity = run.extras[dof.velocity]
+    dof, velocity = run.dof, run.extras[run.dof.velocity]
     fresh = fresh_readings(velocity)  # a held reading is as old as it is long held
     instant = np.interp(run.time, run.time[fresh], velocity[fresh])
     position = summed_position(run.time, instant, _any_command(run), dof)
     note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
-    return replace(run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note))
+    return replace(run, position=position, summed_up=True).noted(note)
 
 
 def _only(columns: Mapping[str, Floats], kept: Mask) -> dict[str, Floats]:
@@ -135,27 +113,22 @@ def _refuse(why: str | None) -> None:
 def _rising(time: Floats, rows: Indices, table: LogTable, name: str) -> Mask:
     """Which samples have a new stamp. Raises RunError where the clock steps back."""
     steps = np.diff(time)
-    back = np.flatnonzero(steps < 0)
-    if back.size:
-        i = int(back[0])
+    if (steps < 0).any():
+        i = int(np.argmax(steps < 0))
+        before, after = np.searchsorted(table.rows, rows[i : i + 2])
+        remedy = "If two runs share the file, tell them apart by a column run"
+        for column, labels in table.words.items():
+            if labels.code[before] != labels.code[after]:
+                remedy = (
+                    f"The column {column} names something else from there on ({listed(labels.names)}): if these are "
+                    f'runs, write run = "{column}" {GIVE_IT}'
+                )
+                break
         raise RunError(
             f"{table.source}, row {rows[i + 1]}, run {name!r}: the clock steps back from {time[i]:.10g} s to "
-            f"{time[i + 1]:.10g} s; expected a rising clock. {_other_run(table, rows[i], rows[i + 1])}; else sort or "
-            "correct the rows"
+            f"{time[i + 1]:.10g} s; expected a rising clock. {remedy}; else sort or correct the rows"
         )
-    return np.concatenate([[True], steps > 0]) if len(time) else np.zeros(0, dtype=bool)
-
-
-def _other_run(table: LogTable, before: int, after: int) -> str:
-    """What to do where another run may begin: by the column of words that changes between the two rows, if one does."""
-    here, there = np.searchsorted(table.rows, [before, after])
-    for name, labels in table.words.items():
-        if labels.code[here] != labels.code[there]:
-            return (
-                f"The column {name} names something else from there on ({listed(labels.names)}): if these are runs, "
-                f'write run = "{name}" under [columns] in a file and give it with --columns FILE.toml'
-            )
-    return "If two runs share the file, tell them apart by a column run"
+    return np.concatenate([[True], steps > 0])[: len(time)]
 
 
 def _any_command(run: Run) -> Floats:
@@ -167,42 +140,34 @@ def _any_command(run: Run) -> Floats:
 
 def _bridged(run: Run) -> tuple[Run, ...]:
     """Unwrap the position; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
-    steps = np.diff(run.time)
+    steps, dof, words, notes = np.diff(run.time), run.dof, run.dof.words, run.notes
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
-    dof, words = run.dof, run.dof.words
-    jumps = find_jumps(run.time, run.position, dof)
-    result = unwrap(run.time, run.position, gaps, dof)
+    position, broken = unwrap(run.time, run.position, gaps, dof)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
-    notes = run.notes
-    if (jumps := np.setdiff1d(jumps, gaps)).size:
+    if (jumps := np.setdiff1d(find_jumps(run.time, run.position, dof), gaps)).size:
         sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
         notes += (
             f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
             f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
         )
-    if result.broken_after:
-        notes += (
-            f"split at {_counted(len(result.broken_after), 'gap')} of up to {widest}, "
-            f"across which the {words.position} cannot be followed",
-        )
+    if broken:
+        lost = f"across which the {words.position} cannot be followed"
+        notes += (f"split at {_counted(len(broken), 'gap')} of up to {widest}, {lost}",)
     elif gaps.size:
         bridged = f", bridged by the {words.speed}s beside them" if dof.wraps else ""
         notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
-    edges = [0, *(int(i) + 1 for i in sorted({*result.broken_after, *jumps})), len(run)]
-    run, parts = replace(run, position=result.position, notes=notes), []
-    if len(edges) == 2:
-        return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}),)
+    edges = [0, *(int(i) + 1 for i in sorted({*broken, *jumps})), len(run)]
+    run, parts = replace(run, position=position, notes=notes), []
     for number, (start, stop) in enumerate(pairwise(edges), 1):
-        part = run.cut(start, stop)
         inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
         counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner}
         counts["jumps"] = int((start - 1 in jumps) + (stop - 1 in jumps))
-        parts.append(replace(part, name=f"{run.name}.{number}", counts=counts))
+        name = f"{run.name}.{number}" if len(edges) > 2 else run.name
+        parts.append(replace(run.cut(start, stop), name=name, counts=counts))
     return tuple(parts)
 
 
-def too_short(part: Run) -> str | None:
-    """Why a part of a run that was split at a jump is unusable, or None."""
+def _too_short(part: Run) -> str | None:
     length = float(part.time[-1] - part.time[0])
     if not part.counts["jumps"] or length >= SHORTEST_PART:
         return None
@@ -230,11 +195,11 @@ def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> flo
     first = int(np.argmax(acting)) if acting.any() else 0
     if first < MIN_STANDSTILL:
         return 0.0
-    read = velocity[:first]
-    trend, doubt = slope(time[:first], read)
-    steps = np.diff(read)
+    readings = velocity[:first]
+    trend, doubt = slope(time[:first], readings)
+    steps = np.diff(readings)
     noise = NORMAL * median(np.abs(steps - np.median(steps))) / np.sqrt(2.0)
-    level = float(np.median(read))
+    level = float(np.median(readings))
     return level if abs(trend) <= SURE * doubt * noise + 1e-12 and abs(level) <= 3.0 * dof.limits.bias_sd else 0.0
 
 
@@ -262,9 +227,8 @@ def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
     """Find spikes of one or two samples in a position (N,) [rad or m]: far off both neighbours, which agree.
 
     A spike stands out against the local rate by eight robust standard deviations and the motion's least spike, and by
-    half as much again as the vehicle moves from sample to sample around it; the samples on either side of it
-    continue each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp
-    reversal.
+    half as much again as the vehicle moves from sample to sample around it; the samples on either side of it continue
+    each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp reversal.
     """
     bad = np.zeros(len(time), dtype=bool)
     if len(time) < LOCAL:
@@ -346,18 +310,9 @@ def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
     return np.array(jumps, dtype=int)
 
 
-@dataclass(frozen=True)
-class Unwrapped:
-    """Position of shape (N,) [rad or m], and after which samples the turn count is unknown (a gap too wide to
-    bridge).
-    """
-
-    position: Floats
-    broken_after: tuple[int, ...]
-
-
-def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped:
-    """Unwrap a heading; `gaps` are the samples after which the log has a hole. What never wraps is whole as it is.
+def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> tuple[Floats, tuple[int, ...]]:
+    """Unwrap a heading (N,) [rad]; `gaps` are the samples after which the log has a hole. Return it, and after which
+    samples the turn count is unknown. What never wraps is whole as it is.
 
     Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
     turned; if they leave it open by more than a quarter of a turn, and the vehicle was seen fast enough to turn as far
@@ -368,7 +323,7 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
     inside = np.ones(len(raw), dtype=bool)
     inside[gaps] = False
     if not dof.wraps or (np.ptp(position) > 1.01 * turn and np.all(np.abs(raw[inside]) < turn / 2)):
-        return Unwrapped(position, ())
+        return position, ()
     steps = wrapped(raw, turn)
     fastest = np.inf
     if gaps.size and inside.any():
@@ -383,7 +338,7 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
             broken.append(int(gap))
         steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted), turn)
     turns = np.cumsum(np.round((steps - raw) / turn))
-    return Unwrapped(np.concatenate([position[:1], position[1:] + turn * turns]), tuple(broken))
+    return np.concatenate([position[:1], position[1:] + turn * turns]), tuple(broken)
 
 
 def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices) -> tuple[float, float]:
@@ -401,8 +356,6 @@ def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices)
 
 OfOneLog = tuple[list[Run], list[SetAside]]
 ANGLE_SLACK = 1.001
-RADIANS_SEEN = "wraps at 2 pi where"
-"""What the proof says of radians that are called degrees; the others are of degrees called radians."""
 Reading = Callable[..., OfOneLog]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
@@ -411,13 +364,13 @@ PAYS_FROM = 3000  # logs; to start processes takes longer than to read fewer
 
 @dataclass(frozen=True)
 class Campaign:
-    """The runs of one campaign on one clock, in file order; what was set aside; the files read (those that have
-    bytes to read: no links that lead nowhere); what was commanded beyond the limits of the thrusters."""
+    """The runs of one campaign on one clock, in file order; what was set aside; the files read (no links that lead
+    nowhere); what was commanded beyond the limits of the thrusters."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[SetAside, ...]
     inputs: tuple[LogFile, ...]
-    limits: tuple[AllocationLimit, ...] = ()
+    limits: tuple[checks.AllocationLimit, ...] = ()
 
 
 def load_runs(
@@ -443,7 +396,9 @@ def load_runs(
     if not runs:
         raise none_left(len(files), aside)
     _refuse_other_units(aside, files, columns, dof)
-    limited, limits = within_limits(_one_unit(named_apart(runs)))
+    runs = named_apart(runs)
+    _refuse_two_units(runs)
+    limited, limits = checks.within_limits(runs)
     return Campaign(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
 
 
@@ -452,7 +407,7 @@ def _refuse_other_units(
 ) -> None:
     """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and other logs
     that were read alike look so too: they are as wrong, and only smoother."""
-    proof = next((run for run in aside if run.why.startswith(IN_OTHER_UNITS)), None)
+    proof = next((run for run in aside if run.why.startswith(checks.IN_OTHER_UNITS)), None)
     if proof is None:
         return
     maps = {file.name: (columns or ColumnMap()).of(file.path).columns for file in files}
@@ -463,8 +418,8 @@ def _refuse_other_units(
         with contextlib.suppress(LogError):
             position = read_log(file, columns, dof=dof).columns.get(dof.position)
             spans += [] if position is None else [float(np.nanmax(position) - np.nanmin(position))]
-    radians = RADIANS_SEEN in proof.why
-    turn = RADIANS_AS_DEGREES if radians else dof.turn
+    radians = "wraps at 2 pi where" in proof.why  # that are called degrees; the other proofs are of the contrary
+    turn = checks.RADIANS_AS_DEGREES if radians else dof.turn
     alike = sum(0.5 * turn < span <= ANGLE_SLACK * turn if radians else span > ANGLE_SLACK * turn for span in spans)
     if alike > 0.5 * len(spans):
         many = f"{alike} other log{'s' * (alike != 1)}"
@@ -475,24 +430,23 @@ def _refuse_other_units(
 
 
 def has_bytes(file: LogFile) -> bool:
-    """Whether a log has bytes that can be told by their hash: a link that leads nowhere has none."""
+    """Whether a log has bytes to hash: a link that leads nowhere has none."""
     return file.content is not None or (file.path.is_file() and os.access(file.path, os.R_OK))
 
 
 def refused_by_strict(first: SetAside) -> RunError:
-    """The refusal of `--strict` for the first run that would be set aside."""
     return RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")
 
 
 def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
     """The refusal of a campaign of which nothing is left, with the first reasons."""
     why: dict[str, list[str]] = {}
-    for one in aside:
-        why.setdefault(one.why, []).append(one.file)
-    told = list(why.items())[:MOST_REASONS]
-    reasons = [f"{names[0]}{f' and {len(names) - 1} more' * (len(names) > 1)}: {said}" for said, names in told]
-    if left := len(aside) - sum(len(names) for _, names in told):
-        reasons.append(f"and {left} more")
+    for run in aside:
+        why.setdefault(run.why, []).append(run.file)
+    first = list(why.items())[:MOST_REASONS]
+    reasons = [f"{names[0]}{f' and {len(names) - 1} more' * (len(names) > 1)}: {reason}" for reason, names in first]
+    if more := len(aside) - sum(len(names) for _, names in first):
+        reasons.append(f"and {more} more")
     return RunError(f"no usable run in {files} log{'s' * (files != 1)}: {'; '.join(reasons)}")
 
 
@@ -543,7 +497,7 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
             aside.append(unreadable(file, error, name))
             continue
         for part in parts:
-            why = (clock_trouble(part.time) or too_short(part)) if len(parts) > 1 else None
+            why = (checks.clock_trouble(part.time) or _too_short(part)) if len(parts) > 1 else None
             if why is None:
                 runs.append(part)
             else:
@@ -552,16 +506,16 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
 
 
 def rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices]]:
-    """Return the names of the runs of a table, in the order in which they begin, and the rows of each."""
-    code = table.run_code
-    if code is None:
+    """The names of the runs of a table, in the order in which they begin, and the rows of each."""
+    if table.runs is None:
         return iter([(own_name(table.source), np.arange(len(table)))])
+    names, code = table.runs.names, table.runs.code
     order = np.argsort(code, kind="stable")  # runs may take turns
-    return zip(table.run_names, np.split(order, np.searchsorted(code[order], np.arange(1, len(table.run_names)))))
+    return zip(names, np.split(order, np.searchsorted(code[order], np.arange(1, len(names)))))
 
 
-def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """All commands of a campaign in one unit. Raises RunError where normalised ones and others are mixed."""
+def _refuse_two_units(runs: Sequence[Run]) -> None:
+    """Raise RunError where normalised commands and others are mixed."""
     units = {run.moment_unit: run for run in runs if run.moment is not None}
     if len(units) > 1:
         first, second = list(units.values())[:2]
@@ -570,7 +524,6 @@ def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
             f"{second.moment_unit}; expected one unit in a campaign. Analyse them apart, or map both "
             f"columns to {' or to '.join(names_of(first.dof.command))} with --columns"
         )
-    return tuple(runs)
 
 
 EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geodetic System 1984
@@ -613,9 +566,9 @@ def _require_forces(table: LogTable) -> None:
     """Refuse a table that drives nothing but the heading, or in normalised units, of which each has a scale of its
     own."""
     for dof in PLANAR.dofs:
-        unit, newtons = table.units.get(dof.command), dof.units.forces[1]
-        if unit not in (None, newtons):
-            name = dof.column(dof.command, str(unit))
+        newtons = dof.units.forces[1]
+        if (unit := table.units.get(dof.command, newtons)) != newtons:
+            name = dof.column(dof.command, unit)
             raise LogError(
                 f"{table.source}: {dof.command.replace('_', ' ')} is normalised ({name}); motions that are coupled "
                 f"need newtons and newton metres. Map it with a scale, such as {dof.column(dof.command, newtons)} = "
@@ -623,9 +576,9 @@ def _require_forces(table: LogTable) -> None:
             )
     pushed = any(dof.command in table.columns for dof in (SURGE, SWAY))
     if not pushed and not driven(YAW, table.columns.keys()):
-        wanted = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
+        forces = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
         raise LogError(
-            f"{table.source}: no force in the log ({wanted}), by which surge and sway are driven; name its column "
+            f"{table.source}: no force in the log ({forces}), by which surge and sway are driven; name its column "
             "with --columns, or give the log to automarine fit-yaw"
         )
 
@@ -641,25 +594,21 @@ def _with_forces(table: LogTable) -> LogTable:
 
 
 def _on_the_water(run: Run) -> Run:
-    if not {"lat", "lon"} <= run.extras.keys() or {"north", "east"} <= run.extras.keys():
+    extras = dict(run.extras)
+    if not {"lat", "lon"} <= extras.keys() or {"north", "east"} <= extras.keys():
         return run
-    north, east = local_plane(run.extras["lat"], run.extras["lon"])
-    left = {name: column for name, column in run.extras.items() if name not in ("lat", "lon")}
-    return replace(run, extras={**left, "north": north, "east": east})
+    north, east = local_plane(extras.pop("lat"), extras.pop("lon"))
+    return replace(run, extras={**extras, "north": north, "east": east})
 
 
 def _with_fresh_readings(run: Run) -> Run:
     for names in SENSORS:
         again = repeats(*(run.extras[name] for name in names)) if run.extras.keys() >= {*names} else np.zeros(1)
-        if not again.any():
-            continue
-        fresh = {name: np.where(again, np.nan, run.extras[name]) for name in names}
-        share, which = 100 * float(again.mean()), " and ".join(names).replace("_", " ")
-        note = (
-            f"{which}: {share:.0f} % of the rows repeat the reading before them, as of a slow sensor, and do not count"
-        )
-        extras, notes, reading = {**run.extras, **fresh}, (*run.notes, note), (*run.reading, note)
-        run = replace(run, extras=extras, notes=notes, reading=reading)
+        if again.any():
+            fresh = {name: np.where(again, np.nan, run.extras[name]) for name in names}
+            share = f"{' and '.join(names).replace('_', ' ')}: {100 * float(again.mean()):.0f} % of the rows"
+            note = f"{share} repeat the reading before them, as of a slow sensor, and do not count"
+            run = replace(run, extras={**run.extras, **fresh}).noted(note)
     return run
 
 
@@ -678,15 +627,15 @@ def repeats(*columns: Floats) -> Mask:
     row is a repeat too, for nobody knows how old its reading is.
     """
     values = np.stack(columns)
-    seen = np.all(np.isfinite(values), axis=0)
-    found = np.zeros(values.shape[1], dtype=bool)
-    steps = np.abs(np.diff(values[:, seen], axis=1))
+    sound = np.all(np.isfinite(values), axis=0)
+    repeated = np.zeros(values.shape[1], dtype=bool)
+    steps = np.abs(np.diff(values[:, sound], axis=1))
     changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
     if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - FEW:
-        return found
+        return repeated
     coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
     often = coarseness >= COARSE_CHANGES and bool(np.median(spans) >= 2 and np.mean(spans == 1) <= BESIDE)
     if coarseness < FINE and not often:
-        return found
-    found[seen] = np.concatenate([[True], ~changed])
-    return found
+        return repeated
+    repeated[sound] = np.concatenate([[True], ~changed])
+    return repeated

@@ -14,12 +14,12 @@ from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
-from automarine_cli.logs.columns import driven, names_of
-from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of, quantities_of
+from automarine_cli.logs.columns import driven, names_of, quantities_of
+from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, find_steps, segments, why_none
-from automarine_cli.runs.load import Indices, read_runs, rows_of_runs, runs_of_table, unreadable
+from automarine_cli.runs.load import read_runs, rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, Run, SetAside, misfit_of, position_noise, undirected
 
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
@@ -28,9 +28,7 @@ MOST_LEVELS = 64  # more different values than this are a signal, not levels
 @dataclass(frozen=True)
 class RunSeen:
     """One run of a log. `noise` of its position is as people see it, `extent` how far it went in all [turns, or m];
-    `levels` are its moments or forces (None: they never stay), `steps` and the `half_turn` that serves as in
-    check.json, `why` says why no step serves.
-    """
+    `levels` are its moments or forces (None: they never stay), `why` says why no step serves."""
 
     dof: Dof
     file: str
@@ -55,7 +53,6 @@ class RunSeen:
     limits: list[AllocationLimit] = field(default_factory=list)
 
     def to_json(self) -> dict[str, object]:
-        """Return its form in check.json."""
         words, dof = self.dof.words, self.dof
         noise, unit = f"{words.position}_noise_{dof.units.key}", f"{words.force}_unit"
         keys = {"noise": noise, "extent": words.range_key, "moment_unit": unit, "half_turn": dof.step_key}
@@ -66,8 +63,6 @@ class RunSeen:
 
 @dataclass(frozen=True)
 class ThrusterTestSeen:
-    """One run of a thruster test: how many rows and levels of the control signal, and the forces."""
-
     file: str
     run: str
     points: int
@@ -105,27 +100,17 @@ def look_at_run(run: Run) -> RunSeen:
     best = next((turn for turn in turns if turn.serves), None)
     levels = sorted({moment for _, _, moment in segments(driven.command)})
     return RunSeen(
-        dof=run.dof,
-        file=run.source,
-        run=run.name,
-        samples=len(run),
-        begins_s=float(run.time[0]),
-        duration_s=float(run.time[-1] - run.time[0]),
-        rate_hz=1 / run.sample_period,
+        run.dof, run.source, run.name, samples=len(run), begins_s=float(run.time[0]),
+        duration_s=float(run.time[-1] - run.time[0]), rate_hz=1 / run.sample_period,
         jitter_ms=round(1000 * jitter, 6),  # not the clock's rounding
-        longest_step_s=float(spans.max()),
-        counts=dict(run.counts),
+        longest_step_s=float(spans.max()), counts=dict(run.counts),
         noise=float(run.dof.shown(position_noise(run.time, run.position))),
-        extent=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)),
-        moment_unit=driven.moment_unit,
+        extent=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)), moment_unit=driven.moment_unit,
         levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,
-        steps=[_step_seen(turn) for turn in turns],
-        half_turn=None if best is None else _step_seen(best),
-        why=None if best is not None else why_none(driven, turns),
-        columns=sorted(run.extras),
-        notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)],
-        commanded=commanded(run),
-    )
+        steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
+        why=None if best is not None else why_none(driven, turns), columns=sorted(run.extras),
+        notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)], commanded=commanded(run),
+    )  # fmt: skip
 
 
 def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
@@ -133,8 +118,8 @@ def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
     these."""
     runs = list(runs)
     for motion in dict.fromkeys(run.dof for run in runs):
-        for law, asked in laws_of([run.commanded if run.dof is motion else [] for run in runs]):
-            for i, part in asked.items():
+        for law, commands in laws_of([run.commanded if run.dof is motion else [] for run in runs]):
+            for i, part in commands.items():
                 if limit := limit_of(law, [part]):
                     notes = [*runs[i].notes, limit.sentence]
                     runs[i] = replace(runs[i], limits=[*runs[i].limits, limit], notes=notes)
@@ -142,8 +127,7 @@ def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
 
 
 def _step_seen(turn: HalfTurn) -> dict[str, Any]:
-    """A step as in check.json: its start in the unit of logs, how far it went as people see it, times on the campaign's
-    clock."""
+    """A step as in check.json: its start in the unit of logs, how far it went as people see it."""
     step, dof = turn.step, turn.step.run.dof
     return {
         dof.words.force: step.moment,
@@ -164,33 +148,22 @@ def _step_seen(turn: HalfTurn) -> dict[str, Any]:
 def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAside]]:
     """The runs of a thruster test, and those without a single point."""
     good = ~(np.isnan(table.columns["n"]) | np.isnan(table.columns["force"]))
-    seen, aside = [], []
-    for name, rows in rows_of_runs(table):
-        both = rows[good[rows]]
-        if len(both):
-            seen.append(_test(table, name, both, len(rows) - len(both)))
-        else:
+    tests, aside = [], []
+    for name, every in rows_of_runs(table):
+        rows = every[good[every]]
+        if not len(rows):
             aside.append(SetAside(table.source, name, "no row has both a control signal and a force"))
-    return seen, aside
-
-
-def _test(table: LogTable, name: str, rows: Indices, missing: int) -> ThrusterTestSeen:
-    n, force, voltage = table.columns["n"][rows], table.columns["force"][rows], table.columns.get("voltage")
-    volts = [] if voltage is None else np.unique(voltage[rows][~np.isnan(voltage[rows])]).tolist()
-    return ThrusterTestSeen(
-        file=table.source,
-        run=name,
-        points=len(n),
-        missing=missing,
-        levels=len(np.unique(n)),
-        lowest_n=float(n.min()),
-        highest_n=float(n.max()),
-        lowest_force_N=float(force.min()),
-        highest_force_N=float(force.max()),
-        voltages=volts if len(volts) <= MOST_LEVELS else [],
-        columns=sorted(table.extras),
-        notes=[*table.notes, *filter(None, [undirected(n, force)])],
-    )
+            continue
+        n, force, voltage = table.columns["n"][rows], table.columns["force"][rows], table.columns.get("voltage")
+        volts = [] if voltage is None else np.unique(voltage[rows][~np.isnan(voltage[rows])]).tolist()
+        tests.append(ThrusterTestSeen(
+            table.source, name, points=len(n), missing=len(every) - len(n), levels=len(np.unique(n)),
+            lowest_n=float(n.min()), highest_n=float(n.max()),
+            lowest_force_N=float(force.min()), highest_force_N=float(force.max()),
+            voltages=volts if len(volts) <= MOST_LEVELS else [], columns=sorted(table.extras),
+            notes=[*table.notes, *filter(None, [undirected(n, force)])],
+        ))  # fmt: skip
+    return tests, aside
 
 
 @dataclass(frozen=True)
@@ -217,15 +190,10 @@ def kind_of(run: Run) -> RunKind:
     steps = [step for step in find_steps(driven) if step.from_rest]
     ways = [(step.moment, driven.position[step.stop - 1] - driven.position[step.first]) for step in steps]
     moved = [float(moment * way) for moment, way in ways if abs(way) > run.dof.limits.still]
-    return RunKind(
-        name=run.name,
-        kind=("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre",
-        unit=driven.moment_unit,
-        low=float(driven.command.min()),
-        high=float(driven.command.max()),
-        with_moment=sum(one > 0 for one in moved),
-        against=sum(one < 0 for one in moved),
-    )
+    kind: Literal["step", "manoeuvre", "idle"] = ("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre"
+    low, high = float(driven.command.min()), float(driven.command.max())
+    followed, against = sum(way > 0 for way in moved), sum(way < 0 for way in moved)
+    return RunKind(run.name, kind, driven.moment_unit, low, high, followed, against)
 
 
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
@@ -238,8 +206,8 @@ Placed = Mapping[str, tuple[LogFile, ...]]
 
 @dataclass(frozen=True)
 class Survey:
-    """Everything that was seen: kinds of files with what their columns are taken for, the map of all columns, the runs
-    of each log, what could not be read; the logs of yaw and the bollard tests by kind, and those of other motions.
+    """What a folder of logs holds: kinds of files with what their columns are taken for, the map of all columns, the
+    runs of each log, what could not be read; the logs of yaw and the bollard tests by kind, and those of other motions.
     `unread` are logs that show what they are only once a question is answered, `strangers` are files of no vehicle.
     """
 
@@ -289,9 +257,10 @@ class Survey:
 
     @property
     def turns(self) -> tuple[int, int]:
-        others = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
-        kinds = [kind for file, runs in self.runs.items() if file not in others for kind in runs]
-        return sum(kind.with_moment for kind in kinds), sum(kind.against for kind in kinds)
+        """How many steps of yaw went with and against their moment."""
+        elsewhere = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
+        runs = [run for file, runs in self.runs.items() if file not in elsewhere for run in runs]
+        return sum(run.with_moment for run in runs), sum(run.against for run in runs)
 
     @property
     def turned_round(self) -> bool:
@@ -304,8 +273,8 @@ KINDS = ("thrusters", "steps", "manoeuvres", "validation")
 
 
 def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int, progress: Progress) -> Survey:
-    """Look at every log: its columns first (by the map `columns` where the user has one), then which files are one
-    log, then its runs by what the columns are taken for, then its kind."""
+    """Look at every log: its columns first (by the map `columns` where the user has one), then which files are one log,
+    then its runs by what the columns are taken for, then its kind."""
     logs, layouts, maps, errors = layouts_of(folder, files, columns, jobs, progress)
     layout_of = {file: layout for layout in layouts for file in layout.files}
     readable = [(file, layout_of[file]) for file in logs if file in layout_of]
@@ -315,11 +284,10 @@ def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int
     headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
     aside = [unreadable(file, error) for file, error in errors.items()]
     unread: list[LogFile] = []
-    placed: dict[str, list[LogFile]] = {kind: [] for kind in KINDS}
-    forces: dict[str, dict[str, list[LogFile]]] = {}
+    logs_of: dict[str, dict[str, list[LogFile]]] = {"": {kind: [] for kind in KINDS}}  # by motion; "" is yaw
     for (file, layout), (runs, bad) in zip(readable, looks):
-        asked = layout.lacking or any(column.open for column in layout.columns)
-        unclear = asked and not (runs or layout.bollard) and not (headed and YAW.position in layout.lacking)
+        questions = layout.lacking or any(column.open for column in layout.columns)
+        unclear = questions and not (runs or layout.bollard) and not (headed and YAW.position in layout.lacking)
         if unclear:  # it shows what it is once a question is answered
             unread.append(file)
         else:
@@ -327,20 +295,16 @@ def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int
         kind = _kind_of(file, runs, unclear) if not layout.bollard else "" if bad else "thrusters"
         if not kind:
             continue
+        motion, kinds = "", list(KINDS)
         if not layout.dof.wraps:
-            forces.setdefault(layout.dof.name, {name: [] for name in KINDS[1:]})[kind].append(file)
+            motion, kinds = layout.dof.name, kinds[1:]
         elif layout.dof is YAW and _of_three(layout.names):
-            planar = forces.setdefault(PLANAR.name, {"runs": [], "validation": []})
-            planar["validation" if kind == "validation" else "runs"].append(file)
-        else:
-            placed[kind].append(file)
-
-    def fixed(kinds: Mapping[str, Sequence[LogFile]]) -> Placed:
-        return {kind: tuple(members) for kind, members in kinds.items()}
-
+            motion, kinds, kind = PLANAR.name, ["runs", "validation"], "validation" if kind == "validation" else "runs"
+        logs_of.setdefault(motion, {kind: [] for kind in kinds})[kind].append(file)
+    placed = {motion: {kind: tuple(of_kind) for kind, of_kind in kinds.items()} for motion, kinds in logs_of.items()}
     return Survey(
         folder, layouts, maps, {file: runs for (file, _), (runs, _) in zip(readable, looks)}, tuple(aside),
-        fixed(placed), {motion: fixed(forces[motion]) for motion in (*DOFS, PLANAR.name) if motion in forces},
+        placed[""], {motion: placed[motion] for motion in (*DOFS, PLANAR.name) if motion in placed},
         tuple(unread), tuple(file for file in logs if file not in layout_of and file not in errors),
     )  # fmt: skip
 
@@ -361,8 +325,7 @@ def _look(
 
 
 def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> str:
-    """The kind of test that a log of runs holds; none where nothing is commanded. A log that only an answer makes
-    readable is taken for steps."""
+    """The kind of test that a log of runs holds, "" where nothing is commanded; steps where only an answer tells."""
     kinds = Counter(run.kind for run in runs)
     if not unread and (not kinds or set(kinds) == {"idle"}):
         return ""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError, SetAside
-from automarine_cli.logs.columns import names_of
+from automarine_cli.logs.columns import PULSES, names_of
 from automarine_cli.logs.find import stem_of
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import CLOCK, SINCE, Floats
@@ -20,8 +20,7 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME = 1e-9  # rad or m; positions closer than this are one
 HELD = 0.2  # Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings
-FLAT = 3.0
-"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
+FLAT = 3.0  # Smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
 
 
 def position_noise(time: Floats, position: Floats) -> float:
@@ -42,9 +41,9 @@ def position_noise(time: Floats, position: Floats) -> float:
         square += weight**2
     sigma = NORMAL * median(np.abs(residual) / np.sqrt(square))
     moved = np.abs(np.diff(position))
-    still = moved < SAME
-    if np.count_nonzero(still) >= len(still) / 3 and not still.all():
-        sigma = max(sigma, float(moved[~still].min()) / np.sqrt(12))
+    same = moved < SAME
+    if np.count_nonzero(same) >= len(same) / 3 and not same.all():
+        sigma = max(sigma, float(moved[~same].min()) / np.sqrt(12))
     return sigma
 
 
@@ -71,26 +70,21 @@ def fresh_readings(read: Floats) -> NDArray[np.bool_]:
 
     A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
     """
-    found = np.isfinite(read)
-    at = np.flatnonzero(found)
-    if len(at) < 3:
-        return found
+    fresh = np.isfinite(read)
+    at = np.flatnonzero(fresh)
     moved = np.abs(np.diff(read[at]))
     same = moved < 1e-9
-    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
-        return found
-    found[at[1:][same]] = False
-    return found
+    if len(at) < 3 or same.mean() < HELD or same.all() or median(moved[~same]) < FLAT * moved[~same].min():
+        return fresh
+    fresh[at[1:][same]] = False
+    return fresh
 
 
 BEYOND, FAR_BEYOND = 1.05, 3.0
 """Times the range of the map from which a thrust is extrapolated, and from which the commands are not of this map."""
 INSIDE, FAR_INSIDE, HALF = 0.1, 0.02, 0.5
 """The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
-SHARES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}
-"""What commands are whose largest value comes near one of these."""
-LITTLE = 0.1  # Share of the largest force below which a force says no direction
-PULSES = (800.0, 1500.0, 2200.0)  # us: shortest, neutral, longest
+SHARES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}  # What commands are whose largest value comes near these
 
 
 @dataclass(frozen=True)
@@ -122,28 +116,26 @@ class Misfit:
     impossible: bool
 
 
-def misfit_of(ranges: Iterable[CommandRange]) -> Misfit | None:
+def misfit_of(ranges: Sequence[CommandRange]) -> Misfit | None:
     """What is wrong with the commands of a campaign, by the ranges of its runs; None where they fit."""
-    every = list(ranges)
-    if not every:
+    if not ranges:
         return None
-    low, high = min(one.low for one in every), max(one.high for one in every)
-    (least, largest), unit, names = every[0].of_map, every[0].unit, every[0].names
+    low, high = min(part.low for part in ranges), max(part.high for part in ranges)
+    (least, largest), unit, names = ranges[0].of_map, ranges[0].unit, ranges[0].names
     size, most = max(abs(low), abs(high)), max(abs(least), abs(largest))
     if size == 0 or most == 0:
         return None
-    ratio, usual = size / most, float(np.median([one.usual for one in every]))
-    said = (
-        f"the thruster commands {' and '.join(names)} go from {low:.4g} to {high:.4g}, those of the thruster map from "
-        f"{least:.4g} to {largest:.4g}{f' {unit}' if unit else ''}: "
-    )
-    share = next((word for whole, word in SHARES.items() if 0.2 * whole < size <= 1.01 * whole), "")
+    ratio, usual = size / most, float(np.median([part.usual for part in ranges]))
+    share = next((word for full, word in SHARES.items() if 0.2 * full < size <= 1.01 * full), "")
     scale = f"{most if size <= 1.01 else most / 100:.4g}" if size <= 101 else "FACTOR"
 
     def misfit(why: str, key: str, value: str, impossible: bool) -> Misfit:
-        rule = f'{names[0]} = {{ from = "NAME", {key} = {value} }}'
-        mend = f"write {rule} under [columns] to mend that, or give the map of this signal"
-        return Misfit(f"{said}{why}; {mend}", impossible)
+        return Misfit(
+            f"the thruster commands {' and '.join(names)} go from {low:.4g} to {high:.4g}, those of the thruster map "
+            f"from {least:.4g} to {largest:.4g}{f' {unit}' if unit else ''}: {why}; write {names[0]} = {{ from = "
+            f'"NAME", {key} = {value} }} under [columns] to mend that, or give the map of this signal',
+            impossible,
+        )
 
     if PULSES[0] <= low and high <= PULSES[2] and most < PULSES[0]:
         return misfit("pulses of which the neutral was not subtracted", "subtract", "1500", True)
@@ -155,8 +147,8 @@ def misfit_of(ranges: Iterable[CommandRange]) -> Misfit | None:
         return misfit(f"{looks} the signal of this map", "scale", scale, True)
     if ratio > BEYOND:
         return misfit("beyond its ends the thrust is a guess", "scale", "FACTOR", False)
-    whole = any(abs(size - one) <= 0.01 * one for one in SHARES)
-    if ratio <= INSIDE or (ratio <= HALF and whole):
+    full = any(abs(size - share) <= 0.01 * share for share in SHARES)
+    if ratio <= INSIDE or (ratio <= HALF and full):
         looks = f"they look {share}" if share else "they look like another unit"
         return misfit(f"{looks}, or the vehicle was hardly driven", "scale", scale, ratio <= FAR_INSIDE)
     return None
@@ -176,22 +168,12 @@ def undirected(n: Floats, force: Floats) -> str:
             f"the control signal goes from {low:.4g} to {high:.4g}, as pulses about 1500 do; if it is that, write n = "
             '{ from = "NAME", subtract = 1500 } under [columns]'
         )
-    if low >= 0 and force.min() < -LITTLE * force.max() < 0:
+    if low >= 0 and force.min() < -0.1 * force.max() < 0:
         return (
             'the control signal is never negative while the force goes both ways; write n = { from = "NAME", sign_from '
             '= "COLUMN" } with a column that says the direction, or subtract its neutral, under [columns]'
         )
     return ""
-
-
-def warnings_of(ranges: Iterable[CommandRange]) -> tuple[str, ...]:
-    """What a person is warned of. Raises RunError where the commands cannot be of this map at all."""
-    found = misfit_of(ranges)
-    if found is None:
-        return ()
-    if found.impossible:
-        raise RunError(found.sentence)
-    return (f"{found.sentence[0].upper()}{found.sentence[1:]}.",)
 
 
 ASKED = "asked"  # Extra of a run that is driven by its thrusters: the moment or force that was logged beside them
@@ -205,12 +187,10 @@ class Run:
 
     `time` [s] rises strictly on the campaign's clock; `position` of the motion `dof` [rad or m] is unwrapped; `moment`
     [`moment_unit`] is the commanded moment or force, held until the next sample, or None where the log has thruster
-    commands instead.
-    `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
-    `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
-    `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
-    values are. Where `summed_up` the log has no position: it is that of the velocity, added up to trim runs by and to
-    look at, and no evidence. `commanded` is the range of the thruster commands of which a map made the moment.
+    commands instead. `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `voltage` [V], ...).
+    `counts` says what cleaning did (name -> number), `notes` what a person should know, of which `reading` tell how the
+    log was read. Where `summed_up` the log has no position: it is that of the velocity, added up to trim runs by and
+    to look at, and no evidence. `commanded` is the range of the thruster commands of which a map made the moment.
     """
 
     name: str
@@ -275,6 +255,10 @@ class Run:
         `position_noise`."""
         return position_noise(self.time[:NOISE_FROM], self.position[:NOISE_FROM])
 
+    def noted(self, *notes: str) -> "Run":
+        """The run with notes that tell how its log was read."""
+        return replace(self, notes=(*self.notes, *notes), reading=(*self.reading, *notes))
+
     def as_commanded(self) -> "Run":
         """The run with what is logged of its commands for a moment: thruster commands added up if there is no other."""
         if self.moment is not None:
@@ -291,8 +275,8 @@ class Run:
         """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
         of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays beside it as ASKED."""
         kept = parts is not None and self.moment is not None and unit == self.moment_unit
-        asked = {ASKED: self.command} if kept else {}
-        return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **asked, **(parts or {})},
+        logged = {ASKED: self.command} if kept else {}
+        return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **logged, **(parts or {})},
                        commanded=commanded)  # fmt: skip
 
     def cut(self, start: int, stop: int) -> "Run":
@@ -308,23 +292,28 @@ class Run:
 
 def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     """How the thruster commands of a campaign do not fit their map. Raises RunError where they cannot be its at all."""
-    return warnings_of(run.commanded for run in runs if run.commanded is not None)
+    misfit = misfit_of([run.commanded for run in runs if run.commanded is not None])
+    if misfit is None:
+        return ()
+    if misfit.impossible:
+        raise RunError(misfit.sentence)
+    return (f"{misfit.sentence[0].upper()}{misfit.sentence[1:]}.",)
 
 
 def runs_json(used: int, set_aside: Iterable[SetAside], runs: Sequence[Run] = ()) -> dict[str, object]:
-    """Return the `runs` of a result file; of `runs` come notes of the reading and of the thrusters' map."""
+    """The `runs` of a result file; of `runs` come notes of the reading and of the thrusters' map."""
     by_file = {run.source: list(run.reading) for run in runs if run.reading}
     readings = [{"file": file, "notes": texts} for file, texts in by_file.items()]
     notes = {"readings": readings, "commands": list(command_warnings(runs))}
-    notes = {key: texts for key, texts in notes.items() if texts}
-    return {"used": used, "set_aside": [to_mapping(run) for run in set_aside], **notes}
+    aside = [to_mapping(run) for run in set_aside]
+    return {"used": used, "set_aside": aside} | {key: texts for key, texts in notes.items() if texts}
 
 
 def shared_readings(runs: Iterable[Run]) -> tuple[str, ...]:
     """What the reading of the logs tells of more than half of them, once each."""
-    told = {run.source: dict.fromkeys(run.reading) for run in runs}
-    times = Counter(note for notes in told.values() for note in notes)
-    return tuple(note for note, count in times.items() if 2 * count > len(told))
+    by_file = {run.source: dict.fromkeys(run.reading) for run in runs}
+    times = Counter(note for notes in by_file.values() for note in notes)
+    return tuple(note for note, count in times.items() if 2 * count > len(by_file))
 
 
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
@@ -336,7 +325,6 @@ def own_name(source: str) -> str:
 
 
 def named_apart(runs: Sequence[Run]) -> list[Run]:
-    """Runs of one campaign, no two of one name; see `names_apart`."""
     names = names_apart([(run.name, run.source) for run in runs])
     return [
         run if run.name == name else replace(run, name=name, notes=(*run.notes, NAMED_APART))
@@ -345,14 +333,13 @@ def named_apart(runs: Sequence[Run]) -> list[Run]:
 
 
 def names_apart(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Names for runs, given by name and file: those of one name get their file's name in front (without its ending
-    where that is enough).
-    """
-    named = [name for name, _ in runs]
+    """Names for runs (name, file): those of one name get their file's name in front, without its ending where that is
+    enough."""
+    names = [name for name, _ in runs]
     for prefix in (stem_of, str):
-        times = Counter(named)
-        for i, (name, (original, source)) in enumerate(zip(named.copy(), runs)):
+        times = Counter(names)
+        for i, (name, (original, source)) in enumerate(zip(names.copy(), runs)):
             if times[name] > 1:
                 front = prefix(source)
-                named[i] = front if original == own_name(source) else f"{front}:{original}"
-    return named
+                names[i] = front if original == own_name(source) else f"{front}:{original}"
+    return names

@@ -52,12 +52,12 @@ def find_slices(
     """
     require(table, ("time",))
     time = table.columns["time"]
-    found: list[Slice] = []
+    slices: list[Slice] = []
     passed: list[Passed] = []
-    wanted = {word.lower() for word in keep}
+    modes = {word.lower() for word in keep}
     stretches = list(_stretches(table, by))
     for i, (first, stop, state, follows) in enumerate(stretches):
-        why = _why_not(by, state, wanted, time[first:stop], shortest)
+        why = _why_not(by, state, modes, time[first:stop], shortest)
         before = passed[-1] if passed and follows and passed[-1].stop == first else None
         if why is not None:
             passed.append(Passed(first if before is None or before.why != why else passed.pop().first, stop, why))
@@ -71,8 +71,8 @@ def find_slices(
         if by == "moment" and follows:  # something acted right before, or so shortly before that nobody knows the rest
             begin, end, earlier, goes_on = stretches[i - 1]
             moving = earlier != UNKNOWN if earlier else goes_on and end - begin < SHORT_REST
-        found.append(Slice(start, stop, state, moving))
-    return found, passed
+        slices.append(Slice(start, stop, state, moving))
+    return slices, passed
 
 
 def _why_not(by: By, state: str, wanted: set[str], time: Floats, shortest: float) -> str | None:
@@ -92,8 +92,8 @@ def _stretches(table: LogTable, by: By) -> Iterator[Stretch]:
     """First row, last row and one, and state of every stretch of one state; whether it goes on from the one before."""
     names, code = _commands(table) if by == "moment" else _states(table, MODE if by == "mode" else ARMED)
     anew = np.diff(table.columns["time"]) < 0
-    if table.run_code is not None:
-        anew |= np.diff(table.run_code) != 0
+    if table.runs is not None:
+        anew |= np.diff(table.runs.code) != 0
     edges = [0, *(np.flatnonzero(anew | (np.diff(code) != 0)) + 1).tolist(), len(code)]
     for first, stop in pairwise(edges):
         yield first, stop, names[int(code[first])], first > 0 and not anew[first - 1]
@@ -122,16 +122,16 @@ def _commands(table: LogTable) -> tuple[list[str], NDArray[np.int64]]:
     require(table, names if {*names} & set(table.columns) else (dof.command,))
     logged = np.array([table.columns[name] for name in names])
     last = np.maximum.accumulate(np.where(np.isnan(logged), 0, np.arange(len(table))), axis=1)
-    held = np.take_along_axis(logged, last, axis=1)  # NaN before the first
-    known = ~np.isnan(held).any(axis=0)
-    least = SAME_MOMENT * np.nanmax(np.abs(held), axis=1, initial=0.0)[:, None]
-    changes = (np.abs(np.diff(held)) > least).any(axis=0) | (known[1:] != known[:-1])
+    commands = np.take_along_axis(logged, last, axis=1)  # NaN before the first
+    logged_all = ~np.isnan(commands).any(axis=0)
+    least = SAME_MOMENT * np.nanmax(np.abs(commands), axis=1, initial=0.0)[:, None]
+    changes = (np.abs(np.diff(commands)) > least).any(axis=0) | (logged_all[1:] != logged_all[:-1])
     code = np.concatenate([[0], np.cumsum(changes)])
     firsts = np.concatenate([[0], np.flatnonzero(changes) + 1])
     words = []
     for first in firsts:
-        values = held[:, first]
+        values = commands[:, first]
         acts = (np.abs(values) > least[:, 0]).any()
-        said = "_".join(f"{value:+.4g}" for value in values + 0.0)
-        words.append(UNKNOWN if not known[first] else said if acts else "")
+        text = "_".join(f"{value:+.4g}" for value in values + 0.0)
+        words.append(UNKNOWN if not logged_all[first] else text if acts else "")
     return words, code

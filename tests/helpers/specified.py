@@ -7,6 +7,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogFile, LogTable
+from automarine_cli.logs.table import Labels
 from automarine_cli.pipeline.records import read_mapping
 from automarine_cli.runs.load import runs_of_table
 from automarine_cli.runs.run import Run
@@ -49,5 +50,5 @@ def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
         for name, column in logged.items() if column is not None
     }  # fmt: skip
     count = len(made.columns["time_s"])
-    rows, codes = np.arange(1, count + 1), np.zeros(count, dtype=np.int64)
-    return LogTable(made.plan.file, columns, rows, (made.plan.name,), codes, moment_unit=moment_unit, dof=dof)
+    runs = Labels((made.plan.name,), np.zeros(count, dtype=np.int64))
+    return LogTable(made.plan.file, columns, np.arange(1, count + 1), runs, {dof.command: moment_unit}, dof=dof)

@@ -1,14 +1,23 @@
 """Commands that do not fit the thruster map: told with the likely cause, or refused where they cannot be of it."""
 
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
 from automarine_cli.errors import RunError
-from automarine_cli.runs.run import CommandRange, misfit_of, warnings_of
+from automarine_cli.runs.run import CommandRange, command_warnings, misfit_of
 
 
 def commands(low: float, high: float, of_map: tuple[float, float], usual: float = 0.0, unit: str = "") -> CommandRange:
     """The commands of one run."""
     return CommandRange(low, high, usual, ("n_port", "n_stbd"), of_map, unit)
+
+
+def warnings_of(ranges: Sequence[CommandRange]) -> tuple[str, ...]:
+    runs: Any = [SimpleNamespace(commanded=part) for part in ranges]
+    return command_warnings(runs)
 
 
 @pytest.mark.parametrize(

@@ -80,5 +80,5 @@ def test_where_a_way_is_measured_from_does_not_matter() -> None:
 
 def cleaned(time: Floats, position: Floats, command: Floats) -> tuple[Run, ...]:
     columns = {"time": time, SURGE.position: position, SURGE.command: command}
-    table = LogTable("log.csv", columns, np.arange(1, len(time) + 1), moment_unit="N", dof=SURGE)
+    table = LogTable("log.csv", columns, np.arange(1, len(time) + 1), units={SURGE.command: "N"}, dof=SURGE)
     return clean(table, np.arange(len(time)), "run")
