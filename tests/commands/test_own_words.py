@@ -22,7 +22,7 @@ from automarine_cli import effects, exports
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import DOFS, Dof
 
-pytestmark = pytest.mark.usefixtures("drawn_figures")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("drawn_figures")]
 STEPS = {"yaw": "hidden_one", "surge": "hidden_surge", "heave": "hidden_heave", "sway": "sway"}
 NAMES = (
     "port", "turns", "moment", "yaw", "heading_deg", "starboard", "compass", "force", "depth", "ahead", "distance_m",
@@ -142,11 +142,10 @@ def runs_of(file: Path) -> list[pd.DataFrame]:
 
 
 FEW = ("tether-spring", "bias-moment", "dead-band", "saturation", "thruster-lag", "linear-drag")
-"""A diagnosis of surge tries every effect; the others these (one of yaw with every effect took half an hour)."""
-MOTIONS = [pytest.param(name, marks=() if name == "heave" else pytest.mark.slow) for name in sorted(DOFS)]
+"""Effects that a diagnosis tries here; the words of each effect's own card are judged in `test_effects`."""
 
 
-@pytest.fixture(scope="module", params=MOTIONS)
+@pytest.fixture(scope="module", params=sorted(DOFS))
 def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     """A campaign of each motion: every step and the report, then every export and every card of an effect."""
     dof = DOFS[request.param]
@@ -166,7 +165,7 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
         assert not isinstance(result.exception, Exception) or isinstance(result.exception, SystemExit), words
         said[" ".join(words[:2])] = result.output
 
-    with few_candidates(effects.names() if request.param == "surge" else FEW):
+    with few_candidates(FEW):
         run("run", str(place / "day.toml"), "-o", str(out))
     model = out / dof.name / f"{dof.name}_model.json"
     assert model.is_file(), said
