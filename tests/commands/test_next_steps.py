@@ -51,7 +51,6 @@ class Refusal(NamedTuple):
 
 @cache
 def trees() -> dict[str, ast.AST]:
-    """The modules of the package."""
     return {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
 
 

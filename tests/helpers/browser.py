@@ -75,7 +75,6 @@ class Tab:
         return found["result"].get("value")
 
     def screenshot(self, to: Path, *, whole: bool = True) -> None:
-        """A picture of the page."""
         clip = {}
         if whole:
             size = self("Page.getLayoutMetrics")["cssContentSize"]
