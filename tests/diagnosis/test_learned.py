@@ -120,7 +120,6 @@ def test_the_prior_holds_what_the_data_do_not_show() -> None:
 
 @pytest.fixture(scope="module")
 def few() -> Iterator[None]:
-    """Two laws of the library."""
     with few_candidates({"linear-drag", "bias-moment"}):
         yield
 
@@ -129,7 +128,7 @@ def few() -> Iterator[None]:
 def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Path, MotionDiagnosis]:
     """Logs of a campaign in which thrust follows the temperature, fitted and diagnosed into a folder."""
     folder = tmp_path_factory.mktemp("learned")
-    logs = written(campaign("temperature"), folder / "logs")
+    logs = written(campaign("temperature", repeats=1), folder / "logs")
     assert run("fit-yaw", logs, "--fit-to", "whole-runs", "-o", folder / "fit").exit_code == 0
     with drawn():
         return folder, diagnose([logs], model=folder / "fit" / "yaw_model.json", out=folder / "diagnosis")
@@ -137,7 +136,6 @@ def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Pat
 
 @pytest.fixture(scope="module")
 def folder(by_command: tuple[Path, MotionDiagnosis]) -> Path:
-    """Its folder."""
     return by_command[0]
 
 
@@ -195,7 +193,6 @@ def test_clean_campaigns_stay_silent(few: None) -> None:
 
 
 def run(*words: object) -> Result:
-    """One command."""
     return CliRunner().invoke(automarine, [str(word) for word in words])
 
 
