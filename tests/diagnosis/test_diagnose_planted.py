@@ -69,10 +69,11 @@ def test_nothing_planted_nothing_named(seed: int) -> None:
 
 @pytest.mark.slow
 def test_two_planted_are_both_named() -> None:
-    among = look_alikes("dead-band") | look_alikes("water-swirl")
-    found = judge(campaign("dead-band", "water-swirl"), base_for(""), among)
+    planted = "dead-band", "water-swirl"
+    among = {name for one in planted for name in (one, *effects.get(one).mistaken_for)}
+    found = judge(campaign(*planted), base_for(""), among)
     assert found.verdict == "named" and len(found.effects) == 2
-    for name in ("dead-band", "water-swirl"):
+    for name in planted:
         assert sum(name in tie for tie in held(found)) == 1, held(found)
 
 
@@ -82,7 +83,8 @@ def test_a_tether_that_snags_is_not_in_the_library() -> None:
     random = np.random.default_rng(5)
     runs = [unmeasured(plan, i) for i, plan in enumerate(short_plans())]
     snagged = measured(base_for(""), runs, seed=5, snag=lambda shape: -0.25 * (random.uniform(size=shape) < 0.3))
-    found = judge(snagged, base_for(""))
+    among = look_alikes("tether-spring") | look_alikes("bias-moment") | look_alikes("periodic-disturbance")
+    found = judge(snagged, base_for(""), among)
     assert found.verdict == "unexplained"
     assert found.effects == ()
     assert found.gap.after > 1.5 * found.gap.floor
@@ -105,23 +107,19 @@ TELLINGS = {
     "mirrored and in another order": lambda runs: mirrored(reordered(runs)),
     "by another clock and in other units": lambda runs: rescaled(shifted(runs, 4000.0), 10.0, "N m"),
 }
-TOLD = ("dead-band", "bias-moment")
+TOLD = "bias-moment"
 
 
 @pytest.fixture(scope="module")
-def as_made() -> dict[str, Diagnosis]:
-    """Each of the effects told of, diagnosed as its logs were made."""
-    return {}
+def there() -> Diagnosis:
+    """The diagnosis of the logs as they were made."""
+    return judge(campaign(TOLD), base_for(TOLD), look_alikes(TOLD))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TOLD)
 @pytest.mark.parametrize("telling", TELLINGS)
-def test_the_same_data_told_otherwise_give_the_same(name: str, telling: str, as_made: dict[str, Diagnosis]) -> None:
-    runs, base, effect = campaign(name), base_for(name), effects.get(name)
-    if name not in as_made:
-        as_made[name] = judge(runs, base, look_alikes(name))
-    there = as_made[name]
+def test_the_same_data_told_otherwise_give_the_same(telling: str, there: Diagnosis) -> None:
+    name, runs, effect = TOLD, campaign(TOLD), effects.get(TOLD)
     ten = 10.0 if "units" in telling else 1.0
     signs = mirrored_signs(effect) if "mirrored" in telling else (1,) * len(effect.parameters)
     again = base_for(name, ten, "N m" if ten > 1 else "nu")

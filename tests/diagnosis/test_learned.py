@@ -139,10 +139,7 @@ def folder(by_command: tuple[Path, MotionDiagnosis]) -> Path:
     return by_command[0]
 
 
-@pytest.fixture(
-    scope="module",
-    params=["temperature", *(pytest.param(law, marks=pytest.mark.slow) for law in ("rate", "depth", "product"))],
-)
+@pytest.fixture(scope="module", params=["temperature", "rate", "depth", "product"])
 def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
     """A law, and the diagnosis of a campaign with it."""
     if request.param == "temperature":
@@ -150,6 +147,7 @@ def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
     return request.param, diagnose_runs(campaign(request.param, repeats=1), BASE)
 
 
+@pytest.mark.slow
 def test_the_right_variable_is_named(found: tuple[str, Diagnosis]) -> None:
     name, diagnosis = found
     assert (diagnosis.verdict, diagnosis.found.final.added) == ("named", (f"learned:{LAWS[name][0]}",))
@@ -157,6 +155,7 @@ def test_the_right_variable_is_named(found: tuple[str, Diagnosis]) -> None:
     assert diagnosis.held_out_gap.after < 1.1 * true_gap(name, diagnosis)
 
 
+@pytest.mark.slow
 def test_the_band_holds_the_truth(found: tuple[str, Diagnosis]) -> None:
     name, diagnosis = found
     kind = LAWS[name][1]
@@ -204,6 +203,7 @@ def learned(folder: Path) -> dict[str, Any]:
     return entry
 
 
+@pytest.mark.slow
 def test_the_result_holds_the_curve(folder: Path) -> None:
     entry = learned(folder)
     x, y, low, high = (np.array(entry[key]) for key in ("x", "y", "low", "high"))
@@ -213,6 +213,7 @@ def test_the_result_holds_the_curve(folder: Path) -> None:
     assert "![What was learned](learned.png)" in (folder / "diagnosis" / "diagnosis.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_extended_model_is_better_on_the_logs_and_is_exported(folder: Path, tmp_path: Path) -> None:
     model, errors = folder / "diagnosis" / "extended_model.json", []
     for number, one in enumerate([folder / "fit" / "yaw_model.json", model]):
