@@ -31,20 +31,19 @@ def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -
     return simulate(model, make_batch(runs, 0.05), start=start).position[0]
 
 
-MOMENT, STEP = 0.9, 1e-3
+MOMENT, STEP = 0.9, 5e-3
 PLAN = [(MOMENT, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
-"""Runs that start, turn round, ease off and stop, whichever way `sign` turns them."""
+"""A run that starts, turns round, eases off and stops."""
 
 
 def in_fine_steps(run: Run, law: Callable[..., Floats], states: int = 0) -> Floats:
     """Headings at the samples by Heun's method in steps of STEP: `law` (state, moment, time) gives the derivative of
     heading, rate and `states` more."""
     edges, levels = np.cumsum([1.5, *(s for _, s in PLAN)]) - 0.05, [0.0, *(m for m, _ in PLAN)]
-    sign = 1.0 if run.command.max() >= -run.command.min() else -1.0
     state, out = np.zeros(2 + states), [0.0]
     for m in range(round(float(run.time[-1] - run.time[0]) / STEP)):
         time = (m + 0.5) * STEP
-        moment = sign * levels[min(int(np.searchsorted(edges, time)), len(levels) - 1)]
+        moment = levels[min(int(np.searchsorted(edges, time)), len(levels) - 1)]
         first = law(state, moment, time)
         state = state + 0.5 * STEP * (first + law(state + STEP * first, moment, time + STEP))
         if (m + 1) % round(0.1 / STEP) == 0:
