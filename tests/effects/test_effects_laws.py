@@ -281,7 +281,7 @@ def test_own_phases_are_the_run_s_and_not_the_model_s() -> None:
     np.testing.assert_allclose(headings(model, RUNS), headings(BASE, RUNS), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_amplitude_and_period_of_such_waves_are_recovered(seed: int) -> None:
     study = study_of(wavy(seed), BASE)
     found = parameter_estimates(
