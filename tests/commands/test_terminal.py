@@ -41,6 +41,7 @@ def test_a_terminal_without_a_width_has_80_columns() -> None:
     assert without == plain
 
 
+@pytest.mark.slow
 def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
     _, shown = on_terminal("check", STEPS)
     assert without_bars(shown).startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")

@@ -256,7 +256,8 @@ def mirrored(run: Run) -> Run:
     return replace(run, position=-run.position, moment=-run.moment, extras={**run.extras, **changed})
 
 
-@pytest.mark.parametrize("channels", [pytest.param(ALL, marks=pytest.mark.slow), ("heading", "north", "east")])
+@pytest.mark.slow
+@pytest.mark.parametrize("channels", [ALL, ("heading", "north", "east")])
 def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
     runs = tuple(made(seed, channels, 12.0) for seed in range(2))
     likelihood = PlanarLikelihood(runs, observed(runs))

@@ -174,6 +174,7 @@ def averaged_compass(run: Run) -> Run:
     return replace(run, position=(total[3:] - total[:-3]) / 3)
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_a_missing_delay_does() -> None:
     """A compass that averages delays what it shows: the truth lies beside the plain interval and within the wider."""
     runs = [averaged_compass(run) for run in steered(5, 1002, Sea(size=0.1), length=40.0)]

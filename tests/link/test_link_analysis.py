@@ -12,6 +12,7 @@ Run = Callable[..., Result]
 CAMPAIGN = 'schema = "automarine/campaign/1"\n[logs]\nsteps = [{}]\n'
 
 
+@pytest.mark.slow
 def test_the_logs_of_a_campaign_that_is_over_are_analysed(run: Run, tmp_path: Path) -> None:
     campaign, pool = made_campaign(6), tmp_path / "pool"
     (tmp_path / "campaign.json").write_text(campaign.text)

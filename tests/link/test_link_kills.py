@@ -100,6 +100,7 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     assert assert_played_once(tmp_path, campaign) <= 3
 
 
+@pytest.mark.slow
 def test_a_vehicle_without_its_server_falls_silent(tmp_path: Path) -> None:
     campaign = made_campaign(1, seconds=600.0)
     document = tmp_path / "campaign.json"

@@ -124,6 +124,7 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
     assert len(table.columns) == 10 and table["tau_Nm"].abs().max() <= 3 and table["heading_deg"].between(0, 360).all()
 
 
+@pytest.mark.slow
 def test_seeds() -> None:
     runs = [{"name": "drawn", "repeats": 2, "largest": [20, 10, 2]}]
     one, two = make_campaign(specified(runs=runs), 1)

@@ -86,9 +86,10 @@ def test_dead_band_and_limit_of_each_are_recovered(name: str, parameter: str, tr
     assert 0 < found.stderr < 0.05 * truth and abs(found.value - truth) < 3.5 * found.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("made", "name"), [
-    ({"gains": gains_of(0.1, 0.1, 0.0)}, NAME), pytest.param({"bias": 0.05}, "bias-moment", marks=pytest.mark.slow),
-    pytest.param({"asymmetry": 0.08}, "thrust-asymmetry", marks=pytest.mark.slow),
+    ({"gains": gains_of(0.1, 0.1, 0.0)}, NAME), ({"bias": 0.05}, "bias-moment"),
+    ({"asymmetry": 0.08}, "thrust-asymmetry"),
 ])  # fmt: skip
 def test_each_has_its_own_name(made: dict[str, object], name: str) -> None:
     runs = driven(twin(plans(14, 4), seed=4, **made))  # type: ignore[arg-type]

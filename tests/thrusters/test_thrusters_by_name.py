@@ -63,6 +63,7 @@ def test_where_nobody_asked_the_column_is_named_and_no_point_called_faulty(tmp_p
     assert not any("parts" in note for note in am.fit_thrusters([bollard(tmp_path, eight(1))]).notes)
 
 
+@pytest.mark.slow
 def test_a_faulty_reading_of_one_thruster_is_still_one(tmp_path: Path) -> None:
     lines = eight(1, {"T3": 0.5}).splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("250,") and line.endswith("T5"))
@@ -100,6 +101,7 @@ def test_a_clock_that_begins_anew_names_the_column_of_the_runs(tmp_path: Path) -
     assert [one.run for one in looks] == ["a", "b", "c"]
 
 
+@pytest.mark.slow
 def test_numbers_name_thrusters_too_and_one_without_a_direction_says_why(tmp_path: Path) -> None:
     text = eight(1).replace(",T", ",")
     text = "\n".join(line for line in text.splitlines() if not line.endswith(",8") or line.startswith("0,")) + "\n"
