@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from click.testing import Result
 from made_link import TOKEN, expected_logs, made_campaign, vehicle_at
 from test_link_cuts import put
