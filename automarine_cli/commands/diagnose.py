@@ -66,6 +66,7 @@ def _of_a_motion(
     from automarine_cli.pipeline.progress import foretell
     from automarine_cli.runs.channels import wanted_channels
     from automarine_cli.runs.checks import without_stuck
+    from automarine_cli.runs.half_turn import without_contrary
     from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
     from automarine_cli.runs.run import Run, SetAside, command_warnings
     from automarine_cli.thrusters.map import moment_maker
@@ -82,10 +83,11 @@ def _of_a_motion(
         driven, left_out = usable_runs(campaign.runs, stored, drive)
         command_warnings(driven)  # refused where they cannot be of this map
         moving, stuck = without_stuck(driven)
-        aside.extend((*campaign.set_aside, *left_out, *stuck))
+        sound, contrary = without_contrary(moving)
+        aside.extend((*campaign.set_aside, *left_out, *stuck, *contrary))
         if strict and aside:
             raise refused_by_strict(aside[0])
-        return moving
+        return sound
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None
     foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))

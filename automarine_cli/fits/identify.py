@@ -35,7 +35,7 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven
-from automarine_cli.runs.half_turn import HalfTurn, find_steps, released
+from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
 from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -672,11 +672,12 @@ def _fit_whole(
 ) -> YawFit:
     steered, undriven = without_undriven(runs)
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
-    kept, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
+    free, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
+    kept, contrary = without_contrary(free)
     chosen = choose_channels(kept, kept[0].dof, channels) if kept else NOTHING_TO_CHOOSE
     moving = tuple(chosen.cleaned(run) for run in kept)
     short = tuple(SetAside(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
-    short += undriven + stuck
+    short += undriven + stuck + contrary
     if not moving:
         raise RunError(
             f"none of {_counted(len(runs), 'run')} can be fitted; {_reasons(short)}look at them with `automarine check`"

@@ -391,6 +391,26 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     return f"{ended}: {after}, and {settled}. {longer}"
 
 
+def without_contrary(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
+    """Return the runs that may be modelled, and those whose first step drove them far against it though another run,
+    pushed by no more to that side, went with it: a constant moment may turn small steps round, but not those alone."""
+    firsts = [None if run.dof.has_constant else next(iter(find_steps(run)), None) for run in runs]
+    turns = {i: _half_turn(step, UNTRIMMED) for i, step in enumerate(firsts) if step is not None and step.from_rest}
+    turns = {i: turn for i, turn in turns.items() if abs(turn.turned) >= turn.step.run.dof.limits.least}
+    along = [turn for turn in turns.values() if turn.turned * turn.moment > 0]
+    smallest = {way: min((abs(t.moment) for t in along if way * t.moment > 0), default=math.inf) for way in (-1.0, 1.0)}
+    contrary = {
+        i: turn.why
+        for i, turn in turns.items()
+        if turn.turned * turn.moment < 0
+        and smallest[math.copysign(1.0, turn.moment)] <= (1 + SAME_MOMENT) * abs(turn.moment)
+    }
+    if len(contrary) >= len(along):  # then who is to say which are wrong?
+        return list(runs), ()
+    aside = tuple(SetAside(runs[i].source, runs[i].name, why) for i, why in contrary.items())
+    return [run for i, run in enumerate(runs) if i not in contrary], aside
+
+
 def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
     """Why none of the steps of a run serves: its commands did not move it, or what the first lacks that did."""
     if why := undriven(run):

@@ -1,4 +1,4 @@
-"""Runs that stood still where others moved are told apart from runs that nothing could move; both ways alike."""
+"""Runs that stood still or went against their moment where others moved are set aside; both ways alike."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ from identified import identify
 from made_runs import mirrored, step_run
 
 from automarine_cli.runs.checks import without_stuck
+from automarine_cli.runs.half_turn import without_contrary
 from automarine_cli.runs.run import Run
 
 
@@ -57,6 +58,34 @@ def test_a_vehicle_that_holds_its_heading_is_not_stuck() -> None:
     driven = np.where(np.arange(len(held)) % 7 < 3, 0.5, -0.4)
     kept, aside = without_stuck([replace(held, moment=driven), named(step_run(0.3), "moved")])
     assert len(kept) == 2 and aside == ()
+
+
+def contrary(run: Run) -> Run:
+    """The run with its headings mirrored, not its moment: the log's sign is wrong."""
+    return replace(run, position=-run.position, name="contrary")
+
+
+def test_a_run_that_went_against_its_moment_where_others_went_with_as_little_is_set_aside() -> None:
+    others = [named(step_run(0.3), "small"), named(step_run(0.5), "same"), named(mirrored(step_run(0.2)), "back")]
+    for runs in both_ways([*others, contrary(step_run(0.5, seed=3))]):
+        sound, aside = without_contrary(runs)
+        assert [run.name for run in sound] == ["small", "same", "back"]
+        assert [run.run for run in aside] == ["contrary"]
+        assert aside[0].why.startswith("units look wrong: the step of") and "sign = -1" in aside[0].why
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        [step_run(0.7), step_run(0.9)],  # less moment may be turned round by a moment that is always there
+        [mirrored(step_run(0.5)), mirrored(step_run(0.3))],  # which is on the other side's steps as well
+        [step_run(0.5)],  # one against one: who is to say which?
+        [],
+    ],
+)
+def test_a_run_that_went_against_its_moment_is_kept_where_the_vehicle_may_have_done_it(others: list[Run]) -> None:
+    for runs in both_ways([contrary(step_run(0.5)), *others]):
+        assert without_contrary(runs) == (runs, ())
 
 
 def test_a_stuck_run_does_not_spoil_a_fit_of_whole_runs() -> None:
