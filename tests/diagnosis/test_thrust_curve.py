@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from few_candidates import few_candidates
 
 import automarine_cli as am
 from automarine_cli.diagnosis import search
@@ -76,13 +75,6 @@ def test_it_goes_first_only_where_no_residual_shows_more(
     assert search._Runs(study, 0, lambda *of: []).able(look, look)[0].added == (first,)
 
 
-AMONG = (
-    "dead-band", "thrust-exponent", "input-delay", "thruster-lag", "sensor-lag", "saturation", "linear-drag",
-    "coulomb-drag", "backlash", "battery-sag",
-)  # fmt: skip
-"""What is hidden, and what it is mistaken for."""
-
-
 @pytest.mark.slow
 def test_a_diagnosis_names_them_and_says_what_scatters_still(tmp_path: Path) -> None:
     """Steps alone; a lag beside the curve."""
@@ -100,8 +92,7 @@ def test_a_diagnosis_names_them_and_says_what_scatters_still(tmp_path: Path) -> 
     am.simulate(tmp_path / "truth.json", out=tmp_path / "day")
     am.fit_yaw([str(tmp_path / "day")], fit_to="whole-runs", out=tmp_path / "fit")
     model = tmp_path / "fit" / "yaw_model.json"
-    with few_candidates(AMONG):
-        am.diagnose([str(tmp_path / "day")], model=model, out=tmp_path / "diagnosis")
+    am.diagnose([str(tmp_path / "day")], model=model, out=tmp_path / "diagnosis")
     named = {one["name"] for one in json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())["effects"]}
     assert {"dead-band", "thrust-exponent"} <= named
     extended = json.loads((tmp_path / "diagnosis" / "extended_model.json").read_text())
