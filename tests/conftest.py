@@ -33,9 +33,10 @@ settings.load_profile("house")
 
 TAKEN = ResultFolder.taken
 DEAREST = {
-    "test_ardusub_circle", "test_ardusub_processes", "test_diagnose_planted", "test_diagnose_varying", "test_effects",
-    "test_fits_output_error", "test_golden", "test_innovations", "test_link_kills", "test_own_words",
-    "test_pages_examples", "test_plan", "test_settles", "test_tune_cli", "test_verdict",
+    "test_ardusub_circle", "test_ardusub_processes", "test_base_drag", "test_cluster", "test_diagnose_planted",
+    "test_diagnose_varying", "test_effects", "test_effects_laws", "test_fit_planar", "test_fits_output_error",
+    "test_golden", "test_innovations", "test_learned", "test_own_words", "test_pages_examples", "test_real_lake",
+    "test_settles", "test_thrust_curve", "test_tune_cli", "test_verdict",
 }  # fmt: skip
 """Files that take longest: begun first, so that no process waits at the end for another's long one."""
 
@@ -68,7 +69,6 @@ def strict_figures() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def drawn_figures() -> Iterator[None]:
-    """For modules that look at figures."""
     with figures.drawn():
         yield
 

@@ -144,7 +144,6 @@ def answer(folder: Path, answers: Path, jobs: int) -> None:
 
 
 def answer_of(folder: Path, name: str) -> dict[str, Any]:
-    """What automarine says of one campaign."""
     runs = load_runs([folder / name], dof=YAW).runs
     brought = json.loads((folder / name / "base.json").read_text())
     number = next(number for number, terms in BASE_TERMS.items() if set(terms) == set(brought) - {"inertia"})

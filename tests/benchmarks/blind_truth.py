@@ -76,7 +76,6 @@ class Chance:
         )
 
     def without_scatter(self) -> "Chance":
-        """The same with all gains one."""
         return replace(self, gain=np.ones_like(self.gain))
 
 

@@ -49,7 +49,6 @@ class Hidden:
         """Everything can be driven."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
-        """A run's log, by the truth."""
         run, begins = campaign.runs[number], campaign.begins(number)
         yield "time_s,heading_deg,tau\n"
         pace = Pace(self.speed)
@@ -89,7 +88,6 @@ def first_day(folder: Path, seed: int) -> None:
 
 
 def serving(folder: Path, seed: int, speed: float, told: Any) -> None:
-    """The vehicle's computer."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     serve(
@@ -141,7 +139,6 @@ def main() -> None:
 
 
 def rough(out: Path) -> str:
-    """The rough model."""
     automarine("fit-yaw", str(out / "first"), "-o", str(out / "rough"), "-q")
     model = json.loads((out / "rough" / "yaw_model.json").read_text())
     inertia = model["models"][model["preferred"]]["I_r"]
@@ -149,7 +146,6 @@ def rough(out: Path) -> str:
 
 
 def planned(out: Path, seed: int) -> str:
-    """The campaign."""
     automarine("plan", str(out / "rough" / "yaw_model.json"), "-o", str(out / "day"), "--seed", str(seed), "-q")
     totals = json.loads((out / "day" / "plan.json").read_text())["totals"]
     return f"{totals['runs']} runs, {totals['pool_min']:.0f} min"
@@ -189,13 +185,11 @@ def collected(out: Path, seed: int, speed: float) -> str:
 
 
 def diagnosis(out: Path) -> dict[str, Any]:
-    """What the analysis found."""
     found: dict[str, Any] = json.loads((out / "pool" / "analysis" / "diagnosis" / "diagnosis.json").read_text())
     return found
 
 
 def tuned(out: Path) -> str:
-    """Gains of the diagnosis."""
     place = out / "pool" / "analysis" / "diagnosis" / "diagnosis.json"
     automarine("tune", str(place), "--for", "ardusub", "--full", "1", "-o", str(out / "tuning"), "--overwrite", "-q")
     found = json.loads((out / "tuning" / "tuning.json").read_text())
@@ -221,7 +215,6 @@ def flight(out: Path, seed: int) -> str:
 
 
 def planned_again(out: Path, seed: int) -> str:
-    """What the next day would be."""
     analysis = out / "pool" / "analysis"
     automarine(
         "plan", str(analysis / "yaw" / "yaw_model.json"), "--diagnosis", str(analysis / "diagnosis" / "diagnosis.json"),

@@ -44,7 +44,6 @@ class Case:
 
     @property
     def name(self) -> str:
-        """As printed."""
         return f"{self.kind}/{self.seed}{'/gyro' * self.gyro}"
 
 

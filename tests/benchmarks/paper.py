@@ -65,7 +65,6 @@ def comparison_table(found: Sequence[Values], seeds: int) -> Table:
 
 
 def sentences(found: Sequence[Values], seeds: int) -> list[str]:
-    """What reproduces, what cannot, and why."""
     plain, hidden, recorded = found
     table = {one.key: one.value for one in PRINTED}
     out = [_reproduced(values, setting.name) for values, setting in zip(found, SETTINGS)]

@@ -32,7 +32,6 @@ VALIDATED = "there_and_back"
 
 
 def pictures() -> Iterator[tuple[str, Figure]]:
-    """Name and figure of each picture."""
     yield "thrusters", thruster_figure(fit_thrusters([SAMPLES / "thrusters"], thrusters_per_test=2))
     with TemporaryDirectory() as folder:
         yield from of_a_fit(Path(folder))
@@ -92,7 +91,6 @@ def small_png(figure: Figure) -> bytes:
 
 
 def main() -> None:
-    """Write every picture."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in pictures():

@@ -51,7 +51,6 @@ def judged(kind: str, found: PlanarSearch) -> str:
 
 
 def rows(seeds: int) -> Iterator[dict[str, Any]]:
-    """One campaign after the other."""
     for kind, craft in HIDDEN.items():
         for seed in range(11, 11 + seeds):
             for mirror in (False, True):

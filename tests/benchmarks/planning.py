@@ -263,7 +263,6 @@ def part(name: str, count: int, jobs: int, progress: Progress) -> tuple[Table, d
 
 
 def main() -> None:
-    """Print the tables."""
     from automarine_cli.commands.terminal import terminal_progress
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

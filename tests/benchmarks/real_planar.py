@@ -230,7 +230,6 @@ def row_of(name: str, half: str, fit: PlanarFit, own: Sequence[Run], kept: Seque
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """One line a half and quantity."""
     lines = []
     for row in rows:
         for i, name in enumerate(QUANTITIES):

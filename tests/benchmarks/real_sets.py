@@ -46,7 +46,6 @@ class RealSet:
 
     @property
     def path(self) -> Path:
-        """The folder of its logs."""
         return DATA / self.folder
 
     def load(self, motion: str, scratch: Path) -> tuple[list[Run], tuple[SetAside, ...]]:
@@ -64,7 +63,6 @@ class RealSet:
         return read_column_map(path)
 
     def halved(self, runs: list[Run]) -> tuple[list[Run], list[Run]]:
-        """The two halves of its runs."""
         if self.halves is None:
             return runs[::2], runs[1::2]
         first, second = ([run for run in runs if run.name.startswith(half)] for half in self.halves)
@@ -82,7 +80,6 @@ class Contact:
 
     @property
     def log(self) -> Path:
-        """The log that the command reads."""
         return DATA / self.arguments[-1]
 
 

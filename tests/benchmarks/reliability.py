@@ -182,7 +182,6 @@ def main() -> int:
 
 
 def report(total: dict[str, Tally], seed: int) -> None:
-    """The counts as a table."""
     print(f"{'kind':30}{'inputs':>9}{'read':>9}{'refused':>9}{'defects':>9}{'slowest s':>11}{'memory MB':>11}")
     for name, tally in total.items():
         counts = tally.outcomes

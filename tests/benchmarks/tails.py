@@ -100,7 +100,6 @@ def tails(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[
 
 
 def main() -> None:
-    """Run it and print its table."""
     from automarine_cli.commands.terminal import terminal_progress
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -217,7 +217,6 @@ def flown(truth: Truth, target: Target, gains: dict[str, float], seconds: float,
 
 
 def main() -> None:
-    """Carry it out and print tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", nargs="*", default=["corners", "blind", "late", "driven"])
     parser.add_argument("--vehicles", type=int, default=40)
@@ -271,7 +270,6 @@ def print_corners(found: list[dict[str, Any]], out: Path) -> None:
 
 
 def print_blind(found: list[Blind], out: Path, family: str) -> None:
-    """How often promises hold."""
     (out / f"tuning_{family}.json").write_text(json.dumps([asdict(one) for one in found], indent=1))
     given = [one for one in found if one.verdict == "gains"]
     rows = [("settled", f"{sum(bool(one.settled) for one in given)} of {len(given)}")]

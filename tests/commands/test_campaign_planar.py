@@ -15,7 +15,6 @@ from automarine_cli.report.campaign import STEPS
 
 
 def given(plan: dict[str, Any] | str) -> Mapping[str, Any]:
-    """The settings of a plan."""
     assert not isinstance(plan, str)
     return plan
 

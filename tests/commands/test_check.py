@@ -62,18 +62,6 @@ def test_json(campaign: Path, run: Callable[..., Result]) -> None:
     assert (test["lowest_force_N"], test["highest_force_N"]) == (-19.6133, 19.6133)
 
 
-def test_table(campaign: Path, run: Callable[..., Result]) -> None:
-    result = run("check", campaign)
-    assert result.exit_code == 0
-    lines = result.stdout.splitlines()
-    assert lines[0] == "Yaw runs" and "Thruster tests" in lines
-    row = next(line for line in lines if line.startswith("a_ahead"))
-    assert "half a turn" in row and "deg of 0.500" in row
-    assert any(line.startswith("c_short") and line.endswith("ended before steady") for line in lines)
-    assert any(line.startswith("c_short: ended before steady: ") for line in lines)
-    assert result.stderr.startswith("Set aside: 1 run\n  pool/d_broken.csv, run d_broken: row 3, column heading_deg")
-
-
 def test_refused(campaign: Path, run: Callable[..., Result]) -> None:
     result = run("check", campaign / "a_ahead.csv", campaign / "d_broken.csv")
     assert (result.exit_code, result.stdout) == (1, "")

@@ -3,11 +3,10 @@
 import json
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,8 +14,7 @@ from typing import Any
 import click
 import pytest
 from click.testing import CliRunner, Result
-from few_candidates import few_candidates
-from repository import ROOT, SAMPLE_RUNS
+from repository import ROOT
 
 from automarine_cli import __version__
 from automarine_cli.commands import CommandGroup, automarine, options
@@ -79,7 +77,6 @@ def python(
 
 
 def commands() -> dict[str, click.Command]:
-    """Every command of the group."""
     ctx = click.Context(automarine)
     return {name: automarine.get_command(ctx, name) for name in automarine.list_commands(ctx)}  # type: ignore[misc]
 
@@ -248,7 +245,6 @@ class Outcome:
     """A result with twelve runs set aside, three of them for one reason."""
 
     def to_json(self) -> dict[str, Any]:
-        """The result file's content."""
         whys = ["never moved", *(f"turned {i} degrees" for i in range(9)), "never moved", "never moved"]
         aside = [{"file": "steps/a.csv", "run": f"r{i}", "why": why} for i, why in enumerate(whys)]
         return {"schema": "automarine/trial/1", "k": 1.5, "runs": {"used": 3, "set_aside": aside}}
@@ -360,30 +356,3 @@ def test_options_say_what_they_do_and_the_shared_ones_are_there(name: str) -> No
     if "--out" in flags:
         shared |= {"-o", "--overwrite"}
     assert shared <= flags
-
-
-def all_examples() -> Iterator[list[str]]:
-    """The examples of all help texts, each once."""
-    seen = [arguments for name in ("", *commands()) for arguments in examples(command_called(name))]
-    return (arguments for i, arguments in enumerate(seen) if arguments not in seen[:i])
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("drawn_figures")
-@pytest.mark.skipif(not (SAMPLE_RUNS / "steps").is_dir(), reason="sample_runs is not there yet")
-def test_every_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Result]) -> None:
-    """In any order in which each finds the files that another makes; diagnoses try two effects."""
-    shutil.copytree(SAMPLE_RUNS, tmp_path / "sample_runs")
-    monkeypatch.chdir(tmp_path)
-    waiting = [one for one in all_examples() if one[0] != "collect"]  # that one needs a vehicle
-    while waiting:
-        later = []
-        for arguments in waiting:
-            with few_candidates(("dead-band", "water-swirl")):
-                found = run(*arguments)
-            if found.exit_code == 2 and "does not exist" in found.stderr:
-                later.append(arguments)
-            else:
-                assert found.exit_code == 0, f"automarine {shlex.join(arguments)}: {found.stderr}"
-        assert len(later) < len(waiting), f"these examples find no input: {later}"
-        waiting = later

@@ -31,7 +31,6 @@ MOMENTS = (0.4, -0.4, 0.7, -0.7, 1.0, -1.0)
 
 
 def table(path: Path, columns: Mapping[str, Any]) -> Path:
-    """A CSV file of these columns."""
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [",".join(columns), *(",".join(map(str, row)) for row in zip(*columns.values()))]
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
@@ -59,7 +58,6 @@ def asked(folder: Path, **how: Any) -> tuple[NewCampaign, dict[str, Any]]:
 
 
 def answer(folder: Path, answers: Mapping[str, str]) -> Path:
-    """The campaign file with these answers."""
     file = folder / "campaign.toml"
     file.write_text(answered(file.read_text(encoding="utf-8"), lambda key, _: answers[key]), encoding="utf-8")
     return file
@@ -157,6 +155,7 @@ def mixed(folder: Path) -> None:
     steps(folder / "runs", columns)
 
 
+@pytest.mark.slow
 def test_a_mixed_folder_has_a_map_for_each_kind_of_file_and_runs(tmp_path: Path) -> None:
     mixed(tmp_path)
     found, data = asked(tmp_path)
@@ -178,6 +177,7 @@ def test_a_mixed_folder_has_a_map_for_each_kind_of_file_and_runs(tmp_path: Path)
     assert inertia == pytest.approx(1.018, rel=0.05)  # the truth; the scatter of six runs
 
 
+@pytest.mark.slow
 def test_normalised_commands_do_not_fit_a_map_of_pulses(tmp_path: Path) -> None:
     """The commands beside a logged moment are seen, and told where they do not fit the tests."""
     table(tmp_path / "bollard" / "a.csv", {"PWM_us": PWM, "force_N": FORCE})

@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -48,7 +49,9 @@ class Refusal(NamedTuple):
     sentences: tuple[str, ...]
 
 
-TREES = {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
+@cache
+def trees() -> dict[str, ast.AST]:
+    return {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
 
 
 DEEPEST = 5  # names and calls that are followed in turn
@@ -78,6 +81,26 @@ def sentences(node: ast.expr, scope: Scope, deep: int = 0) -> list[str]:
     return [f"{{{ast.unparse(node)}}}"]
 
 
+@cache
+def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(tree))
+
+
+@cache
+def functions(tree: ast.AST) -> dict[str, list[ast.FunctionDef]]:
+    """The functions of a module by name."""
+    named: dict[str, list[ast.FunctionDef]] = {}
+    for node in nodes(tree):
+        if isinstance(node, ast.FunctionDef):
+            named.setdefault(node.name, []).append(node)
+    return named
+
+
+@cache
+def assignments(tree: ast.AST) -> tuple[ast.Assign | ast.NamedExpr | ast.For, ...]:
+    return tuple(node for node in nodes(tree) if isinstance(node, ast.Assign | ast.NamedExpr | ast.For))
+
+
 def is_template(node: ast.expr) -> bool:
     return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "format"
 
@@ -93,7 +116,7 @@ def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
     """What a name was given, in its function, its module or another's constants; or what a function or a property of
     the package returns or yields."""
     if isinstance(node, ast.Name):
-        constants = TREES.values() if node.id.isupper() else ()
+        constants = trees().values() if node.id.isupper() else ()
         for outer in (*scope, *constants):
             if given := list(given_to(node.id, outer)):
                 yield from ((value, scope) for value in given)
@@ -103,10 +126,10 @@ def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
                 yield from ((d, scope) for a, d in zip(own, outer.args.defaults, strict=True) if a.arg == node.id)
                 yield from ((value, scope[-1:]) for value in passed(node.id, outer, scope[-1]))
     name = node.attr if isinstance(node, ast.Attribute) else getattr(getattr(node, "func", None), "id", "")
-    for there in (scope[-1],) if isinstance(node, ast.Attribute) else (scope[-1], *TREES.values()):
-        found = [f for f in ast.walk(there) if isinstance(f, ast.FunctionDef) and f.name == name]
+    for there in (scope[-1],) if isinstance(node, ast.Attribute) else (scope[-1], *trees().values()):
+        found = functions(there).get(name, [])
         for function in found:
-            ends = [r.value for r in ast.walk(function) if isinstance(r, ast.Return | ast.Yield) and r.value]
+            ends = [r.value for r in nodes(function) if isinstance(r, ast.Return | ast.Yield) and r.value]
             yield from ((end, (function, there)) for end in ends if getattr(end, "value", end))
         if found:
             return
@@ -115,25 +138,29 @@ def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
 def passed(name: str, function: ast.FunctionDef, tree: ast.AST) -> Iterator[ast.expr]:
     """What the calls in its module pass to a function's parameter by its place."""
     place = next((i for i, arg in enumerate(function.args.args) if arg.arg == name), None)
-    for call in ast.walk(tree) if place is not None else ():
+    for call in nodes(tree) if place is not None else ():
         if isinstance(call, ast.Call) and getattr(call.func, "id", "") == function.name and len(call.args) > place:
             yield call.args[place]
 
 
 def given_to(name: str, tree: ast.AST) -> Iterator[ast.expr]:
     """What a name stands for in a piece of the package: assigned, walrus, or over what a loop goes."""
-    for one in ast.walk(tree):
-        if isinstance(one, ast.Assign | ast.NamedExpr | ast.For):
-            targets = one.targets if isinstance(one, ast.Assign) else [one.target]
-            if any(getattr(target, "id", "") == name for target in targets):
-                yield one.iter if isinstance(one, ast.For) else one.value
+    for assignment in assignments(tree):
+        targets = assignment.targets if isinstance(assignment, ast.Assign) else [assignment.target]
+        if any(getattr(target, "id", "") == name for target in targets):
+            yield assignment.iter if isinstance(assignment, ast.For) else assignment.value
 
 
-def refusals() -> Iterator[Refusal]:
+@cache
+def refusals() -> tuple[Refusal, ...]:
     """Every error of the house, and of usage, that the package makes."""
-    for place, tree in TREES.items():
-        inside = {node: f for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for node in ast.walk(f)}
-        for node in ast.walk(tree):
+    return tuple(read_refusals())
+
+
+def read_refusals() -> Iterator[Refusal]:
+    for place, tree in trees().items():
+        inside = {node: f for f in nodes(tree) if isinstance(f, ast.FunctionDef) for node in nodes(f)}
+        for node in nodes(tree):
             if not isinstance(node, ast.Call) or not node.args:
                 continue
             kind = getattr(node.func, "attr", getattr(node.func, "id", ""))
@@ -149,7 +176,6 @@ def says_what_to_do(sentence: str, kind: str, place: str) -> bool:
     return bool((kind in WRITTEN or place.startswith(OF_A_COLUMN_MAP)) and WANTED.search(sentence))
 
 
-EVERY = list(refusals())
 UNCLEAR = {"": ELSE, " ": FETCH}
 TABLES = {"{ELSE}": UNCLEAR, "{FETCH}": UNCLEAR, "{table.origin.why_not}": UNCLEAR, "{what}": SIGNATURES}
 """Ends of sentences that are looked up in a table, which is read instead."""
@@ -163,7 +189,7 @@ def test_every_entry_of_a_table_of_ends_says_what_to_do(table: dict[object, str]
 def test_every_refusal_says_what_to_do() -> None:
     silent = [
         f"{one.place} {one.kind}: {sentence}"
-        for one in EVERY
+        for one in refusals()
         for sentence in one.sentences
         if not says_what_to_do(sentence, one.kind, one.place)
     ]
@@ -171,9 +197,9 @@ def test_every_refusal_says_what_to_do() -> None:
 
 
 def test_all_of_them_are_read() -> None:
-    assert len(EVERY) > 200
-    assert {one.kind for one in EVERY} == DATA | WRITTEN
-    assert sum(len(one.sentences) > 1 for one in EVERY) > 5  # those that are made elsewhere are followed
+    assert len(refusals()) > 200
+    assert {one.kind for one in refusals()} == DATA | WRITTEN
+    assert sum(len(one.sentences) > 1 for one in refusals()) > 5  # those that are made elsewhere are followed
 
 
 @pytest.mark.parametrize(

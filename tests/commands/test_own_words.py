@@ -22,7 +22,7 @@ from automarine_cli import effects, exports
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import DOFS, Dof
 
-pytestmark = pytest.mark.usefixtures("drawn_figures")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("drawn_figures")]
 STEPS = {"yaw": "hidden_one", "surge": "hidden_surge", "heave": "hidden_heave", "sway": "sway"}
 NAMES = (
     "port", "turns", "moment", "yaw", "heading_deg", "starboard", "compass", "force", "depth", "ahead", "distance_m",
@@ -143,10 +143,9 @@ def runs_of(file: Path) -> list[pd.DataFrame]:
 
 FEW = ("tether-spring", "bias-moment", "dead-band", "saturation", "thruster-lag", "linear-drag")
 """A diagnosis of surge and one of yaw try every effect; the others these."""
-MOTIONS = [pytest.param(name, marks=() if name == "heave" else pytest.mark.slow) for name in sorted(DOFS)]
 
 
-@pytest.fixture(scope="module", params=MOTIONS)
+@pytest.fixture(scope="module", params=sorted(DOFS))
 def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     """A campaign of each motion: every step and the report, then every export and every card of an effect."""
     dof = DOFS[request.param]

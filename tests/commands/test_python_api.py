@@ -121,6 +121,7 @@ def _told(fit: Any) -> list[object]:
     return [fit.to_json()["models"], fit.to_json()["preferred"], fit.to_json()["runs"]["used"]]
 
 
+@pytest.mark.slow
 def test_tables_in_memory_are_runs(logs: Path, frames: list[pd.DataFrame]) -> None:
     """DataFrames, columns by name, Arrow tables, and tables by name: the same fit as from the files."""
     files = _told(am.fit_yaw(logs / "steps"))

@@ -29,28 +29,23 @@ def place(small_day: Path, tmp_path: Path) -> Path:
 
 
 def again(place: Path, **how: object) -> CampaignRun:
-    """The first steps once more."""
     given = {"until": EARLY, **how}
     return run_campaign(place / "pool" / "campaign.toml", out=place / "out", **given)  # type: ignore[arg-type]
 
 
 def fates(result: CampaignRun) -> dict[str, str]:
-    """What became of each step."""
     return {one.step: one.did for one in result.steps}
 
 
 def reasons(result: CampaignRun) -> dict[str, str]:
-    """Why, of each step."""
     return {one.step: one.why for one in result.steps}
 
 
 def tree(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def edit(place: Path, old: str, new: str) -> None:
-    """Change the campaign file."""
     file = place / "pool" / "campaign.toml"
     text = file.read_text(encoding="utf-8")
     assert old in text

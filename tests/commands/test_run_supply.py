@@ -1,6 +1,7 @@
 """`supply_V` of a campaign: thruster tests at another voltage than the vehicle's are told, in numbers that hold."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,18 +34,40 @@ def campaign(folder: Path, volts: tuple[float, ...], supply: str) -> Path:
     return place
 
 
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with tests at 12 and 16 V in `pool`, and its results in `out`."""
+    folder = tmp_path_factory.mktemp("supply") / "fitted"
+    folder.mkdir()
+    run_campaign(campaign(folder / "pool", (12.0, 16.0), "supply_V = 14.0"), out=folder / "out")
+    return folder
+
+
+@pytest.fixture
+def supplied(fitted: Path, tmp_path: Path) -> Callable[[float], Path]:
+    """The campaign file of a copy with another supply: its map is kept."""
+
+    def at(supply: float) -> Path:
+        shutil.copytree(fitted, tmp_path, dirs_exist_ok=True)
+        place = tmp_path / "pool" / "campaign.toml"
+        place.write_text(place.read_text().replace("14.0", f"{supply}"))
+        return place
+
+    return at
+
+
 @pytest.mark.parametrize("supply", [14.0, 16.3, 11.7])
-def test_a_supply_within_the_tests_is_no_news(tmp_path: Path, supply: float) -> None:
-    found = run_campaign(campaign(tmp_path / "pool", (12.0, 16.0), f"supply_V = {supply}"), out=tmp_path / "out")
+def test_a_supply_within_the_tests_is_no_news(supplied: Callable[[float], Path], tmp_path: Path, supply: float) -> None:
+    found = run_campaign(supplied(supply), out=tmp_path / "out")
     assert found.content.cautions == ()
     assert "Caution" not in (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("supply", "nearest"), [(22.0, 16.0), (8.0, 12.0)])
 def test_a_supply_beyond_the_tests_is_told_with_what_to_expect(
-    tmp_path: Path, run: Callable[..., Result], supply: float, nearest: float
+    supplied: Callable[[float], Path], tmp_path: Path, run: Callable[..., Result], supply: float, nearest: float
 ) -> None:
-    place, out = campaign(tmp_path / "pool", (12.0, 16.0), f"supply_V = {supply}"), tmp_path / "out"
+    place, out = supplied(supply), tmp_path / "out"
     done = run("run", place, "-o", out)
     assert done.exit_code == 0, done.output
     (said,) = json.loads((out / "run.json").read_text(encoding="utf-8"))["cautions"]
@@ -79,11 +102,8 @@ def test_without_a_supply_or_a_voltage_nothing_is_said(tmp_path: Path) -> None:
     assert run_campaign(place, out=tmp_path / "more").content.cautions == ()
 
 
-def test_a_changed_supply_is_told_without_a_new_fit(tmp_path: Path) -> None:
-    place, out = campaign(tmp_path / "pool", (12.0, 16.0), "supply_V = 14.0"), tmp_path / "out"
-    run_campaign(place, out=out)
-    place.write_text(place.read_text().replace("14.0", "20.0"))
-    found = run_campaign(place, out=out)
+def test_a_changed_supply_is_told_without_a_new_fit(supplied: Callable[[float], Path], tmp_path: Path) -> None:
+    found = run_campaign(supplied(20.0), out=tmp_path / "out")
     assert {one.step: one.did for one in found.steps} == {
         "check": "kept", "fit-thrusters": "kept", "fit-yaw": "skipped", "validate": "skipped",
         "diagnose": "skipped", "report": "done",

@@ -26,7 +26,6 @@ def day(tau: list[tuple[float, int]], **more: list[object]) -> pd.DataFrame:
 
 
 def table(folder: Path, frame: pd.DataFrame) -> LogTable:
-    """The log as it is read."""
     frame.to_csv(folder / "day.csv", index=False)
     return read_log(LogFile(folder / "day.csv", "day.csv", True), dof=YAW)
 

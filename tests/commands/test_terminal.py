@@ -41,6 +41,7 @@ def test_a_terminal_without_a_width_has_80_columns() -> None:
     assert without == plain
 
 
+@pytest.mark.slow
 def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
     _, shown = on_terminal("check", STEPS)
     assert without_bars(shown).startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")
@@ -56,6 +57,7 @@ def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
     assert "no logs in this directory; give files that end in" in " ".join(told.split())
 
 
+@pytest.mark.slow
 def test_a_campaign_on_a_terminal_and_in_a_pipe(tmp_path: Path, run: Callable[..., Result]) -> None:
     campaign = make_small_campaign(tmp_path / "pool")
     status, said = on_terminal("run", campaign, "-o", tmp_path / "a", "--until", "fit-thrusters", NO_COLOR="1")

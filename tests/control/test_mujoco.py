@@ -76,7 +76,6 @@ class Rover:
         self.asked = self.error = self.integral = self.out = self.a = self.b = 0.0
 
     def loop(self, reference: float, heading: float, rate: float) -> float:
-        """Angle loop, then rate controller."""
         p, dt, w = self.p, self.step, 2 * pi * 4.0
         self.a = (self.a + dt * w * w * (rate - self.b)) / (1 + sqrt(2) * w * dt + (w * dt) ** 2)
         self.b += dt * self.a
@@ -103,7 +102,6 @@ def root(error: float, gain: float, limit: float, dt: float) -> float:
 
 
 def flown(stack: Any, case: tuple[float, ...], reference: float, load: float, seconds: float) -> list[float]:
-    """Headings every tenth of a second."""
     inertia, drag, full, lag, delay = case
     model = mujoco.MjModel.from_xml_string(HULL.format(i=inertia))
     data = mujoco.MjData(model)

@@ -57,6 +57,7 @@ def written(path: Path, content: dict[str, Any]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_an_unknown_delay_is_planned_for(run: Run, tmp_path: Path) -> None:
     """The folder holds the plan's own files, and the line that is printed makes the same plan again."""
     path = written(tmp_path / "model.json", model("N m", 30.0, []))

@@ -22,7 +22,6 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
-DEG = np.pi / 180
 BLUEROV = DATA / "ardusub" / "small.BIN"
 
 

@@ -26,16 +26,19 @@ from automarine_cli.thrusters.map import Curve, ThrusterMap
 Run = Callable[..., Result]
 
 
+def smaller(patch: pytest.MonkeyPatch) -> None:
+    """Fewer vehicles than a user gets: the verdicts here are clear ones."""
+    patch.setattr(tuning, "design", partial(designing.design, count=48))
+    patch.setattr(tuning, "crowds_of", partial(designing.crowds_of, count=48))
+    patch.setattr(designing, "PRESENT", 24)
+
+
 @pytest.fixture(autouse=True)
 def small_crowds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fewer vehicles than a user gets: the verdicts here are clear ones."""
-    monkeypatch.setattr(tuning, "design", partial(tuning.design, count=48))
-    monkeypatch.setattr(tuning, "crowds_of", partial(tuning.crowds_of, count=48))
-    monkeypatch.setattr(designing, "PRESENT", 24)
+    smaller(monkeypatch)
 
 
 def estimate(value: float, unit: str, share: float = 0.03) -> dict[str, object]:
-    """An estimate of a file."""
     error = abs(share * value)
     return {"value": value, "stderr": error, "ci95": [value - 2 * error, value + 2 * error], "unit": unit}
 
@@ -43,7 +46,6 @@ def estimate(value: float, unit: str, share: float = 0.03) -> dict[str, object]:
 def model(
     inertia: float, drag: float, full: float, unit: str = "N m", lag: float = 0.0, delay: float = 0.0
 ) -> dict[str, Any]:
-    """Content of a yaw model."""
     effects = []
     if lag:
         effects.append(
@@ -59,7 +61,6 @@ def model(
 
 
 def written(folder: Path, content: Mapping[str, Any], name: str = "model.json") -> str:
-    """A file of that content."""
     path = folder / name
     path.write_text(json.dumps(content))
     return str(path)
@@ -130,6 +131,7 @@ def test_nothing_is_promised_where_the_delay_is_not_known(run: Run, tmp_path: Pa
     assert json.loads(known.stdout)["verdict"] == "gains"
 
 
+@pytest.mark.slow
 def test_what_the_fit_itself_asks_for_is_settled_first(run: Run, tmp_path: Path) -> None:
     content = model(0.375, 1.5, 30.0, delay=0.01)
     for proposed, open_still in (({"dead-band": 172.3}, True), ({"input-delay": 172.3}, False)):  # that is in the model
@@ -157,6 +159,10 @@ def test_nothing_is_promised_of_a_thrust_that_is_not_known(said: dict[str, Any],
     content = model(0.05, 0.08, 1.0, "nu", lag=0.05, delay=0.05)
     found = am.tune(written(tmp_path, content | said), target="ardusub", full=1.0).designed
     assert found.verdict == "cannot-promise" and found.why.startswith(why) and found.open == "dead-band"
+
+
+def test_a_thrust_that_hardly_scatters_is_promised_of(tmp_path: Path) -> None:
+    content = model(0.05, 0.08, 1.0, "nu", lag=0.05, delay=0.05)
     small = {"gain_scatter": 0.02, "gain_exponent": estimate(0.04, "1", 1.0)}
     assert am.tune(written(tmp_path, content | small), target="ardusub", full=1.0).designed.verdict == "gains"
 
@@ -192,6 +198,7 @@ def test_a_delay_that_the_fit_did_not_have_made_its_inertia_too_large(tmp_path: 
     assert lagging.spread.heavy == 0.0
 
 
+@pytest.mark.slow
 def test_present_gains_that_are_as_good_are_left(tmp_path: Path) -> None:
     """What `tune` found is given back to it as the present gains, also where two explanations are open."""
     content = model(0.3, 0.5, 1.0, "nu", lag=0.1, delay=0.1)
@@ -204,6 +211,7 @@ def test_present_gains_that_are_as_good_are_left(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
     """Thrusters that give nothing below an eighth of their output, and a sluggish compass: a slow loop comes to rest
     within 2 degrees late in its flight, and leaves them again when its sum has grown; so it is flown for longer."""
@@ -223,14 +231,20 @@ def test_no_gains_keep_a_margin_that_none_can_keep(run: Run, tmp_path: Path) -> 
     assert "No gains within the documented ranges keep a disk margin of 0.75 for 95% of" in found.stdout
 
 
-@pytest.mark.parametrize("target", ["pid", "python"])
-def test_depth_is_designed_by_the_same_code(target: str, run: Run, tmp_path: Path) -> None:
-    """Heave: weight less buoyancy is held, the step is in metres."""
-    fit = tmp_path / "fit"
+@pytest.fixture(scope="module")
+def heave(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The fit of the sample runs of heave."""
+    fit = tmp_path_factory.mktemp("heave") / "fit"
     am.fit_heave([str(SAMPLE_RUNS / "heave")], out=fit)
+    return fit
+
+
+@pytest.mark.parametrize("target", ["pid", "python"])
+def test_depth_is_designed_by_the_same_code(target: str, heave: Path, run: Run, tmp_path: Path) -> None:
+    """Heave: weight less buoyancy is held, the step is in metres."""
     out = tmp_path / "out"
     found = run(
-        "tune", str(fit / "heave_model.json"), "--for", target, "--full", "60", "--delay", "0.05", "-o", str(out)
+        "tune", str(heave / "heave_model.json"), "--for", target, "--full", "60", "--delay", "0.05", "-o", str(out)
     )
     assert found.exit_code == 0, found.stderr
     result = json.loads((out / "tuning.json").read_text())
@@ -307,6 +321,7 @@ def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tm
     assert result["present"]["settles"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) -> None:
     """The same vehicle with a map that loses small outputs hunts; the file that inverts the map does not."""
     thrusters = written(tmp_path, twin_map(50.0, 0.06), "map.json")
@@ -343,18 +358,31 @@ def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0, pi
     return str(path)
 
 
-def test_a_log_of_the_vehicle_that_was_tuned_holds_the_promise(run: Run, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Any]:
+    """A tuning for `python`: its file, and the result."""
+    folder = tmp_path_factory.mktemp("tuned")
+    path = written(folder, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
+    with pytest.MonkeyPatch.context() as patch:
+        smaller(patch)
+        found = am.tune(path, target="python", full=30.0, out=folder / "out")
+    return str(folder / "out" / "tuning.json"), found
+
+
+def test_a_log_of_the_vehicle_that_was_tuned_holds_the_promise(
+    tuned: tuple[str, Any], run: Run, tmp_path: Path
+) -> None:
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
-    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    tuning_file, found = tuned
     log = flown_log(tmp_path, found, 0.5)
-    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "-o", str(tmp_path / "check"))
+    checked = run("tune", tuning_file, "--check", log, "-o", str(tmp_path / "check"))
     assert checked.exit_code == 0, checked.stderr
     assert checked.stdout.startswith("As promised: all 2 steps are within the bands.")
     result = json.loads((tmp_path / "check" / "tuning_check.json").read_text())
     assert result["schema"] == "automarine/tuning-check/1" and result["verdict"] == "held"
     assert [round(one["step_deg"]) for one in result["steps"]] == [90, -120] and result["changed"] is None
     assert (tmp_path / "check" / "tuning_check.png").is_file()
-    bare = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "--reference", "setpoint")
+    bare = run("tune", tuning_file, "--check", log, "--reference", "setpoint")
     assert bare.exit_code == 1 and "there is no column 'setpoint'; name it with --reference, from" in bare.stderr
     wrong = run("tune", path, "--check", log)
     assert (
@@ -365,7 +393,7 @@ def test_a_log_of_the_vehicle_that_was_tuned_holds_the_promise(run: Run, tmp_pat
 
 @pytest.mark.parametrize(("later", "held"), [(0.0, True), (0.5, False)])
 def test_a_log_of_a_pilot_s_turns_is_followed(
-    later: float, held: bool, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    later: float, held: bool, tuned: tuple[str, Any], run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without steps: how far the vehicle is from the heading asked for, beside what was promised."""
 
@@ -373,11 +401,10 @@ def test_a_log_of_a_pilot_s_turns_is_followed(
         raise RunError("too few")
 
     monkeypatch.setattr(tuning, "diagnose_runs", few)
-    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
-    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    tuning_file, found = tuned
     log = flown_log(tmp_path, found, 0.5, later, piloted=True)
     out = tmp_path / "check"
-    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "-o", str(out))
+    checked = run("tune", tuning_file, "--check", log, "-o", str(out))
     assert checked.exit_code == 0, checked.stderr
     assert checked.stdout.startswith("As promised: all is within the bands." if held else "Not as promised")
     (one,) = json.loads((out / "tuning_check.json").read_text())["steps"]
@@ -387,11 +414,10 @@ def test_a_log_of_a_pilot_s_turns_is_followed(
 
 
 def test_a_log_of_a_vehicle_that_answers_later_does_not(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tuned: tuple[str, Any], run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What a diagnosis names is its own tests' business: here it is asked with the log in pieces."""
-    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
-    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    tuning_file, found = tuned
     log = flown_log(tmp_path, found, 0.5, later=0.35)
     asked: list[int] = []
 
@@ -400,7 +426,7 @@ def test_a_log_of_a_vehicle_that_answers_later_does_not(
         raise RunError("too few")
 
     monkeypatch.setattr(tuning, "diagnose_runs", few)
-    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log)
+    checked = run("tune", tuning_file, "--check", log)
     assert checked.exit_code == 0, checked.stderr
     assert checked.stdout.startswith("Not as promised: 2 of 2 steps leave the bands of 95 %.")
     assert "The log could not be diagnosed: too few." in checked.stdout and asked == [8]

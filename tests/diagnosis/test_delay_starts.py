@@ -1,6 +1,7 @@
 """A delay is found from wherever its fit begins: it shares its direction with the instants at which commands switch."""
 
 import numpy as np
+import pytest
 from tank import pool_campaign
 
 from automarine_cli.diagnosis.diagnose import parameter_estimates
@@ -12,6 +13,7 @@ from automarine_cli.models.yaw_model import YawModel
 DELAY = 0.25
 
 
+@pytest.mark.slow
 def test_a_delay_is_found_from_every_start() -> None:
     runs = pool_campaign(
         seed=3, noise_deg=2.0, gain=0.05, repeats=1, turn_deg=400.0, effects=[{"name": "input-delay", "t_d": DELAY}]

@@ -44,7 +44,6 @@ class Campaign:
 
     @property
     def logs(self) -> list[Path]:
-        """The logs, in name order."""
         return sorted((self.folder / "logs").rglob("*.csv"))
 
 

@@ -26,7 +26,6 @@ PLANS = [[(sign * size, 4.0 + 3.0 / size**0.5)] for size in (0.25, 0.4, 0.7, 1.2
 
 
 def each(function: Callable[[Any], Any], work: Sequence[Any], label: str) -> list[Any]:
-    """One after the other."""
     return [function(one) for one in work]
 
 
@@ -37,7 +36,6 @@ def study_with(truth: YawModel, plans: Sequence[Any], noise_deg: float = 0.5) ->
 
 
 def grown(study: DiagnosisProblem, base: CandidateFit, *added: tuple[str, tuple[float, ...]]) -> CandidateFit:
-    """The base with these effects, fitted."""
     trial: CandidateFit | None = base
     for name, start in added:
         assert trial is not None

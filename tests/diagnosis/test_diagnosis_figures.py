@@ -144,6 +144,7 @@ def test_before_and_after_share_their_axes(lag: Diagnosis) -> None:
     assert square.get_xlim() == square.get_ylim()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("drawn_figures")
 def test_figures_are_the_same_bytes_each_time(nothing: Diagnosis) -> None:
     diagnosis = nothing

@@ -120,7 +120,6 @@ def test_the_prior_holds_what_the_data_do_not_show() -> None:
 
 @pytest.fixture(scope="module")
 def few() -> Iterator[None]:
-    """Two laws of the library."""
     with few_candidates({"linear-drag", "bias-moment"}):
         yield
 
@@ -129,7 +128,7 @@ def few() -> Iterator[None]:
 def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Path, MotionDiagnosis]:
     """Logs of a campaign in which thrust follows the temperature, fitted and diagnosed into a folder."""
     folder = tmp_path_factory.mktemp("learned")
-    logs = written(campaign("temperature"), folder / "logs")
+    logs = written(campaign("temperature", repeats=1), folder / "logs")
     assert run("fit-yaw", logs, "--fit-to", "whole-runs", "-o", folder / "fit").exit_code == 0
     with drawn():
         return folder, diagnose([logs], model=folder / "fit" / "yaw_model.json", out=folder / "diagnosis")
@@ -137,14 +136,10 @@ def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Pat
 
 @pytest.fixture(scope="module")
 def folder(by_command: tuple[Path, MotionDiagnosis]) -> Path:
-    """Its folder."""
     return by_command[0]
 
 
-@pytest.fixture(
-    scope="module",
-    params=["temperature", *(pytest.param(law, marks=pytest.mark.slow) for law in ("rate", "depth", "product"))],
-)
+@pytest.fixture(scope="module", params=["temperature", "rate", "depth", "product"])
 def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
     """A law, and the diagnosis of a campaign with it."""
     if request.param == "temperature":
@@ -152,6 +147,7 @@ def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
     return request.param, diagnose_runs(campaign(request.param, repeats=1), BASE)
 
 
+@pytest.mark.slow
 def test_the_right_variable_is_named(found: tuple[str, Diagnosis]) -> None:
     name, diagnosis = found
     assert (diagnosis.verdict, diagnosis.result.final.added) == ("named", (f"learned:{LAWS[name][0]}",))
@@ -159,6 +155,7 @@ def test_the_right_variable_is_named(found: tuple[str, Diagnosis]) -> None:
     assert diagnosis.held_out_gap.after < 1.1 * true_gap(name, diagnosis)
 
 
+@pytest.mark.slow
 def test_the_band_holds_the_truth(found: tuple[str, Diagnosis]) -> None:
     name, diagnosis = found
     kind = LAWS[name][1]
@@ -195,7 +192,6 @@ def test_clean_campaigns_stay_silent(few: None) -> None:
 
 
 def run(*words: object) -> Result:
-    """One command."""
     return CliRunner().invoke(automarine, [str(word) for word in words])
 
 
@@ -207,6 +203,7 @@ def learned(folder: Path) -> dict[str, Any]:
     return entry
 
 
+@pytest.mark.slow
 def test_the_result_holds_the_curve(folder: Path) -> None:
     entry = learned(folder)
     x, y, low, high = (np.array(entry[key]) for key in ("x", "y", "low", "high"))
@@ -216,6 +213,7 @@ def test_the_result_holds_the_curve(folder: Path) -> None:
     assert "![What was learned](learned.png)" in (folder / "diagnosis" / "diagnosis.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_extended_model_is_better_on_the_logs_and_is_exported(folder: Path, tmp_path: Path) -> None:
     model, errors = folder / "diagnosis" / "extended_model.json", []
     for number, one in enumerate([folder / "fit" / "yaw_model.json", model]):

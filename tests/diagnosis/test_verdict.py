@@ -92,6 +92,7 @@ def test_effects_that_undo_each_other_are_only_suspected(monkeypatch: pytest.Mon
     assert found.conclusion.leaves is found.result.base
 
 
+@pytest.mark.slow
 def test_effects_that_undo_each_other_keep_their_names_where_runs_held_out_are_followed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

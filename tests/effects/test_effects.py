@@ -4,6 +4,7 @@ import inspect
 import json
 import re
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,18 @@ def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
     """The base vehicle with a law of an effect at these values, by default at its planted sizes."""
     effect, law = of_law(name)
     return base_for(effect.name).with_effect(effect.name, sizes_of(effect, law) if values is None else values)
+
+
+@cache
+def of_base(name: str) -> Floats:
+    """Headings of the base vehicle of an effect."""
+    return headings(base_for(name))
+
+
+@cache
+def of_planted(name: str) -> Floats:
+    """Headings of a law of an effect at its planted sizes."""
+    return headings(with_effect(name))
 
 
 def off(effect: Effect, law: int) -> list[float]:
@@ -215,12 +228,12 @@ def test_off_is_exactly_the_base_model(name: str) -> None:
     effect, law = of_law(name)
     found = headings(with_effect(name, off(effect, law)))
     close = 1e-5 if "lag" in name else 1e-9
-    np.testing.assert_allclose(found, headings(base_for(effect.name)), rtol=0, atol=close)
+    np.testing.assert_allclose(found, of_base(effect.name), rtol=0, atol=close)
 
 
 @EVERY_LAW
 def test_on_is_not_the_base_model(name: str) -> None:
-    most = np.abs(headings(with_effect(name)) - headings(base_for(of_law(name)[0].name))).max()
+    most = np.abs(of_planted(name) - of_base(of_law(name)[0].name)).max()
     assert np.rad2deg(most) > 1.0
 
 
@@ -230,9 +243,9 @@ def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
     runs = [mirrored(run) for run in RUNS]
     values = sizes_of(effect, law)
     found = headings(with_effect(name, [s * v for s, v in zip(mirrored_signs(effect), values)]), runs, sign=-1)
-    np.testing.assert_allclose(found, -headings(with_effect(name)), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found, -of_planted(name), rtol=0, atol=1e-10)
     if effect.parity != EVEN:  # and it is no idle word
-        assert np.abs(headings(with_effect(name), runs, sign=-1) + headings(with_effect(name))).max() > 1e-3
+        assert np.abs(headings(with_effect(name), runs, sign=-1) + of_planted(name)).max() > 1e-3
 
 
 def mirrored(run: Run) -> Run:
@@ -248,7 +261,7 @@ def test_other_units_of_moment_give_the_same_headings(name: str) -> None:
     model = base_for(effect.name, ten, "N m").with_effect(effect.name, scaled)
     parts = [{part: ten * run.extras[part] for part in PARTS} for run in RUNS]
     runs = [run.with_moment(ten * run.command, "N m", own) for run, own in zip(RUNS, parts)]
-    np.testing.assert_allclose(headings(model, runs), headings(with_effect(name)), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(headings(model, runs), of_planted(name), rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", [name for name in law_names() if name != "quadratic-drag"])
@@ -302,6 +315,7 @@ def _off_the_truth(effect: Effect, truth: Sequence[float]) -> list[float]:
     ]
 
 
+@pytest.mark.slow
 def test_several_together_are_recovered() -> None:
     """An actuator, a moment, the water and a sensor at once."""
     names, base = ("thruster-lag", "bias-moment", "water-swirl", "compass-deviation"), base_for("")
@@ -345,28 +359,6 @@ def test_laws_together_are_as_each_alone(name: str) -> None:
 
 
 # The command
-
-
-def test_the_list(run: Callable[..., Result]) -> None:
-    found = run("effects")
-    assert found.exit_code == 0
-    lines = found.stdout.splitlines()
-    for name in effects.names():
-        (line,) = (line for line in lines if line.startswith(f"{name} "))
-        assert effects.get(name).place.value in line and effects.get(name).card(YAW).equation in line
-
-
-@EVERY_EFFECT
-def test_the_whole_card(name: str, run: Callable[..., Result]) -> None:
-    effect = effects.get(name)
-    card, text = effect.card(YAW), run("effects", name).stdout
-    for part in (card.equation, card.says, card.reveals, card.separated_by, effect.source):
-        assert part in text
-    for words in (effect.mistaken_for, effect.columns, effect.states):
-        assert ", ".join(words) in text
-    for p in card.parameters:
-        assert re.search(rf"^{re.escape(p.name)} +{re.escape(p.meaning)}", text, flags=re.MULTILINE)
-    assert effect.parity in text and effect.place.value in text and "{" not in text and "inf" not in text
 
 
 @EVERY_MOTION

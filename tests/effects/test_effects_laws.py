@@ -31,20 +31,19 @@ def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -
     return simulate(model, make_batch(runs, 0.05), start=start).position[0]
 
 
-MOMENT, STEP = 0.9, 1e-3
+MOMENT, STEP = 0.9, 5e-3
 PLAN = [(MOMENT, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
-"""Runs that start, turn round, ease off and stop, whichever way `sign` turns them."""
+"""A run that starts, turns round, eases off and stops."""
 
 
 def in_fine_steps(run: Run, law: Callable[..., Floats], states: int = 0) -> Floats:
     """Headings at the samples by Heun's method in steps of STEP: `law` (state, moment, time) gives the derivative of
     heading, rate and `states` more."""
     edges, levels = np.cumsum([1.5, *(s for _, s in PLAN)]) - 0.05, [0.0, *(m for m, _ in PLAN)]
-    sign = 1.0 if run.command.max() >= -run.command.min() else -1.0
     state, out = np.zeros(2 + states), [0.0]
     for m in range(round(float(run.time[-1] - run.time[0]) / STEP)):
         time = (m + 0.5) * STEP
-        moment = sign * levels[min(int(np.searchsorted(edges, time)), len(levels) - 1)]
+        moment = levels[min(int(np.searchsorted(edges, time)), len(levels) - 1)]
         first = law(state, moment, time)
         state = state + 0.5 * STEP * (first + law(state + STEP * first, moment, time + STEP))
         if (m + 1) % round(0.1 / STEP) == 0:
@@ -53,7 +52,6 @@ def in_fine_steps(run: Run, law: Callable[..., Floats], states: int = 0) -> Floa
 
 
 def turning(rate: float, pushed: float, slip: float | None = None) -> float:
-    """Acceleration under quadratic drag."""
     through = rate if slip is None else slip
     return float((pushed - BASE.drag()[1] * abs(through) * through) / BASE.inertia)
 
@@ -168,10 +166,10 @@ OWN = {
 
 
 @pytest.mark.parametrize("name", OWN)
-@pytest.mark.parametrize("sign", [1, -1])
-def test_each_law_against_its_own_equation(name: str, sign: int) -> None:
+def test_each_law_against_its_own_equation(name: str) -> None:
+    """To one side: that the other mirrors it is a contract of every law."""
     values, law, states = OWN[name]
-    run = unmeasured([(sign * m, s) for m, s in PLAN], 0)
+    run = unmeasured(PLAN, 0)
     model = BASE.with_effect(name.split()[0], [float(v) for v in values])
     found, own = headings(model, [run])[0], in_fine_steps(run, law, states)
     assert np.rad2deg(np.abs(found[: len(own)] - own[: len(found)]).max()) < 0.3
@@ -283,7 +281,7 @@ def test_own_phases_are_the_run_s_and_not_the_model_s() -> None:
     np.testing.assert_allclose(headings(model, RUNS), headings(BASE, RUNS), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_amplitude_and_period_of_such_waves_are_recovered(seed: int) -> None:
     study = study_of(wavy(seed), BASE)
     found = parameter_estimates(

@@ -41,19 +41,16 @@ def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
 
 
 def written(motion: str, target: str, form: str, **change: Any) -> Written:
-    """The file of that subject."""
     found = targets.get(target).write(subject(motion, target, form, **change))
     assert isinstance(found, Written)
     return found
 
 
 def told_by_nobody(dof: Dof) -> ModelFile:
-    """A model file that says nothing."""
     return ModelFile(schema="", models={"3": ModelEntry(), "2": ModelEntry()}, preferred="3", dof=dof)
 
 
 def letters(motion: str) -> tuple[str, str]:
-    """Those of force and speed."""
     dof = DOFS[motion]
     return FORCES[dof.number], dof.symbols.velocity
 

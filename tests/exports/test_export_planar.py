@@ -43,7 +43,6 @@ np.save(sys.argv[3], np.stack(module.simulate(data["time"], *data["tau"], *data[
 
 
 def model_file(folder: Path, model: PlanarModel = MODEL) -> Path:
-    """The model as fit-planar writes it."""
     path = folder / "planar_model.json"
     path.write_text(json.dumps(planar_json(model)))
     return path

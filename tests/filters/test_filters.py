@@ -34,7 +34,6 @@ def noises(size: float = 0.1, time: float = 2.0, thrust: float = 0.03, reading: 
 
 
 def logged(time: Floats, heading: Floats, command: Floats, **extras: Floats) -> Run:
-    """A run by hand."""
     return Run("run", "run.csv", 40.0 + time, heading, command, "nu", extras, dof=YAW)
 
 

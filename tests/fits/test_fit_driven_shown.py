@@ -12,6 +12,7 @@ from automarine_cli.fits.identify import YawFit, identify_turns
 from automarine_cli.report.fit_report import sentences, tables
 from automarine_cli.report.sections import sections
 
+pytestmark = pytest.mark.slow
 LATE = "input-delay t_d"
 
 

@@ -156,10 +156,10 @@ def test_a_held_vehicle_stays_until_its_command_changes() -> None:
 
 
 def load_model():  # type: ignore[no-untyped-def]
-    """The true heave model."""
     return read_specification(SAMPLE_RUNS / "heave.toml").model()
 
 
+@pytest.mark.slow
 def test_a_floating_vehicle_that_drifts_has_a_start_speed_of_its_own() -> None:
     """Let go at the start of the log it already rises when the step comes; whole runs take that."""
     runs = []

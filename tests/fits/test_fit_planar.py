@@ -75,21 +75,17 @@ class Scripted:
         pass
 
     def estimate(self, model: Tied, near: Estimated | None = None, brief: bool = False) -> Estimated:
-        """Its values as they are."""
         count = len(model.free)
         return Estimated(model, 0.01 * np.eye(count), sum(worth(model.free)), 1000, NOISE)
 
     def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
-        """What is named."""
         return [Promise(sum(worth(names)), {}) for names in added]
 
     def choose(self, tried: Sequence[Tried]) -> Choice:
-        """The likeliest."""
         return Choice(tried[0])
 
 
 def worth(names: Sequence[str]) -> list[float]:
-    """Log likelihood of each parameter."""
     return [WORTH.get(name, 0.0) for name in names]
 
 
@@ -255,12 +251,12 @@ def test_a_run_whose_commands_are_zero_is_refused() -> None:
 
 
 def mirrored(run: Run) -> Run:
-    """Port and starboard exchanged."""
     changed = {name: -run.extras[name] for name in ("force_Y", "sway", "east") if name in run.extras}
     assert run.moment is not None
     return replace(run, position=-run.position, moment=-run.moment, extras={**run.extras, **changed})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels", [ALL, ("heading", "north", "east")])
 def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
     runs = tuple(made(seed, channels, 12.0) for seed in range(2))
@@ -311,6 +307,7 @@ def test_gradients_are_those_of_differences(channels: Sequence[str]) -> None:
     np.testing.assert_allclose(gradient, brute, rtol=2e-2, atol=0.5)
 
 
+@pytest.mark.slow
 def test_a_promise_is_the_gain_of_the_fit() -> None:
     """Y_r, which is there, promises much; what is not there promises no more than chance."""
     runs = (made(0, ("heading", "surge", "sway")),)
@@ -326,6 +323,7 @@ def test_a_promise_is_the_gain_of_the_fit() -> None:
     assert promised.gain > 10 and found.log_likelihood - without.log_likelihood > 10
 
 
+@pytest.mark.slow
 def test_the_command_says_of_what_use_the_model_is(tmp_path: Path) -> None:
     for seed in range(2):
         log(made(seed, ("heading", "surge"), 10.0), tmp_path)

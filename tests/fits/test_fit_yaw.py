@@ -18,13 +18,6 @@ from automarine_cli.runs.run import Run
 
 Command = Callable[..., Result]
 
-FILES = {
-    "yaw_model.json", "table1.csv", "table1.md", "table1.tex", "table2.csv", "table2.md", "table2.tex",
-    "runs.parquet", "drag.png", "inertia.png", "half_turns.png", "collapse.png", "manifest.json",
-}  # fmt: skip
-ESTIMATE = {"value", "stderr", "ci95", "unit"}
-PARAMETERS = {"1": {"k_r", "I_r"}, "2": {"k_rr", "k_r", "I_r"}, "3": {"k_rr", "I_r"}}
-
 
 def write_logs(runs: Sequence[Run], folder: Path, **columns: Any) -> Path:
     """Each run as a CSV of its own."""
@@ -68,38 +61,6 @@ def one_sentence(result: Result, *parts: str) -> None:
     assert len(lines) == 1 and "Traceback" not in result.output
     for part in parts:
         assert part in lines[0], lines[0]
-
-
-def test_the_model_has_the_contracts_keys(results: tuple[Path, Result]) -> None:
-    model = model_of(results[0])
-    assert model["schema"] == "automarine/yaw-model/1"
-    assert set(model["models"]) == {"1", "2", "3"} and model["effects"] == []
-    for number, names in PARAMETERS.items():
-        entry = model["models"][number]
-        estimates = [entry[name] for name in names]
-        for method in ("velocity_error", "output_error"):
-            assert names <= set(entry[method])
-            estimates += [entry[method][name] for name in names]
-        for estimate in estimates:
-            assert set(estimate) == ESTIMATE
-            low, high = estimate["ci95"]
-            assert low <= estimate["value"] <= high and estimate["stderr"] >= 0
-        assert {name: entry[name] for name in names} == {name: entry["output_error"][name] for name in names}
-        assert not {"k_rr", "k_r"} - names & set(entry)
-        assert entry["sse"] == entry["velocity_error"]["sse"] > 0
-    assert model["models"]["3"]["k_rr"]["unit"] == "nu s²"
-    assert model["preferred"] == "3" and model["preferred_because"].endswith(".")
-    assert set(model["inertial_turn_angle_rad"]) == ESTIMATE
-    assert model["inertial_turn_angle_rad"]["unit"] == "rad"
-
-
-def test_the_truth_is_within_four_standard_errors(results: tuple[Path, Result]) -> None:
-    model = model_of(results[0])
-    for name, true in (("I_r", INERTIA), ("k_rr", K_RR)):
-        for entry in (model["models"]["3"][name], model["models"]["3"]["velocity_error"][name]):
-            assert abs(entry["value"] - true) < 4 * entry["stderr"]
-    angle = model["inertial_turn_angle_rad"]
-    assert abs(angle["value"] - INERTIA / K_RR) < 4 * angle["stderr"]
 
 
 def test_table_1_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Result]) -> None:
@@ -158,17 +119,6 @@ def test_a_tail_that_cannot_be_is_refused(run: Command, logs: Path, options: tup
 def test_a_tail_of_runs_that_have_none_is_refused(run: Command, tmp_path: Path) -> None:
     folder = write_logs([moving_run(seed, length=18.0)[0] for seed in range(2)], tmp_path / "logs")
     one_sentence(run("fit-yaw", folder, "--tail", "90"), "too few for Table 1, and whole runs have none")
-
-
-def test_a_row_a_run_says_what_was_kept(results: tuple[Path, Result]) -> None:
-    table = pq.read_table(results[0] / "runs.parquet").to_pydict()
-    assert len(table["run"]) == 12 and "still" not in table["run"]
-    assert set(table["file"]) == {f"logs/run_{i:02d}.csv" for i in range(12)}
-    assert set(table["cut_by"]) == {"half a turn"}
-    assert np.all(np.abs(table["turned_deg"]) <= 182) and np.all(
-        np.sign(table["turned_deg"]) == np.sign(table["moment"])
-    )
-    assert np.all(np.array(table["rmse_deg"]) < 1.3)
 
 
 def test_the_run_set_aside_is_told_on_standard_error_and_in_the_result(results: tuple[Path, Result]) -> None:
@@ -282,28 +232,6 @@ def test_turns_to_one_side_only_are_enough_and_told(run: Command, tmp_path: Path
     assert f"Warning: {told}" in result.stdout.replace("\n", " ")
     for table in ("table1", "table2"):
         assert told in (tmp_path / "out" / f"{table}.md").read_text()
-
-
-def test_one_run_is_fitted_whole_with_its_own_interval(run: Command, tmp_path: Path) -> None:
-    result = run("fit-yaw", write_logs(campaign([0.5], seed=1), tmp_path / "logs"), "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        name for name in FILES if not name.endswith(".png")
-    } | {"whole_runs.png"}
-    assert model_of(tmp_path / "out")["runs"]["used"] == 1
-
-
-def test_whole_runs_say_so_in_model_tables_and_figures(run: Command, tmp_path: Path) -> None:
-    folder = write_logs([moving_run(seed, length=18.0)[0] for seed in range(2)], tmp_path / "logs")
-    result = run("fit-yaw", folder, "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    model = model_of(tmp_path / "out")
-    assert model["fitted_to"] == "whole runs"
-    assert all(entry["velocity_error"] is None and entry["why"] for entry in model["models"].values())
-    for name in ("table1.md", "table2.md"):
-        assert "whole runs were fitted" in (tmp_path / "out" / name).read_text()
-    table = pq.read_table(tmp_path / "out" / "runs.parquet").to_pydict()
-    assert len(table["run"]) == 2 and np.all(np.isfinite(table["start_rate_deg_s"]))
 
 
 def test_a_moment_against_the_heading_is_refused_with_the_sign_in_mind(run: Command, tmp_path: Path) -> None:

@@ -108,6 +108,7 @@ def test_a_gyro_alone_is_enough(fit_to: str) -> None:
     assert fit.to_json()["heading_noise_deg"] is None
 
 
+@pytest.mark.slow
 def test_whole_runs_use_the_gyro_too() -> None:
     random = np.random.default_rng(8)
     runs = []

@@ -35,7 +35,6 @@ def identity_gap(rate: Floats, k3: float, k2: float, k_r: float, variance: Float
 
 
 def regressors(rate: Floats, model: str) -> Floats:
-    """Its regressors."""
     return paper.regressors(rate, model, paper.columns_of(model, YAW))
 
 

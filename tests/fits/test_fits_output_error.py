@@ -192,7 +192,12 @@ def chosen(truth: Vehicle, seed: int) -> YawFit:
 
 
 @pytest.mark.parametrize(
-    ("truth", "number"), [(PAPER, "3"), (Vehicle(1.0, 1.2, 0.0), "1"), (Vehicle(1.0, 0.6, 0.8), "2")]
+    ("truth", "number"),
+    [
+        (PAPER, "3"),
+        pytest.param(Vehicle(1.0, 1.2, 0.0), "1", marks=pytest.mark.slow),
+        pytest.param(Vehicle(1.0, 0.6, 0.8), "2", marks=pytest.mark.slow),
+    ],
 )
 def test_the_true_model_is_preferred(truth: Vehicle, number: str) -> None:
     fits = [chosen(truth, seed) for seed in range(5)]
@@ -254,6 +259,7 @@ def test_runs_that_move_are_fitted_whole_without_being_told() -> None:
     assert fit.why_no_seed_method.startswith("0 of 2 runs hold a constant moment from rest through a half-turn, ")
 
 
+@pytest.mark.slow
 def test_mirrored_whole_runs_give_the_same_parameters() -> None:
     runs, _, _ = moving(2)
     there = identify(runs, "whole-runs").output_error["3"]

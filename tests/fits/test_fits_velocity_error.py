@@ -122,6 +122,7 @@ def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:
     assert np.degrees(noisy(0, 1.0, Vehicle(0.5, 0.0, 1.257)).tail_from) < starts[2]
 
 
+@pytest.mark.slow
 def test_the_error_that_is_expected_is_that_of_campaigns() -> None:
     fits = [noisy(seed, 1.0) for seed in range(60)]
     found = np.array([(fit.inertia["3"].overall.value, fit.drag["3"].drag[1]) for fit in fits])
@@ -131,6 +132,7 @@ def test_the_error_that_is_expected_is_that_of_campaigns() -> None:
     assert told[1] == pytest.approx(sd[1], rel=0.3) and sd[0] < told[0] < 3 * sd[0]
 
 
+@pytest.mark.slow
 def test_rates_that_scatter_make_no_linear_drag_and_no_smaller_one() -> None:
     """20 campaigns of 48 runs at 5 %: plain least squares find a linear drag beyond its own uncertainty."""
     plain, corrected, factor = [], [], []

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from made_driven import Sea, steered
 
 from automarine_cli.dofs import SURGE, YAW
@@ -56,7 +57,6 @@ def forecasts() -> tuple[DrivenProblem, ForecastFit]:
 
 @cache
 def complete() -> InnovationsFit:
-    """That fit with what is random."""
     return with_chance(*forecasts())
 
 
@@ -174,6 +174,7 @@ def averaged_compass(run: Run) -> Run:
     return replace(run, position=(total[3:] - total[:-3]) / 3)
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_a_missing_delay_does() -> None:
     """A compass that averages delays what it shows: the truth lies beside the plain interval and within the wider."""
     runs = [averaged_compass(run) for run in steered(5, 1002, Sea(size=0.1), length=40.0)]
@@ -188,6 +189,7 @@ def test_intervals_hold_what_a_missing_delay_does() -> None:
         assert low < truth < high and wider.estimates[name].value == plain.estimates[name].value
 
 
+@pytest.mark.slow
 def test_intervals_of_a_complete_model_stay() -> None:
     runs = steered(5, 1000, Sea(size=0.1), length=40.0)
     course = make_course(runs, np.ones(5, dtype=bool))

@@ -82,6 +82,7 @@ def test_speeds_smoother_than_any_sensor_hang_together() -> None:
     assert max(counts[0]) <= 41 and min(counts[1]) > 150
 
 
+@pytest.mark.slow
 def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     """A mass of 20 kg; read at every sample, these speeds gave 58 kg with a standard error of 3."""
     runs = tuple(smoothed_run(seed, 25.0, 0.1) for seed in range(2))

@@ -32,7 +32,6 @@ HEADER = "=====> "
 
 
 def folder(arguments: list[str]) -> str | None:
-    """The value of -o."""
     return arguments[arguments.index("-o") + 1] if "-o" in arguments else None
 
 

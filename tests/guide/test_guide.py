@@ -32,7 +32,6 @@ def test_the_list_has_every_page_and_each_says_what_it_is_about(run: Run) -> Non
 
 
 def found_json(run: Run) -> dict[str, list[dict[str, str]]]:
-    """The list of pages as data."""
     import json
 
     return json.loads(run("guide", "--json").stdout)  # type: ignore[no-any-return]

@@ -25,7 +25,6 @@ ANYWHERE = "\n".join(PAGES.values())
 
 
 def fences(page: str) -> list[str]:
-    """The fenced blocks of a page."""
     return re.findall(r"^```\w*\n(.*?)^```$", PAGES[page], flags=re.MULTILINE | re.DOTALL)
 
 
@@ -118,7 +117,6 @@ def test_options_named_in_the_text_exist(page: str) -> None:
 
 
 def commands() -> dict[str, click.Command]:
-    """Every command of the group."""
     assert isinstance(automarine, CommandGroup)
     ctx = automarine.make_context("automarine", ["--help"], resilient_parsing=True)
     return {name: automarine.get_command(ctx, name) for name in automarine.list_commands(ctx)}  # type: ignore[misc]

@@ -1,6 +1,5 @@
 """A real browser without a window, spoken to over a pipe: what a page logs, asks for, holds and looks like."""
 
-import base64
 import itertools
 import json
 import os
@@ -73,15 +72,6 @@ class Tab:
         found = self("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
-
-    def screenshot(self, to: Path, *, whole: bool = True) -> None:
-        """A picture of the page."""
-        clip = {}
-        if whole:
-            size = self("Page.getLayoutMetrics")["cssContentSize"]
-            clip = {"clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}}
-        shot = self("Page.captureScreenshot", captureBeyondViewport=whole, **clip)
-        to.write_bytes(base64.b64decode(shot["data"]))
 
     def _next(self) -> dict[str, Any]:
         while b"\0" not in self._rest:

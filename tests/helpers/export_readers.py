@@ -252,7 +252,6 @@ def table_law(n: Floats, force: Floats) -> Callable[[Floats], Floats]:
 
 
 def uuv_law(text: str) -> Callable[[Floats], Floats]:
-    """Command clamped, then the conversion."""
     plugin = ET.fromstring(text).find(".//plugin")
     assert plugin is not None and plugin.findtext("dynamics/type") in ("ZeroOrder", "FirstOrder")
     low, high = number_in(plugin, "clampMin"), number_in(plugin, "clampMax")

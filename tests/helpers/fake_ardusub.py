@@ -95,7 +95,6 @@ class FakeSub:
 
     @property
     def address(self) -> str:
-        """How it is reached."""
         return f"udpout:127.0.0.1:{self._port.getsockname()[1]}"
 
     @property
@@ -108,7 +107,6 @@ class FakeSub:
         self._peers.setdefault(("127.0.0.1", port), mavlink.MAVLink(None))
 
     def sticks(self) -> list[Packet]:
-        """The sticks that came."""
         return [packet for packet in self.packets if packet.name == "MANUAL_CONTROL"]
 
     def commanded(self) -> list[Packet]:
@@ -116,13 +114,11 @@ class FakeSub:
         return [packet for packet in self.sticks() if packet.message.r]
 
     def write(self, data: bytes) -> None:
-        """What pymavlink sends: to all peers."""
         if not self.mute:
             for peer in self._peers:
                 self._port.sendto(data, peer)
 
     def advance(self, seconds: float) -> None:
-        """Live on for so long."""
         ends = self.time + seconds
         while self.time < ends - 1e-9:
             self._take()
@@ -141,7 +137,6 @@ class FakeSub:
         """Nothing; for who wants to act on a packet."""
 
     def disarm(self, why: str) -> None:
-        """Disarm by itself, and say why."""
         self.armed, self.disarmed_by = False, why
         self._mav.statustext_send(2, why.encode())
 
@@ -205,7 +200,6 @@ class FakeSub:
         self.depth += step * self.sinks * self.armed
 
     def manual_output(self, stick: int) -> float:
-        """What MANUAL makes of a stick."""
         known, off = self.parameters, int(1500 + stick * 0.4 * self.gain) - 1500
         span = known["RC4_MAX"] - 1500 if off > 0 else 1500 - known["RC4_MIN"]
         way = -1 if known["RC4_REVERSED"] else 1
@@ -261,11 +255,9 @@ class Tank(Clock):
     others: Sequence[Callable[[], object]] = ()
 
     def now(self) -> float:
-        """The vehicle's own."""
         return self.vehicle.time
 
     def sleep(self, seconds: float) -> None:
-        """Live on, the others too."""
         for other in self.others:
             other()
         self.vehicle.advance(max(seconds, 1e-4))
@@ -284,16 +276,13 @@ class Station:
         self.mav = mavlink.MAVLink(self, self.system, self.component)
 
     def write(self, data: bytes) -> None:
-        """What pymavlink sends."""
         host, port = self.vehicle.address.removeprefix("udpout:").split(":")
         self._port.sendto(data, (host, int(port)))
 
     def beat(self) -> None:
-        """Say that it is there."""
         self.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
 
     def push(self) -> None:
-        """Move its joystick."""
         self.mav.manual_control_send(1, 0, 0, 500, 300, 0)
 
 

@@ -17,7 +17,6 @@ def save_empty(_: Figure, *where: Any, **options: Any) -> None:
 
 @contextmanager
 def empty() -> Iterator[None]:
-    """Figures are saved empty."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", save_empty)
         yield

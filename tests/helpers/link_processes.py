@@ -43,14 +43,12 @@ def free_port(first: int) -> int:
 
 
 def children_of(process: subprocess.Popen[bytes]) -> list[int]:
-    """The processes that it started."""
     with contextlib.suppress(OSError):
         return [int(one) for one in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
     return []
 
 
 def token_in(folder: Path) -> str:
-    """The token, once there is one."""
     while not (folder / "token").exists():
         time.sleep(0.02)
     return (folder / "token").read_text().strip()

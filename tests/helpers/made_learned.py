@@ -40,7 +40,6 @@ LAWS: Mapping[str, tuple[str, str, Callable[[Floats], Floats]]] = {
 
 
 def law(name: str) -> Law:
-    """A law as a moment."""
     variable, kind, curve = LAWS[name]
     if name == "rate":
         return lambda state: np.sign(state.relative) * curve(state.relative)
@@ -133,7 +132,6 @@ def _columns(run: Run, number: int, random: np.random.Generator) -> dict[str, Fl
 
 
 def written(runs: Sequence[Run], folder: Path) -> Path:
-    """The runs as logs."""
     folder.mkdir(parents=True)
     for run in runs:
         table = {"time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau": run.command}

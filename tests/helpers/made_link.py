@@ -25,7 +25,6 @@ BATTERY = Battery(charge_Ah=2.9, reserve_percent=20.0, idle_A=0.3, full_A=6.0, a
 
 
 def made_campaign(runs: int = 4, *, seconds: float = 4.0, wait: float = 1.0, rate: float = 10.0) -> LinkCampaign:
-    """Steps to both sides in turn."""
     moments = [(-1) ** i * (0.4 + 0.5 * i / runs) for i in range(runs)]
     planned = tuple(
         PlannedRun(f"{i + 1:02d}_step_{moment:+.3f}", ((moment, seconds), (0.0, 1.0)), 90.0 * (i % 4), wait)
@@ -53,12 +52,10 @@ class Vehicle:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
         return int(self.server.server_address[1])
 
     @property
     def url(self) -> str:
-        """Its address."""
         return f"http://127.0.0.1:{self.port}"
 
 

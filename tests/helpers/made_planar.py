@@ -45,7 +45,6 @@ class Craft:
         return replace(self, current=np.array(current or (0.0, 0.0)))
 
     def mirrored(self) -> "Craft":
-        """Port and starboard exchanged."""
         sides = np.outer([1, -1, -1], [1, -1, -1])
         changed = {
             name: sides * getattr(self, name)
@@ -136,7 +135,6 @@ def campaign(
 
 
 def made_run(craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool) -> Run:
-    """One of them."""
     run, rng = driven(seed, length, 0.2), np.random.default_rng([seed, 14])
     gain = np.exp(0.02 * rng.standard_normal())
     assert run.moment is not None
@@ -152,7 +150,6 @@ def made_run(craft: Craft, seed: int, length: float, channels: Sequence[str], mi
 
 
 def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
-    """The run as a CSV log."""
     table = {
         "time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau_Nm": run.moment,
         "force_X_N": run.extras["force_X"], "force_Y_N": run.extras["force_Y"],

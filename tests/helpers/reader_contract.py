@@ -129,7 +129,6 @@ GOOD: Columns = {
 
 
 def log(folder: Path, content: bytes, name: str = "log.csv", *, named: bool = True) -> LogFile:
-    """A log file of these bytes."""
     path = folder / name
     path.write_bytes(content)
     return LogFile(path, name, named)

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from click.testing import Result
 from made_link import TOKEN, expected_logs, made_campaign, vehicle_at
 from test_link_cuts import put
@@ -12,6 +13,7 @@ Run = Callable[..., Result]
 CAMPAIGN = 'schema = "automarine/campaign/1"\n[logs]\nsteps = [{}]\n'
 
 
+@pytest.mark.slow
 def test_the_logs_of_a_campaign_that_is_over_are_analysed(run: Run, tmp_path: Path) -> None:
     campaign, pool = made_campaign(6), tmp_path / "pool"
     (tmp_path / "campaign.json").write_text(campaign.text)

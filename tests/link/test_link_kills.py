@@ -10,12 +10,11 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from link_processes import ALONE, children_of, collecting, ended, free_port, token_in
-from made_link import BATTERY, expected_logs, made_campaign
+from made_link import expected_logs, made_campaign
 from test_link_cuts import logs_in
 
 from automarine_cli.link.document import LinkCampaign
@@ -93,6 +92,7 @@ def assert_played_once(folder: Path, campaign: LinkCampaign) -> int:
     return interrupted
 
 
+@pytest.mark.slow
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     campaign = made_campaign(8, seconds=20.0)
     count = kill_and_go_on(tmp_path, campaign, 3, seed=4, speed=30.0)
@@ -101,13 +101,6 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_hundred_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    campaign = replace(made_campaign(200, seconds=20.0), battery=replace(BATTERY, charge_Ah=100.0))
-    count = kill_and_go_on(tmp_path, campaign, 100, seed=5, speed=20.0)
-    assert sum(count.values()) == 100 and min(count.values()) >= 15
-    assert assert_played_once(tmp_path, campaign) <= 100
-
-
 def test_a_vehicle_without_its_server_falls_silent(tmp_path: Path) -> None:
     campaign = made_campaign(1, seconds=600.0)
     document = tmp_path / "campaign.json"

@@ -128,7 +128,9 @@ def test_a_directory_with_a_logs_name(run: Command, broken: Path, monkeypatch: p
 # Found in a folder
 
 
-@pytest.mark.parametrize("command", ("check", "fit-yaw", "validate"))
+@pytest.mark.parametrize(
+    "command", ("check", *(pytest.param(n, marks=pytest.mark.slow) for n in ("fit-yaw", "validate")))
+)
 def test_found_it_is_set_aside_and_the_rest_goes_on(
     run: Command, campaign: Path, options: dict[str, list[object]], command: str
 ) -> None:
@@ -162,6 +164,7 @@ def test_what_is_noted(run: Command, campaign: Path) -> None:
         assert seen[name]["why"] == why
 
 
+@pytest.mark.slow
 def test_a_few_broken_ones_do_not_stop_a_diagnosis(
     run: Command, campaign: Path, options: dict[str, list[object]], tmp_path: Path
 ) -> None:
@@ -309,6 +312,7 @@ def test_an_odd_name_is_only_a_name(run: Command, broken: Path, name: str) -> No
     assert seen["file"] == name.replace("\n", "\\n").replace("\x1b", "\\x1b")
 
 
+@pytest.mark.slow
 def test_odd_names_on_a_real_command_line(broken: Path, tmp_path: Path) -> None:
     """In a process of its own, from the folder of the logs, with results written."""
     model = model_file(tmp_path / "yaw_model.json")

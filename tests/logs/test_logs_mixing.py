@@ -186,6 +186,7 @@ def test_steering_and_throttle_of_a_boat(tmp_path: Path) -> None:
     assert "none of the outputs in RCOU is a motor of ArduSub" in refused(tmp_path, copter, "dive.bin")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_dive_is_fitted_without_a_column_map(tmp_path: Path, mirrored: bool) -> None:
     made, tau = stepped(1, mirrored)

@@ -22,7 +22,6 @@ JSON, TOML = (
     {"spec.toml": SPECIFICATION, "columns.toml": COLUMN_MAP},
 )
 GOOD = JSON | TOML
-SCHEMA = {"yaw.json": "automarine/yaw-model/1", "map.json": "automarine/thruster-map/1"}
 NUMBER = {"yaw.json": "models.3.k_rr.value", "map.json": "parameters.forward.a.value"}
 """A number that each file needs, by its path."""
 
@@ -74,14 +73,6 @@ def test_no_data_at_all(ask: Callable[[str, bytes], list[Result]], name: str) ->
         assert found.exit_code == 1 and found.stderr.startswith(f"Error: {name}: not valid {kind}: ")
 
 
-@pytest.mark.parametrize("name", JSON)
-def test_no_object(ask: Callable[[str, bytes], list[Result]], name: str) -> None:
-    say(ask(name, b""), f"{name}: the file is empty; expected JSON")
-    say(ask(name, b"[1, 2]"), f"{name}: found a list of 2, expected an object with named keys")
-    twice = b'{"schema": 1, "schema": 2}'
-    say(ask(name, twice), f"{name}: not valid JSON: the key 'schema' is given more than once")
-
-
 def changed(content: bytes, path: str, value: object) -> bytes:
     """The JSON with another value at a dotted place."""
     data: Any = json.loads(content)
@@ -91,22 +82,6 @@ def changed(content: bytes, path: str, value: object) -> bytes:
         place = place[key]
     place[last] = value
     return json.dumps(data).encode()
-
-
-FOUND = {
-    "[]": "a list of 0",
-    "{}": "an object",
-    '"abc"': '"abc"',
-    "true": "true",
-    '"\\u001b[31m\\n"': '"\\u001b[31m\\n"',
-}
-
-
-@pytest.mark.parametrize("name", JSON)
-@pytest.mark.parametrize("value", ["[]", '"abc"', "true", '"\\u001b[31m\\n"'])
-def test_a_value_of_the_wrong_type(ask: Callable[[str, bytes], list[Result]], name: str, value: str) -> None:
-    content = changed(GOOD[name], NUMBER[name], json.loads(value))
-    say(ask(name, content), f"{name}: {NUMBER[name]}: found {FOUND[value]}, expected a number")
 
 
 @pytest.mark.parametrize("name", JSON)
@@ -126,19 +101,6 @@ def test_numbers_that_are_none(ask: Callable[[str, bytes], list[Result]], name: 
     elsewhere = changed(GOOD[name], "runs" if name == "map.json" else "heading_noise_deg", float("nan"))
     place = "runs" if name == "map.json" else "heading_noise_deg"
     say(ask(name, elsewhere), f"{name}: {place}: found NaN, expected a finite number")
-
-
-@pytest.mark.parametrize("name", JSON)
-def test_another_schema_and_unknown_keys(ask: Callable[[str, bytes], list[Result]], name: str) -> None:
-    for found in ask(name, changed(GOOD[name], "schema", SCHEMA[name][:-1] + "2")):
-        assert found.exit_code == 1
-        sentence = f'Error: {name}: schema: found "{SCHEMA[name][:-1]}2", expected "{SCHEMA[name]}"; give the '
-        assert found.stderr.startswith(sentence)
-    for found in ask(name, changed(GOOD[name], "colour", 1)):
-        assert found.exit_code == 1 and f'{name}: unknown key "colour"; known are schema, ' in found.stderr
-    inner = "models.3" if name == "yaw.json" else "parameters.forward"
-    for found in ask(name, changed(GOOD[name], f"{inner}.colour", 1)):
-        assert found.exit_code == 1 and f'{name}: {inner}: unknown key "colour"; known are ' in found.stderr
 
 
 SPECIFICATIONS = {
@@ -164,23 +126,6 @@ def test_a_specification(ask: Callable[[str, bytes], list[Result]], tmp_path: Pa
     content = SPECIFICATION.replace(old.encode(), new.encode())
     say(ask("spec.toml", content), f"spec.toml: {SPECIFICATIONS[old, new]}")
     assert not (tmp_path / "out").exists()
-
-
-COLUMN_MAPS = {
-    ("offset = 0.5", "offset = nan"): "columns.time_s.offset: found NaN, expected a finite number",
-    ("offset = 0.5", "offset = 0x" + "f" * 400): "columns.time_s.offset: found a number of more than 300 digits, "
-    "expected a smaller one",
-    ("sign = -1", "sign = true"): "columns.heading_deg.sign: found true, expected one of 1, -1",
-    ('unit = "ms"', 'unite = "ms"'): 'columns.time_s: unknown key "unite"; did you mean "unit"?',
-    ("arm_m = 0.44", "arm = 0.44"): 'defaults: unknown key "arm"; did you mean "arm_m"?',
-    ("[defaults]", "[default]"): 'unknown key "default"; did you mean "defaults"?',
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("old", "new"), COLUMN_MAPS, ids=lambda text: text[:25])
-def test_a_column_map(ask: Callable[[str, bytes], list[Result]], old: str, new: str) -> None:
-    assert COLUMN_MAP.count(old.encode()) == 1
-    say(ask("columns.toml", COLUMN_MAP.replace(old.encode(), new.encode())), f"columns.toml: {COLUMN_MAPS[old, new]}")
 
 
 def test_what_has_no_end_is_not_read_to_the_end(run: Command, tmp_path: Path) -> None:

@@ -66,7 +66,6 @@ def test_units() -> None:
 
 
 def put(name: str, value: object) -> Callable[[dict[str, Any]], None]:
-    """A change of one parameter."""
 
     def change(data: dict[str, Any]) -> None:
         data["parameters"][name] = value
@@ -75,7 +74,6 @@ def put(name: str, value: object) -> Callable[[dict[str, Any]], None]:
 
 
 def without(name: str) -> Callable[[dict[str, Any]], None]:
-    """One parameter less."""
 
     def change(data: dict[str, Any]) -> None:
         del data["parameters"][name]

@@ -160,6 +160,7 @@ def test_thrusters_and_their_current(run: Run, model: Path, tmp_path: Path) -> N
     assert f"{2 * 3.0 * force**1.5 / 24:.3g} A more" in told["notes"][0]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_split_first(model: Path, diagnosis: Path, limits: Path, tmp_path: Path) -> None:
     made = am.plan(model, diagnosis=diagnosis, limits=limits, out=tmp_path / "plan")
     told = made.to_json()
@@ -246,6 +247,7 @@ def test_other_refusals(model: Path, tmp_path: Path) -> None:
         am.plan(write(tmp_path / "none.json", {"schema": "other"}))
 
 
+@pytest.mark.slow
 def test_a_rival_that_planned_runs_cannot_show_is_left_open(model: Path, diagnosis: Path, limits: Path) -> None:
     told = json.loads(diagnosis.read_text())
     told["effects"][0]["rivals"] = [{"name": "cross-coupling"}]

@@ -108,7 +108,7 @@ def test_parameters_that_are_held_are_not_planned_for() -> None:
     assert names == ("I_r", "k_rr", "dead-band width", "input-delay t_d", "switch offset")
 
 
-@pytest.mark.parametrize("fit", ["whole-runs", "half-turns"])
+@pytest.mark.parametrize("fit", [pytest.param("whole-runs", marks=pytest.mark.slow), "half-turns"])
 def test_predicted_intervals_are_those_that_a_fit_reports(fit: str) -> None:
     """Over a few campaigns the mean square of the reported errors is the predicted one, to a fifth; over many it is
     within a tenth (tests/benchmarks/planning.py)."""

@@ -44,8 +44,8 @@ def test_what_is_true_fits_itself() -> None:
     ("name", "values", "rival", "more"),
     [
         ("dead-band", (0.03,), "coulomb-drag", COASTS + RAMPS),
-        ("thruster-lag", (0.15,), "sensor-lag", COASTS * 2),
-        ("water-swirl", (0.03, 10.0), "tether-spring", RAMPS),
+        pytest.param("thruster-lag", (0.15,), "sensor-lag", COASTS * 2, marks=pytest.mark.slow),
+        pytest.param("water-swirl", (0.03, 10.0), "tether-spring", RAMPS, marks=pytest.mark.slow),
     ],
 )
 def test_steps_leave_a_tie_that_other_runs_split(

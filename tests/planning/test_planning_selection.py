@@ -73,6 +73,7 @@ def test_one_run_more_of_any_kind_never_widens(plain: Campaign) -> None:
             assert value <= plain.plan.stderr_percent[name][-1] * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> None:
     limits = replace(LIMITS, runs=Runs(voltages_V=(19.0,), kinds=("step", "other-voltage")))
     model = MODEL.with_effect("voltage-exponent", (1.2, 24.0))

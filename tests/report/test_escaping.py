@@ -25,7 +25,7 @@ HOSTILE = (
     "\x1b[31mred\x07 Größe_タンク", "../../escape", "<!-- {{7*7}} # heading",
 )  # fmt: skip
 """A run column may hold any of these; in Parquet a line feed too."""
-pytestmark = pytest.mark.usefixtures("drawn_figures")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("drawn_figures")]
 
 
 def hostile_log(folder: Path) -> Path:

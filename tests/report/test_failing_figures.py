@@ -116,7 +116,10 @@ def without(stderr: str) -> list[str]:
     return [line for line in stderr.splitlines() if not line.startswith(("Set aside", " "))]
 
 
-@pytest.mark.parametrize("name", CASES)
+DEAR = ("fit-yaw, whole runs", "fit-surge", "fit-heave", "diagnose", "plan")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in DEAR else n for n in CASES])
 def test_a_figure_that_fails_is_a_warning(
     name: str, place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

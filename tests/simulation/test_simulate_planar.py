@@ -94,6 +94,7 @@ def test_what_is_hidden_is_in_the_truth_and_not_in_the_known_model() -> None:
     assert np.abs(still.columns["yaw_rate_deg_s"] - one_run().columns["yaw_rate_deg_s"]).max() > 1.0
 
 
+@pytest.mark.slow
 def test_noise_bias_gain_and_disturbance_are_of_the_size_asked() -> None:
     sensors = {**PLAIN["sensors"], "surge_m_s": {"noise": 0.05}, "yaw_rate_deg_s": {"bias": 2.0}}
     rest = [{"name": "rest", "repeats": 20, "commands": [[0, 0, 0, 20]]}]
@@ -123,6 +124,7 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
     assert len(table.columns) == 10 and table["tau_Nm"].abs().max() <= 3 and table["heading_deg"].between(0, 360).all()
 
 
+@pytest.mark.slow
 def test_seeds() -> None:
     runs = [{"name": "drawn", "repeats": 2, "largest": [20, 10, 2]}]
     one, two = make_campaign(specified(runs=runs), 1)
@@ -133,6 +135,7 @@ def test_seeds() -> None:
     assert np.abs(one.plan.moments).max(axis=0).tolist() <= [20, 10, 2] and len(one.plan.moments) > 8
 
 
+@pytest.mark.slow
 def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
     result = run("simulate", SAMPLE_RUNS / "planar.toml", "-o", tmp_path / "out", "--seed", 3)
     assert result.exit_code == 0 and "planar_validation " in result.output

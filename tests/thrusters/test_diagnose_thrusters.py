@@ -109,6 +109,7 @@ def test_two_planted_effects_are_both_named() -> None:
     assert value(result, "n_0_forward") == pytest.approx(0.1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_voltage_is_named_where_it_was_varied() -> None:
     """Something more may be claimed by chance in one of a hundred; not in most of three."""
     n, volts = np.tile(EVERY_OTHER, 3), np.repeat([12.0, 14.0, 16.0], 20)
@@ -217,6 +218,7 @@ def write_csv(path: Path, data: ThrusterLogs) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", logs(dead_band))
     other = write_csv(tmp_path / "other.csv", logs(dead_band, 1))

@@ -88,6 +88,7 @@ def test_dead_band_and_limit_of_each_are_recovered(name: str, parameter: str, tr
     assert 0 < found.stderr < 0.05 * truth and abs(found.value - truth) < 3.5 * found.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("made", "name"), [
     ({"gains": gains_of(0.1, 0.1, 0.0)}, NAME), ({"bias": 0.05}, "bias-moment"),
     ({"asymmetry": 0.08}, "thrust-asymmetry"),

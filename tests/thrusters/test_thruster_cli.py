@@ -157,6 +157,7 @@ def test_flagged_points_are_printed_and_kept(run: Run, tmp_path: Path) -> None:
     assert data["forward"]["a"]["value"] == pytest.approx(AHEAD, rel=0.01)
 
 
+@pytest.mark.slow
 def test_voltage_gives_a_map_each_and_the_exponent(run: Run, tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     volts = np.repeat([10.0, 12.0, 14.0, 16.0], len(LEVELS))

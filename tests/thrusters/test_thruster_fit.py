@@ -149,6 +149,7 @@ def test_cross_validation_finds_the_form_in_noise(name: str) -> None:
             assert found is not None and abs(found.value - getattr(truth, key)) < 4.0 * found.stderr
 
 
+@pytest.mark.slow
 def test_twenty_points_refuse_four_parameters() -> None:
     """The full form always fits 20 noisy square-law points better, and predicts left-out levels worse."""
     level = np.arange(1, 11) / 10.0

@@ -17,6 +17,7 @@ TRIALS = "time_s,heading_deg,tau,trial\n" + "".join(
     f"{i / 10:g},{0.3 * max(i - 10, 0):.2f},{0.2 * (i > 10):g},{trial}\n" for trial in "abc" for i in range(100)
 )
 BY = ColumnMap({"by": ColumnRule("thruster")})
+SEEDS = [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
 
 
 def bollard(folder: Path, text: str) -> Path:
@@ -26,7 +27,7 @@ def bollard(folder: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_each_thruster_has_a_map_and_those_that_differ_are_named(tmp_path: Path, seed: int) -> None:
     path = bollard(tmp_path, eight(seed, {"T3": 0.5, "T7": 1.3}))
     fit = am.fit_thrusters([path], columns=BY, out=tmp_path / "out")
@@ -48,7 +49,7 @@ def test_each_thruster_has_a_map_and_those_that_differ_are_named(tmp_path: Path,
         assert am.export(tmp_path / "out" / each, to="thrusters").text
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_thrusters_that_are_alike_are_said_to_be(tmp_path: Path, seed: int) -> None:
     fit = am.fit_thrusters([bollard(tmp_path, eight(seed))], columns=BY)
     assert not any(one.differs for one in fit.compared)
@@ -62,6 +63,7 @@ def test_where_nobody_asked_the_column_is_named_and_no_point_called_faulty(tmp_p
     assert not any("parts" in note for note in am.fit_thrusters([bollard(tmp_path, eight(1))]).notes)
 
 
+@pytest.mark.slow
 def test_a_faulty_reading_of_one_thruster_is_still_one(tmp_path: Path) -> None:
     lines = eight(1, {"T3": 0.5}).splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("250,") and line.endswith("T5"))
@@ -99,6 +101,7 @@ def test_a_clock_that_begins_anew_names_the_column_of_the_runs(tmp_path: Path) -
     assert [one.run for one in looks] == ["a", "b", "c"]
 
 
+@pytest.mark.slow
 def test_numbers_name_thrusters_too_and_one_without_a_direction_says_why(tmp_path: Path) -> None:
     text = eight(1).replace(",T", ",")
     text = "\n".join(line for line in text.splitlines() if not line.endswith(",8") or line.startswith("0,")) + "\n"
