@@ -135,14 +135,14 @@ class Slot:
 
 def slots_of(channels: Sequence[Channel]) -> tuple[Slot, ...]:
     """The places of channels whose readings stand one after the other."""
-    found, at = [], 0
+    slots, at = [], 0
     for channel in channels:
         width = channel.values.shape[1]
-        read = [series_noise(v[s]) for v, s in zip(channel.values, channel.seen) if s.any()]
-        noise = float(np.median(read)) if read else 0.0
-        found.append(Slot(channel.quantity, slice(at, at + width), max(noise, LEAST_NOISE), channel.counts))
+        noises = [series_noise(v[s]) for v, s in zip(channel.values, channel.seen) if s.any()]
+        noise = float(np.median(noises)) if noises else 0.0
+        slots.append(Slot(channel.quantity, slice(at, at + width), max(noise, LEAST_NOISE), channel.counts))
         at += width
-    return tuple(found)
+    return tuple(slots)
 
 
 def series_noise(values: Floats) -> float:
@@ -172,8 +172,8 @@ class Problem:
     known: Mapping[str, Prior] = field(default_factory=dict)
     smooth: Floats | None = None
 
-    def informed(self, known: Mapping[str, Prior]) -> "Problem":
-        return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
+    def informed(self, priors: Mapping[str, Prior]) -> "Problem":
+        return replace(self, known=priors, bounds=bounds_of(priors, self.names, self.bounds))
 
     @cached_property
     def prior(self) -> tuple[Floats, Floats] | None:
@@ -207,8 +207,8 @@ class Problem:
     def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats, phi: Floats | None = None) -> Grams:
         """Inner products of the problem linearised about readings `fitted` (R, N) at run effects `b` (R, q); what is
         known beforehand is about phi (p,)."""
-        found, prior = self.inner(by_phi, by_run, self.residual(fitted), b), self.prior
-        return found if prior is None or phi is None else replace(found, prior=(prior[0] - phi, prior[1]))
+        grams, prior = self.inner(by_phi, by_run, self.residual(fitted), b), self.prior
+        return grams if prior is None or phi is None else replace(grams, prior=(prior[0] - phi, prior[1]))
 
     def inner(self, by_phi: Floats, by_run: Floats, residual: Floats, b: Floats | None = None) -> Grams:
         """The same of any residuals (R, N), zero in the padding; b zero where not given."""
@@ -281,39 +281,39 @@ class MixedFit(Outcome):
         return deviance(self.gram, self.effects, variances, restricted=True)
 
 
-def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
+def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
     """The problem without the parameters that are held: their direction may be that of others (the moment at which a
     loss is told, and the loss), and would take the search with it."""
     values = problem.bounds[:, 0]
 
     def response(theta: Floats, b: Floats) -> Floats:
-        whole = np.tile(values, (len(theta), 1))
-        whole[:, ~held] = theta
-        return problem.response(whole, b)
+        full = np.tile(values, (len(theta), 1))
+        full[:, ~fixed] = theta
+        return problem.response(full, b)
 
-    names = tuple(name for name, h in zip(problem.names, held) if not h)
-    known = {name: one for name, one in problem.known.items() if name in names}
-    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~held, ~held)]
+    names = tuple(name for name, h in zip(problem.names, fixed) if not h)
+    priors = {name: prior for name, prior in problem.known.items() if name in names}
+    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~fixed, ~fixed)]
     return replace(
-        problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names,
-        known=known, smooth=smooth,
+        problem, response=response, bounds=problem.bounds[~fixed], positive=problem.positive[~fixed], names=names,
+        known=priors, smooth=smooth,
     )  # fmt: skip
 
 
-def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> MixedFit:
+def with_fixed(fit: MixedFit, problem: Problem, fixed: NDArray[np.bool_]) -> MixedFit:
     """The fit with the held parameters put back, without any spread."""
-    free = np.flatnonzero(~held)
-    phi, left_out = problem.search(problem.bounds[:, 0]), np.zeros((len(fit.left_out), len(held)))
+    free = np.flatnonzero(~fixed)
+    phi, left_out = problem.search(problem.bounds[:, 0]), np.zeros((len(fit.left_out), len(fixed)))
     phi[free] = fit.phi
     left_out[:] = phi
     left_out[:, free] = fit.left_out
-    covariance = np.zeros((len(held), len(held)))
+    covariance = np.zeros((len(fixed), len(fixed)))
     covariance[np.ix_(free, free)] = fit.covariance
-    information = np.zeros((len(left_out), len(held), len(held)))
+    information = np.zeros((len(left_out), len(fixed), len(fixed)))
     information[:, free[:, None], free] = fit.information
     theta = problem.bounds[:, 0].copy()
     theta[free] = fit.theta
-    at_bound = tuple(sorted([*np.flatnonzero(held).tolist(), *(int(free[i]) for i in fit.at_bound)]))
+    at_bound = tuple(sorted([*np.flatnonzero(fixed).tolist(), *(int(free[i]) for i in fit.at_bound)]))
     return replace(
         fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
         left_out=left_out, at_bound=at_bound, known=problem.known, information=information,
@@ -351,13 +351,13 @@ def fit_mixed(
     Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
     more samples than parameters or the response is not finite at the start.
     """
-    held = problem.bounds[:, 0] == problem.bounds[:, 1]
-    if held.any():
+    fixed = problem.bounds[:, 0] == problem.bounds[:, 1]
+    if fixed.any():
         free = fit_mixed(
-            without_held(problem, held), theta[~held], noise=noise, factors=factors, run_effects=run_effects,
+            without_fixed(problem, fixed), theta[~fixed], noise=noise, factors=factors, run_effects=run_effects,
             iterations=iterations, settled=settled,
         )  # fmt: skip
-        return with_held(free, problem, held)
+        return with_fixed(free, problem, fixed)
     if problem.count.sum() <= len(theta) + 1:
         raise FitError(f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
@@ -428,32 +428,33 @@ def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
     scale = problem.effects.deviation(variances)
     penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
-    known = 0.0 if point.gram.prior is None else float(point.gram.prior[0] @ point.gram.prior[1] @ point.gram.prior[0])
-    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum()) + known
+    prior = point.gram.prior
+    of_prior = 0.0 if prior is None else float(prior[0] @ prior[1] @ prior[0])
+    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum()) + of_prior
 
 
-def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Floats, new_b: Floats) -> _Point:
+def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: Floats, new_b: Floats) -> _Point:
     """Step towards the new point, halved until the penalised sum of squares does not rise.
 
     Every trial is linearised at once: a whole-run simulation costs as much for one parameter set as for all
     the perturbed ones, and the first trial is nearly always taken.
     """
-    limit = _penalised(problem, variances, here) * (1 + 1e-12) + 1e-12
-    boldest = np.max(np.abs(new_phi - here.phi)[problem.positive], initial=0.0)
+    limit = _penalised(problem, variances, current) * (1 + 1e-12) + 1e-12
+    boldest = np.max(np.abs(new_phi - current.phi)[problem.positive], initial=0.0)
     share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
     for _ in range(12):
-        phi, b = here.phi + share * (new_phi - here.phi), here.b + share * (new_b - here.b)
+        phi, b = current.phi + share * (new_phi - current.phi), current.b + share * (new_b - current.b)
         if (trial := _followed(problem, variances, phi, b, limit)) is not None:
             return trial
         share /= 2.0
-    return here
+    return current
 
 
-def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, wanted: Floats) -> bool:
+def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, target: Floats) -> bool:
     """Whether the search stands: a step cut to a quarter of the one allowed, or less, gained a trifle."""
-    asked = wanted - old.phi
-    allowed = min(1.0, BOLDEST / max(float(np.abs(asked)[problem.positive].max(initial=0.0)), 1e-300))
-    if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(asked).max():
+    proposed = target - old.phi
+    allowed = min(1.0, BOLDEST / max(float(np.abs(proposed)[problem.positive].max(initial=0.0)), 1e-300))
+    if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(proposed).max():
         return False
     return _penalised(problem, variances, old) - _penalised(problem, variances, new) < TRIFLE
 
@@ -490,7 +491,7 @@ def _report(
 ) -> MixedFit:
     phi, gram = point.phi, point.gram
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
-    hessian, whole = linear_mixed.normal_equations(gram, weighted)
+    hessian, gradient = linear_mixed.normal_equations(gram, weighted)
     at_bound = _at_bound(phi, bounds)
     free = np.flatnonzero(~at_bound)
     grid = np.ix_(free, free)
@@ -500,9 +501,9 @@ def _report(
     push = weighted.gradient
     left_out = np.tile(phi, (len(problem.measured), 1))
     if len(left_out) > 1:
-        rest, pull = (hessian - weighted.hessian)[:, free][:, :, free], whole - push
-        left_out[:, free] += linear_mixed.solve_scaled(rest, pull[:, free])
-    onward = linear_mixed.bounded_solution(hessian, whole, bounds - phi[:, None])
+        remaining, pull = (hessian - weighted.hessian)[:, free][:, :, free], gradient - push
+        left_out[:, free] += linear_mixed.solve_scaled(remaining, pull[:, free])
+    onward = linear_mixed.bounded_solution(hessian, gradient, bounds - phi[:, None])
     beyond = _at_bound(phi + onward, bounds)
     # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
