@@ -96,7 +96,7 @@ def read_knowledge(
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     named = {term.name for term in known.model.terms}
     if len(bare.terms) < len(known.model.terms):
-        names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
+        names = [term.name for term in known.model.terms if term not in bare.terms and not term.base]
         others.append(Explanation(bare, _covariance(known, bare), f"the model without {', '.join(names)}", names[0]))
     others += _idle(main, judged, largest or 1.0)
     late, unknown, note = _late(known.model, judged, delay)

@@ -319,7 +319,7 @@ def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run],
 
 def _promised(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> list[tuple[Candidate, Promise]]:
     """The candidates with what their scores promise, all of one pass of the filter."""
-    largest = float(np.abs(likelihood.course.held[-1]).max()) or 1.0
+    largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
     every = list(candidates(here.model, seen, largest))
     wide = here.model
     for one in every:
@@ -489,7 +489,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     sign: Floats = np.where(seen, last_side(command[-1]), 0.0)
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
     for dof, force in zip(PLANAR.dofs, missing):
-        if dof in every.seen.dofs:
+        if dof in every.observed.dofs:
             kinds[dof.words.full_force] = (dof.units.forces[1], np.where(seen, force, 0.0))
     floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, seen)
     gap = Gap(

@@ -53,7 +53,7 @@ def pull_of(study: Study, model: YawModel, fit: Fit, names: Sequence[str], every
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
     columns = np.concatenate(each(partial(_responses, study, model, fit), work, "looking at effects")) - fitted
-    columns = np.where(problem.seen, columns, 0.0)
+    columns = np.where(problem.observed, columns, 0.0)
     sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
     columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
     j = np.concatenate([by_phi, np.moveaxis(columns, 0, 2)], axis=2)

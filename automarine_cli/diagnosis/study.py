@@ -328,7 +328,7 @@ class Study:
             bounds=np.array([*bounds, (-MOST_OFFSET, MOST_OFFSET)]),
             positive=np.array([*positive, False]),
             smooth=smoothness(model, len(positive) + 1),
-            known={SWITCH: UNIFORM_INSTANT},
+            priors={SWITCH: UNIFORM_INSTANT},
         )
 
     def fit(

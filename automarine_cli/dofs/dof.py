@@ -112,7 +112,7 @@ class Limits:
 
     trim: float = inf  # how far a step is followed unless asked otherwise
     least: float = 0.3  # what a step has to cover before its end
-    still: float = 0.05  # what counts as not having moved
+    unmoved: float = 0.05  # what counts as not having moved
     start: float = 0.1  # what counts as a step's beginning
     plausible: tuple[float, float] = (0.02, 20.0)  # inertia over quadratic drag
     # the least sizes of readings that no vehicle makes, beside what the log's own noise and speed allow

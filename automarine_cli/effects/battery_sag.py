@@ -80,11 +80,11 @@ def _polarised(drawn: Floats, length: Floats, lag: Floats) -> Floats:
     """Mean over each step of y, T_V y' = drawn - y, from rest, (P, R, M)."""
     shape = np.broadcast_shapes(drawn.shape, length.shape, lag.shape)
     drawn, length = np.broadcast_to(drawn, shape), np.broadcast_to(length, shape)
-    left, y = -np.expm1(-length / lag), np.zeros(shape[:2])
-    share = lag * left / np.maximum(length, 1e-12)  # of the step's first difference in its mean
+    approach, y = -np.expm1(-length / lag), np.zeros(shape[:2])
+    share = lag * approach / np.maximum(length, 1e-12)  # of the step's first difference in its mean
     out = np.empty(shape)
     for m in range(shape[2]):
         gap = y - drawn[..., m]
         out[..., m] = drawn[..., m] + gap * share[..., m]
-        y = y - gap * left[..., m]
+        y = y - gap * approach[..., m]
     return out

@@ -117,19 +117,19 @@ FINEST = 0.05  # shortest time [s] over which a command is held as it is; those 
 class Course:
     """R runs of one motion of D degrees of freedom on the filter's layout; K steps at most, shorter ones are padded.
 
-    `length` (R, K) of the steps [s], 0 in the padding. `held` (D, R, M) are the commands on a finer grid of steps of
-    `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
+    `length` (R, K) of the steps [s], 0 in the padding. `commanded` (D, R, M) are the commands on a finer grid of steps
+    of `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
     lies in fine step `at` (R, K + 1), at the share `part` of it. `before` (D, R, 1) was held before, `start` (R,) is
     the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
-    readings that count as independent, (R, K + 1) each, `often` all readings of positions in their place, `still` (R,)
-    says which runs begin at rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise`
+    readings that count as independent, (R, K + 1) each, `often` all readings of positions in their place, `at_rest`
+    (R,) which runs begin at rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise`
     (C,) of each channel, estimated without a model.
     """
 
     motion: Motion
     names: tuple[str, ...]
     length: Floats
-    held: Floats
+    commanded: Floats
     width: Floats
     early: Floats
     at: NDArray[np.int64]
@@ -139,7 +139,7 @@ class Course:
     signals: Mapping[str, Floats]
     channels: tuple[Channel, ...]
     often: tuple[Channel, ...]
-    still: NDArray[np.bool_]
+    at_rest: NDArray[np.bool_]
     fastest: Floats
     noise: Floats
     moment_unit: str
@@ -154,7 +154,7 @@ class Course:
         begins = np.cumsum(self.width, axis=1) - self.width - self.early[:, None]
         return tuple(
             Commands(force[None], begins[None], self.width[None], before, self.start[:, None], self.signals)
-            for force, before in zip(self.held, self.before)
+            for force, before in zip(self.commanded, self.before)
         )
 
     def averaged(self, delivered: Floats, late: Floats | None = None) -> tuple[Floats, Floats]:
@@ -201,7 +201,7 @@ class Course:
             self,
             names=tuple(name for name, stays in zip(self.names, runs) if stays),
             length=self.length[runs, :steps],
-            held=self.held[:, runs],
+            commanded=self.commanded[:, runs],
             width=self.width[runs],
             early=self.early[runs],
             at=self.at[runs, : steps + 1],
@@ -211,7 +211,7 @@ class Course:
             signals={name: column[runs] for name, column in self.signals.items()},
             channels=_rows(self.channels, runs, steps),
             often=_rows(self.often, runs, steps),
-            still=self.still[runs],
+            at_rest=self.at_rest[runs],
         )
 
     @cached_property
@@ -270,7 +270,7 @@ def make_course(
         motion=motion,
         names=tuple(run.name for run in runs),
         length=padded([layout.length for layout in layouts], nodes - 1),
-        held=np.stack([padded([layout.held[d] for layout in layouts], fine) for d in range(len(motion.dofs))]),
+        commanded=np.stack([padded([x.commanded[d] for x in layouts], fine) for d in range(len(motion.dofs))]),
         width=padded([layout.width for layout in layouts], fine),
         early=np.array([layout.early for layout in layouts]),
         at=at,
@@ -280,7 +280,7 @@ def make_course(
         signals={name: padded([layout.signals[name] for layout in layouts], fine) for name in signals},
         channels=thinned,
         often=often,
-        still=at_rest,
+        at_rest=at_rest,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
         moment_unit=unit,
@@ -308,7 +308,7 @@ def _lay(
             values[k, c, at_nodes], observed[k, c, at_nodes] = averages, True
     return SimpleNamespace(
         length=np.diff(node),
-        held=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
+        commanded=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
         width=np.diff(edges),
         early=float(run.time[0] - edges[0]),
         at=at,

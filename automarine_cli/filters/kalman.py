@@ -35,7 +35,7 @@ AT_ROW = 0.5  # samples after the middle of the interval before a row: commands 
 class States:
     """Places of the n states of a run. The first `dynamic` of them are advanced by the equation of motion: positions,
     velocities, states of the water, and what slow sensors show (`memory`, each with the position `remembered`). Then
-    come the disturbing accelerations `pushed`, the log `gain`, what effects let vary (`own`), and each velocity
+    come the disturbing accelerations `pushed`, the log `gain`, what effects let vary (`per_run`), and each velocity
     channel's `bias`, with its degree of freedom, where its position is read too."""
 
     position: tuple[int, ...]
@@ -46,7 +46,7 @@ class States:
     dynamic: int
     pushed: tuple[int, ...]
     gain: int
-    own: Mapping[str, tuple[int, ...]]
+    per_run: Mapping[str, tuple[int, ...]]
     bias: Mapping[str, tuple[int, int]]
     count: int
 
@@ -78,7 +78,7 @@ def _places(dofs: int, terms: list[Bound], course: Course) -> States:
         dynamic=dynamic,
         pushed=tuple(range(dynamic, gain)),
         gain=gain,
-        own=per_run,
+        per_run=per_run,
         bias=bias,
         count=at,
     )
@@ -109,7 +109,7 @@ class Step:
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
         turning = places.position[-1:] if model.motion.turns else ()
-        coefficients = [place for group in places.own.values() for place in group]
+        coefficients = [place for group in places.per_run.values() for place in group]
         self.columns = np.array([
             *(places.position if placed else turning), *places.velocity, *places.water, *places.memory,
             *places.pushed, places.gain, *coefficients,
@@ -143,7 +143,7 @@ class Step:
         """The right-hand side for so many copies of every run."""
         wide = np.tile(theta, (copies, 1))
         self._copies = copies
-        self._own = {name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.own.items()}
+        self._own = {name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.per_run.items()}
         terms = model.forces(wide)
         movers = [self._bound(term) for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
         self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
@@ -177,7 +177,7 @@ class Step:
         """The dynamic states of all copies after step m, (dynamic, copies P, R), by Runge and Kutta's method."""
         places, dofs = self.places, len(self.places.position)
         flat = every.reshape(len(every), self._copies * self.sets, self.runs)
-        for name, group in places.own.items():
+        for name, group in places.per_run.items():
             np.copyto(self._own[name], flat[list(group)])
         h = self.course.length[:, m]
         begin, end = self.clock[:, m], self.clock[:, m + 1]
@@ -274,7 +274,7 @@ class Noises:
     `size` (D, P) standard deviation of the disturbing accelerations [per s²] and `time` (D, P) their time constants
     [s]; `thrust` (D, P) the noise of thrust as a share of it [s^1/2]; `gain` (P,) standard deviation of the runs' log
     gain; `late` (P,) by how many samples commands act after the middle of the interval in which they changed: the
-    logger's convention; `reading` (C, P) noise of each channel [its unit]; `own` (P,) by effect the size of what it
+    logger's convention; `reading` (C, P) noise of each channel [its unit]; `per_run` (P,) by effect the size of what it
     lets vary.
     """
 
@@ -284,7 +284,7 @@ class Noises:
     gain: Floats
     late: Floats
     reading: Floats
-    own: Mapping[str, Floats]
+    per_run: Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
@@ -390,16 +390,16 @@ def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Float
     for d, dof in enumerate(dofs):
         mean[places.position[d]] = first[d]
         deviation[places.position[d]] = min(dof.limits.position_sd, 0.5)
-        swift = np.where(course.still, 0.0, min(dof.limits.velocity_sd, max(course.fastest[d], 1e-3)))
+        swift = np.where(course.at_rest, 0.0, min(dof.limits.velocity_sd, max(course.fastest[d], 1e-3)))
         deviation[places.velocity[d]] = swift
         deviation[places.pushed[d]] = noises.size[d][:, None]
     for place in places.memory:
         mean[place] = mean[places.remembered[place]]
         deviation[place] = 1e-6
     deviation[places.gain] = noises.gain[:, None]
-    for name, group in places.own.items():
+    for name, group in places.per_run.items():
         for place in group:
-            deviation[place] = noises.own[name][:, None]
+            deviation[place] = noises.per_run[name][:, None]
     for place, of in places.bias.values():
         deviation[place] = dofs[of].limits.bias_sd
     covariance = np.zeros((sets, len(course.names), places.count, places.count))

@@ -51,12 +51,12 @@ def driven_problem(
 ) -> DrivenProblem:
     """Likelihood of `model` on `course`; delays of effects that are not its own are at least `least_delay` [s], what
     varies from run to run has periods of at most `slowest` [s]. `quiet`: see `randomness`."""
-    largest = float(np.abs(course.held).max()) or 1.0
+    largest = float(np.abs(course.commanded).max()) or 1.0
     searched = [((0.0, np.inf), True, 1.0)]
     for term in model.terms:
         effect = effects.get(term.name)
         for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
-            lower = max(parameter.lower, least_delay if effect.shifts(term.values) and not term.own else -np.inf)
+            lower = max(parameter.lower, least_delay if effect.shifts(term.values) and not term.base else -np.inf)
             slow = slowest if parameter.scan and effect.varies(term.values) else np.inf
             bounds = (value, value) if fixed else (lower, min(parameter.upper, slow))
             searched.append((bounds, parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)))
@@ -92,7 +92,7 @@ def base_starts(problem: DrivenProblem) -> Floats:
     linear, quadratic = model.drag()
     slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
-    push = float(np.abs(problem.course.held).max()) / max(middling, 1e-9)
+    push = float(np.abs(problem.course.commanded).max()) / max(middling, 1e-9)
     for inertia, drag, size, unsteady in product(INERTIAS, DRAGS, SIZES, UNSTEADY):
         random = middle.copy()
         random[0], random[2] = size * push / inertia, unsteady
@@ -199,7 +199,7 @@ def fit_driven(
     Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
     """
     model = rough
-    largest = float(np.abs(course.held).max()) or 1.0
+    largest = float(np.abs(course.commanded).max()) or 1.0
     for name in with_effects:
         model = model.with_effect(name, _start(name, largest))
     problem = driven_problem(model, course).informed(priors or {})
@@ -219,7 +219,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     """
     innovations, dof = likely.mixed, likely.model.dof
     assert isinstance(innovations, InnovationsFit)
-    problem = driven_problem(likely.model, course).informed(innovations.known)
+    problem = driven_problem(likely.model, course).informed(innovations.priors)
     starts = np.concatenate([innovations.theta[None], base_starts(problem)])
     try:
         plain = with_chance(problem, fit_forecasts(problem, innovations.phi, starts))
@@ -239,12 +239,12 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     better = better or (level and surer)
     names = list(errors) if better else list(errors)[::-1]
     fits = (plain, innovations) if better else (innovations, plain)
-    shown = [" and ".join(f"{dof.shown(error):.3g}" for error in errors[name]) for name in names]
+    misses = [" and ".join(f"{dof.shown(error):.3g}" for error in errors[name]) for name in names]
     sizes = [f"{fit.theta[0]:.3g}" for fit in fits]
     ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
     says = (
-        f"by {names[0]}: runs left out are predicted {ahead} s ahead to {shown[0]} {dof.units.shown}, by {names[1]} to "
-        f"{shown[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
+        f"by {names[0]}: runs left out are predicted {ahead} s ahead to {misses[0]} {dof.units.shown}, by {names[1]} "
+        f"to {misses[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
     )
     if not better:
         return replace(likely, estimator=says)
@@ -268,7 +268,7 @@ def _start(name: str, largest: float) -> list[float]:
 
 def _refuse_runaways(model: YawModel, fit: InnovationsFit, course: Course) -> None:
     """A fit that ran away is no model. Raises FitError with what the runs lack."""
-    dof, largest = course.motion.dofs[0], float(np.abs(course.held).max())
+    dof, largest = course.motion.dofs[0], float(np.abs(course.commanded).max())
     linear, quadratic = model.drag()
     slowness = model.fastest(largest)
     deviation = float(np.sqrt(max(run_covariance(fit)[0, 0], 0.0)))
@@ -276,7 +276,7 @@ def _refuse_runaways(model: YawModel, fit: InnovationsFit, course: Course) -> No
         reason = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
     elif not QUICKEST < slowness < SLOWEST:
         reason = f"it would answer its thrusters within {slowness:.2g} s"
-    elif fit.names[0] not in fit.known and (0 in fit.at_bound or deviation <= 0.0 or deviation > np.log(3.0)):
+    elif fit.names[0] not in fit.priors and (0 in fit.at_bound or deviation <= 0.0 or deviation > np.log(3.0)):
         reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
@@ -375,17 +375,17 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     narrow = fit.mixed
     if not isinstance(narrow, InnovationsFit):
         return fit, {}
-    problem = driven_problem(fit.model, course).informed(narrow.known)
+    problem = driven_problem(fit.model, course).informed(narrow.priors)
     likelihood, count = narrow.log_likelihood, len(fit.model.theta)
     if fit.by_forecasts:
         likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
     have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
-    largest = float(np.abs(course.held).max()) or 1.0
+    largest = float(np.abs(course.commanded).max()) or 1.0
     for name in PROPOSED:
         if name in have:
             continue
         start = _start(name, largest)
-        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.known)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.priors)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
         gain = 2.0 * (wide.log_likelihood - likelihood)
@@ -584,7 +584,7 @@ def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
     innovations, dof = fit.mixed, fit.model.dof
     assert isinstance(innovations, InnovationsFit)
     size = fit.model.inertia * innovations.value(f"{dof.name}.disturbance")
-    commands = float(np.sqrt(np.sum(course.held[0] ** 2 * course.width) / np.sum(course.width)))
+    commands = float(np.sqrt(np.sum(course.commanded[0] ** 2 * course.width) / np.sum(course.width)))
     if size < LARGE * commands:
         return ""
     unit, force = fit.model.moment_unit, dof.words.force

@@ -135,10 +135,8 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
 def _predicted(driven: DrivenProblem) -> tuple[Channel, ...]:
     """Every position that is read, and in place of others their velocities."""
     course = driven.course
-    names = [of.quantity for of in course.channels]
-    main = [
-        c for c, of in enumerate(course.channels) if not of.velocity or course.motion.positions[of.dof] not in names
-    ]
+    names, places = [of.quantity for of in course.channels], course.motion.positions
+    main = [c for c, of in enumerate(course.channels) if not of.velocity or places[of.dof] not in names]
     return tuple(shown_channel(course, c) for c in main)
 
 
@@ -190,7 +188,7 @@ class _Descent:
 
 def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
     """Mean (f,) and precision (f, f) of the model's free parameters before the data."""
-    mean, precision = problem.driven.priors
+    mean, precision = problem.driven.prior_moments
     return mean[problem.free], precision[np.ix_(problem.free, problem.free)]
 
 

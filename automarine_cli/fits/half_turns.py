@@ -26,7 +26,7 @@ class StepData:
     """R half-turns padded to N samples, rest before the step included.
 
     `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad]
-    less the start heading's first guess, `seen` (R, N), `moment` (R,), `interval` (R,) [s] width of the
+    less the start heading's first guess, `observed` (R, N), `moment` (R,), `interval` (R,) [s] width of the
     interval of the switch. `velocity` (R, N) is what a velocity sensor read where `velocity_seen`, None where it is
     not used; of the runs whose position does not count (`position_counts` (R,), None: of none) it stands in for a
     sensor that their logs lack.
@@ -35,7 +35,7 @@ class StepData:
     names: tuple[str, ...]
     time: Floats
     heading: Floats
-    seen: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
     moment: Floats
     interval: Floats
     dof: Dof
@@ -45,7 +45,7 @@ class StepData:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        counts, observed = self.position_counts is None or bool(self.position_counts.any()), self.seen
+        counts, observed = self.position_counts is None or bool(self.position_counts.any()), self.observed
         if self.position_counts is not None and counts:
             observed = observed & self.position_counts[:, None]
         channels = [Channel(self.dof.position, 0, False, self.heading, observed, counts)]
@@ -55,8 +55,8 @@ class StepData:
 
     def rated(self, velocities: Sequence[Floats], position_counts: NDArray[np.bool_] | None = None) -> "StepData":
         """The same with what a velocity sensor read in each run, NaN where it did not."""
-        rates = np.full(self.seen.shape, np.nan)
-        rates[self.seen] = np.concatenate(velocities)
+        rates = np.full(self.observed.shape, np.nan)
+        rates[self.observed] = np.concatenate(velocities)
         return replace(
             self, velocity=np.nan_to_num(rates), velocity_seen=np.isfinite(rates), position_counts=position_counts
         )
@@ -146,15 +146,14 @@ def step_problem(data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided
 
     def readings_of(theta: Floats, b: Floats, rows: slice) -> Floats:
         *columns, switch = (theta[:, i, None, None] for i in range(theta.shape[1]))
-        parameters, of_run = dict(zip(roles, columns)), {name: blocks.of(b, name) for name in blocks.names}
-        force = data.moment[rows, None] * np.exp(of_run[GAIN]) + parameters.get("constant", 0.0)
-        drag = {role: parameters.get(role, 0.0) for role in ("linear", "quadratic")}
-        if "difference" in parameters:
-            half = np.sign(force) * parameters["difference"]
-            drag[main] = np.maximum(parameters[main] + half, LEAST_SHARE * parameters[main])
+        values, of_run = dict(zip(roles, columns)), {name: blocks.of(b, name) for name in blocks.names}
+        force = data.moment[rows, None] * np.exp(of_run[GAIN]) + values.get("constant", 0.0)
+        drag = {role: values.get(role, 0.0) for role in ("linear", "quadratic")}
+        if "difference" in values:
+            drag[main] = np.maximum(values[main] + np.sign(force) * values["difference"], LEAST_SHARE * values[main])
         time = data.time[rows] - data.interval[rows, None] * instant(switch + of_run[SWITCHES])
         begin = of_run[START_POSITION]
-        position, rate = response(time, force, parameters["inertia"], drag["linear"], drag["quadratic"], begin)
+        position, rate = response(time, force, values["inertia"], drag["linear"], drag["quadratic"], begin)
         predicted = [rate + of_run[bias_of(c.quantity)] if c.velocity else position for c in data.channels]
         return np.concatenate(predicted, axis=2)
 

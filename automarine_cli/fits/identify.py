@@ -343,7 +343,7 @@ class YawFit(Shown):
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
     where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `known` is what was known
+    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `prior` is what was known
     beforehand.
     """
 
@@ -361,7 +361,7 @@ class YawFit(Shown):
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     use: driven.Judgement | None = None
-    known: Known = NOTHING_KNOWN
+    prior: Known = NOTHING_KNOWN
 
     @property
     def preferred(self) -> whole_runs.OutputErrorFit:
@@ -419,7 +419,7 @@ class YawFit(Shown):
     def told_of_known(self) -> tuple[str, ...]:
         dof = self.dof
         units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
-        sentences = self.known.sentences(units, self.preferred.mixed.names)
+        sentences = self.prior.sentences(units, self.preferred.mixed.names)
         paper = ("The velocity errors of the paper do not use it.",) if sentences and self.seed_method else ()
         return (*sentences, *paper)
 
@@ -491,7 +491,7 @@ def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Esti
     """Estimates of the effects beside drag, by effect and parameter; standard errors of what is not fitted are zero."""
     estimates, model = {}, fit.model
     for term in model.terms:
-        if term.own:
+        if term.base:
             continue
         names = effects.get(term.name).names_in(model.dof)
         card = effects.get(term.name).card(model.dof, model.moment_unit)
@@ -636,7 +636,7 @@ def _fit_steps(
         *told(listed, preference),
     )
     return YawFit(
-        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, known=prior
+        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, prior=prior
     )
 
 

@@ -53,7 +53,7 @@ class Randomness:
 class DrivenProblem:
     """Likelihood of a model on a course. theta is the model's parameters, then those of `random`, in the order that
     `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step.
-    `smooth` (p, p) is the precision about zero of parameters that are not positive, as of a smooth curve; `known` are
+    `smooth` (p, p) is the precision about zero of parameters that are not positive, as of a smooth curve; `priors` are
     parameters that are known beforehand.
     """
 
@@ -65,7 +65,7 @@ class DrivenProblem:
     scale: Floats
     random: tuple[Randomness, ...]
     smooth: Floats | None = None
-    known: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -78,7 +78,7 @@ class DrivenProblem:
         return cls(model, course, (*names, *(chance.name for chance in random)), bounds, positive, scale, random)
 
     def informed(self, priors: Mapping[str, Prior]) -> "DrivenProblem":
-        return replace(self, known=priors, bounds=bounds_of(priors, self.names, self.bounds))
+        return replace(self, priors=priors, bounds=bounds_of(priors, self.names, self.bounds))
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -90,10 +90,10 @@ class DrivenProblem:
         return np.stack([self.search(end) for end in self.bounds.T], axis=1)
 
     @cached_property
-    def priors(self) -> tuple[Floats, Floats]:
+    def prior_moments(self) -> tuple[Floats, Floats]:
         """Mean (p,) and precision (p, p) of phi before the data; no precision where nothing is known."""
         count = len(self.names)
-        prior = prior_of(self.known, self.names, self.positive, self.smooth)
+        prior = prior_of(self.priors, self.names, self.positive, self.smooth)
         mean, precision = prior or (np.zeros(count), np.zeros((count, count)))
         for i, chance in enumerate(self.random, count - len(self.random)):
             mean[i] = chance.median if chance.signed else np.log(chance.median)
@@ -103,11 +103,11 @@ class DrivenProblem:
     @cached_property
     def prior_information(self) -> Floats:
         """What the prior says of the free parameters, (f, f)."""
-        return self.priors[1][np.ix_(self.free, self.free)]
+        return self.prior_moments[1][np.ix_(self.free, self.free)]
 
     def prior_gradient(self, phi: Floats) -> Floats:
         """Slope of the prior's log density by the free parameters at phi (p,), (f,)."""
-        mean, precision = self.priors
+        mean, precision = self.prior_moments
         return np.asarray(-(precision @ (phi - mean))[self.free])
 
     def natural(self, phi: Floats) -> Floats:
@@ -121,9 +121,8 @@ class DrivenProblem:
         chances = list(theta[:, len(self.names) - len(self.random) :].T)
         size, time, thrust = (np.array([chances[3 * d + i] for d in range(dofs)]) for i in range(3))
         gain, late, at = chances[3 * dofs], chances[3 * dofs + 1], 3 * dofs + 2
-        reading, spreads = np.array(chances[at : at + channels]), chances[at + channels :]
-        per_run = {c.name.partition(".")[0]: spread for c, spread in zip(self.random[at + channels :], spreads)}
-        return Noises(size, time, thrust, gain, late, reading, per_run)
+        per_run = {c.name.partition(".")[0]: chances[i] for i, c in enumerate(self.random) if i >= at + channels}
+        return Noises(size, time, thrust, gain, late, np.array(chances[at : at + channels]), per_run)
 
     def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> Followed:
         """Filter the runs under phi (P, p), or those of another course."""
@@ -138,7 +137,7 @@ class DrivenProblem:
 
     def prior(self, phi: Floats) -> Floats:
         """Log density of phi (..., p) before the data, up to a constant."""
-        mean, precision = self.priors
+        mean, precision = self.prior_moments
         return np.asarray(-0.5 * np.einsum("...i,ij,...j->...", phi - mean, precision, phi - mean))
 
     def steps(self, phi: Floats) -> Floats:
@@ -161,12 +160,12 @@ class DrivenProblem:
 
 @dataclass(frozen=True)
 class Innovations:
-    """Innovations `error` (C, R, K), their `variance`, one where nothing was `read`, the derivatives of both by some
-    parameters, (C, f, R, K), none where a filter runs away, and the log density of each run (R,)."""
+    """Innovations `error` (C, R, K), their `variance`, one where nothing was `observed`, the derivatives of both by
+    some parameters, (C, f, R, K), none where a filter runs away, and the log density of each run (R,)."""
 
     error: Floats
     variance: Floats
-    read: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
     by: Floats
     spread: Floats
     density: Floats
@@ -184,8 +183,8 @@ def innovations_of(runs: Followed, part: slice, steps: Floats | float, base: Inn
         )
         error, variance = error[:, 1:], variance[:, 1:]
     step = np.broadcast_to(steps, error.shape[1])[:, None, None]
-    by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
-    spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
+    by = np.where(base.observed[:, None], (error - base.error[:, None]) / step, 0.0)
+    spread = np.where(base.observed[:, None], (variance - base.variance[:, None]) / step, 0.0)
     sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
     return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
 
@@ -214,11 +213,11 @@ class Slopes:
         base = parts[0]
         by, spread = (np.concatenate(list(blocks), axis=1) for blocks in zip(*((p.by, p.spread) for p in parts)))
         root = np.sqrt(base.variance)
-        z = np.where(base.read, base.error / root, 0.0)
+        z = np.where(base.observed, base.error / root, 0.0)
         bounded = np.clip(z, -FAR, FAR)
         columns, spreads = by / root[:, None], spread / base.variance[:, None]
         gradient = -np.einsum("crk,cfrk->rf", bounded, columns)
-        gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.read, bounded * z - 1.0, 0.0), spreads)
+        gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.observed, bounded * z - 1.0, 0.0), spreads)
         c, f, r, k = columns.shape
         flat, wide = (np.moveaxis(x, 2, 0).swapaxes(1, 2).reshape(r, f, c * k) for x in (columns, spreads))
         information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
@@ -249,7 +248,7 @@ def randomness(
         floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
         chances.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
-    largest = float(np.abs(course.held).max())
+    largest = float(np.abs(course.commanded).max())
     chances += [Randomness(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0) for name in varying]
     return tuple(chances)
 
@@ -439,8 +438,8 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         parameters=count - len(problem.random),
         information=information,
         noise_of={name: float(theta[problem.names.index(f"noise.{name}")]) for name in readings},
-        read=readings,
-        known=problem.known,
+        readings=readings,
+        priors=problem.priors,
     )
 
 
@@ -472,7 +471,7 @@ def channel_noises(fit: Outcome, dof: Dof) -> dict[str, Estimate]:
     """
     noises = {}
     for name, noise in fit.noise_of.items():
-        count = max(float(fit.read[name]) - len(fit.theta), 1.0)
+        count = max(float(fit.readings[name]) - len(fit.theta), 1.0)
         unit = dof.units.shown + "/s" * (name == dof.velocity)
         estimate = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
         bound = f"noise.{name}" in fit.names and fit.names.index(f"noise.{name}") in fit.at_bound

@@ -198,7 +198,7 @@ class Weighted:
     """Each run's share of the normal equations at given variances: H (R, p, p), h (R, p), w'w (R,), log|R_i|
     (R,), with w = r + V b0.
 
-    Of the run effects in units of their prior deviation: `left` (R, q) is the share of the variance that the
+    Of the run effects in units of their prior deviation: `remaining` (R, q) is the share of the variance that the
     data leave, `means` (R, q) the posterior mean at phi = 0, `by_phi` (R, q, p) what it loses per phi, and `spread`
     (R, q, q) their posterior covariance.
     """
@@ -207,7 +207,7 @@ class Weighted:
     gradient: Floats
     square: Floats
     log_det: Floats
-    left: Floats
+    remaining: Floats
     means: Floats
     by_phi: Floats
     spread: Floats
@@ -243,7 +243,7 @@ def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
         square=(gram.ww - product[:, w, w]) / s2
         + (2.0 * product[:, w, b] + (present**2).sum(axis=1) - s2 * product[:, b, b]),
         log_det=log_det,
-        left=np.diagonal(spread, axis1=1, axis2=2),
+        remaining=np.diagonal(spread, axis1=1, axis2=2),
         means=present + (product[:, unit, w] - s2 * product[:, unit, b]),
         by_phi=product[:, unit, phi],
         spread=spread,
@@ -354,8 +354,8 @@ def scored_deviance(
         of_prior = float((phi - expected) @ precision @ (phi - expected))
     value = weighted.log_det.sum() + misfit + of_prior
     means = weighted.means - weighted.by_phi @ phi
-    of_effect = 1.0 - weighted.left - means**2
-    of_noise = grams.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
+    of_effect = 1.0 - weighted.remaining - means**2
+    of_noise = grams.count.sum() - (1.0 - weighted.remaining).sum() - misfit + (means**2).sum()
     covariance = None
     if restricted:
         unit = curvature_scale(hessian)

@@ -44,7 +44,7 @@ class Outcome(ABC):
     the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
     `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
     of the parameters that a bound stopped, `information` (R, p, p) what each run says of phi, `noise_of` each channel
-    that counts by its quantity [its unit] with the number of its readings in `read`; `known` what was known beforehand.
+    that counts by its quantity [its unit] with the number of its `readings`; `priors` what was known beforehand.
     """
 
     names: tuple[str, ...]
@@ -60,8 +60,8 @@ class Outcome(ABC):
     converged: bool
     information: Floats = field(repr=False)
     noise_of: Mapping[str, float]
-    read: Mapping[str, int]
-    known: Mapping[str, Prior] = field(default_factory=dict, kw_only=True)
+    readings: Mapping[str, int]
+    priors: Mapping[str, Prior] = field(default_factory=dict, kw_only=True)
 
     def value(self, name: str) -> float:
         return float(self.theta[self.names.index(name)])
@@ -90,7 +90,7 @@ class Outcome(ABC):
     @property
     def error_of_known(self) -> Floats:
         """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
-        prior = prior_of(self.known, self.names, self.positive)
+        prior = prior_of(self.priors, self.names, self.positive)
         return np.zeros_like(self.covariance) if prior is None else self.covariance @ prior[1] @ self.covariance
 
 
@@ -157,28 +157,28 @@ class Problem:
     """Measured readings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
 
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
-    are formed, on the logarithm. `slots` are the channels, the first that counts first. `known` are parameters that
+    are formed, on the logarithm. `slots` are the channels, the first that counts first. `priors` are parameters that
     are known beforehand, `smooth` (p, p) the precision about zero of parameters that are not positive, as of a curve.
     """
 
     response: Response
     measured: Floats
-    seen: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
     effects: RunEffects
     bounds: Floats
     positive: NDArray[np.bool_]
     names: tuple[str, ...]
     slots: tuple[Slot, ...]
-    known: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
     smooth: Floats | None = None
 
     def informed(self, priors: Mapping[str, Prior]) -> "Problem":
-        return replace(self, known=priors, bounds=bounds_of(priors, self.names, self.bounds))
+        return replace(self, priors=priors, bounds=bounds_of(priors, self.names, self.bounds))
 
     @cached_property
     def prior(self) -> tuple[Floats, Floats] | None:
         """Mean (p,) and precision (p, p) of phi before the data; None where nothing is known."""
-        return prior_of(self.known, self.names, self.positive, self.smooth)
+        return prior_of(self.priors, self.names, self.positive, self.smooth)
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
@@ -187,7 +187,7 @@ class Problem:
     @cached_property
     def count(self) -> NDArray[np.int64]:
         """Samples of each run and counted channel, (R, C)."""
-        return np.stack([self.seen[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
+        return np.stack([self.observed[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
 
     def of(self, readings: NDArray[Any], channel: str) -> NDArray[Any]:
         """The readings (..., n) of one channel out of all, (..., N)."""
@@ -195,7 +195,7 @@ class Problem:
 
     def residual(self, fitted: Floats) -> Floats:
         """What readings (..., R, N) leave of the measured ones, zero in the padding."""
-        return np.where(self.seen, self.measured - fitted, 0.0)
+        return np.where(self.observed, self.measured - fitted, 0.0)
 
     def squares(self, residual: Floats, variances: Floats) -> Floats:
         """Each run's sum of squares of residuals (..., R, N) in units of their channels' noise, (..., R)."""
@@ -292,11 +292,11 @@ def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
         return problem.response(full, b)
 
     names = tuple(name for name, h in zip(problem.names, fixed) if not h)
-    priors = {name: prior for name, prior in problem.known.items() if name in names}
+    priors = {name: prior for name, prior in problem.priors.items() if name in names}
     smooth = None if problem.smooth is None else problem.smooth[np.ix_(~fixed, ~fixed)]
     return replace(
         problem, response=response, bounds=problem.bounds[~fixed], positive=problem.positive[~fixed], names=names,
-        known=priors, smooth=smooth,
+        priors=priors, smooth=smooth,
     )  # fmt: skip
 
 
@@ -316,7 +316,7 @@ def with_fixed(fit: MixedFit, problem: Problem, fixed: NDArray[np.bool_]) -> Mix
     at_bound = tuple(sorted([*np.flatnonzero(fixed).tolist(), *(int(free[i]) for i in fit.at_bound)]))
     return replace(
         fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
-        left_out=left_out, at_bound=at_bound, known=problem.known, information=information,
+        left_out=left_out, at_bound=at_bound, priors=problem.priors, information=information,
     )  # fmt: skip
 
 
@@ -410,9 +410,9 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     effects = np.tile(b, (1 + p + q, 1, 1))
     sets[np.arange(1, 1 + p), np.arange(p)] += step
     effects[np.arange(1 + p, 1 + p + q), :, free] += RUN_STEP
-    by_run = np.zeros((b.shape[1], *b.shape[:1], problem.seen.shape[1]))
+    by_run = np.zeros((b.shape[1], *b.shape[:1], problem.observed.shape[1]))
     with np.errstate(over="ignore", invalid="ignore"):  # parameters that no vehicle has: `weigh` sees the infinity
-        out = np.where(problem.seen, problem.response(problem.natural(sets), effects), 0.0)
+        out = np.where(problem.observed, problem.response(problem.natural(sets), effects), 0.0)
         by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
         by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
@@ -426,9 +426,8 @@ def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
 
 def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
-    scale = problem.effects.deviation(variances)
+    scale, prior = problem.effects.deviation(variances), point.gram.prior
     penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
-    prior = point.gram.prior
     of_prior = 0.0 if prior is None else float(prior[0] @ prior[1] @ prior[0])
     return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum()) + of_prior
 
@@ -532,9 +531,9 @@ def _report(
         converged=converged,
         information=information,
         noise_of=dict(zip(quantities, np.exp(variances[:channels]).tolist())),
-        read=dict(zip(quantities, problem.count.sum(axis=0).tolist())),
+        readings=dict(zip(quantities, problem.count.sum(axis=0).tolist())),
         slots=problem.slots,
         gram=gram.keep(free),
         effects=problem.effects,
-        known=problem.known,
+        priors=problem.priors,
     )

@@ -507,7 +507,7 @@ def expected(time: Floats, data: StepData, model: Reference, noise: float, thrus
     """
     exact = model.answer(time)
     index, nothing = np.arange(time.shape[1]), np.zeros(len(time))
-    ends = [data.seen & (index >= first[:, None]) for first in first_past(exact, time, data.seen, start).T]
+    ends = [data.observed & (index >= first[:, None]) for first in first_past(exact, time, data.observed, start).T]
     lines = [tail_lines(time, exact, nothing, used, data.dof) for used in ends]
     names = ("rate", "error", "count", "mean", "spread")
     rate, error, count, middle, spread = (np.stack([getattr(line, name) for line in lines], axis=1) for name in names)
@@ -523,7 +523,7 @@ def expected(time: Floats, data: StepData, model: Reference, noise: float, thrus
     inertias = inertia(0.0)
     mean = inertias.mean(axis=0)
     by_drag = (inertia(STEP).mean(axis=0) / mean - 1.0) / STEP
-    resting = np.sum(data.seen & (time < 0), axis=1, keepdims=True)  # tells the start; without, that is known
+    resting = np.sum(data.observed & (time < 0), axis=1, keepdims=True)  # tells the start; without, that is known
     of_start = np.where(resting > 0, noise**2 / np.maximum(resting, 1), 0.0)
     of_error = noise**2 * (1.0 / count + middle**2 / spread) + rate**2 * data.interval[:, None] ** 2 / 12.0 + of_start
     of_rate = noise**2 / spread + (thrust * moment / slope) ** 2
@@ -599,15 +599,15 @@ SETTLED = 1e-6  # relative change of the correcting model below which it has set
 class VelocityErrorFit:
     """Tables 1 and 2 by the paper's method.
 
-    `tail_from` [rad] turned angle at which the tail starts, `given` whether it was asked for; `expected` what bias and
-    noise were expected of it, `steady` whether any tail has a bias within BIAS_LIMIT. `tails` have the bias
+    `tail_from` [rad] turned angle at which the tail starts, `by_user` whether it was asked for; `expected` what bias
+    and noise were expected of it, `steady` whether any tail has a bias within BIAS_LIMIT. `tails` have the bias
     taken off; `variance` (R,) [rad²/s²] is that of their rates, which scatter by `thrust` (relative, of the
     moment) beside the heading's noise. `inertia["2"]` or
     `drag["2"]` is absent where the moments cannot carry model 2, `inertia["2"]` also where its drag has no steady rate.
     """
 
     tail_from: float
-    given: bool
+    by_user: bool
     expected: Expected
     steady: bool
     tails: TailLines
@@ -617,7 +617,7 @@ class VelocityErrorFit:
     inertia: Mapping[str, InertiaTable]
 
     def tail_because(self, dof: Dof) -> str:
-        return self.expected.told(dof, self.given)
+        return self.expected.told(dof, self.by_user)
 
 
 def fit_velocity_error(
@@ -662,7 +662,7 @@ def _settled(
     """Tails, as they are and with the bias taken off, and the model by which, which follows from them: a few rounds
     settle both. Then noise [rad] of the headings, relative scatter of the thrust, what was expected of each place, and
     which was taken."""
-    dof, observed = data.dof, data.seen
+    dof, observed = data.dof, data.observed
     ends = np.where(observed, time, -np.inf).max(axis=1, keepdims=True)
     tails = tail_lines(time, data.heading, start_heading, observed & (time >= 0.7 * ends), dof)
     model = reference(data.moment, tails, 0.0, dof)

@@ -210,7 +210,7 @@ class Estimated:
 @dataclass(frozen=True)
 class Tried:
     structure: Structure
-    found: Estimated
+    estimated: Estimated
 
 
 @dataclass(frozen=True)
@@ -236,14 +236,14 @@ def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood
     while True:
         new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
         promising = _promising(best, new, rough, estimator)
-        chosen = [Tried(structure, estimator.estimate(model, best.found, brief=True)) for structure, model in promising]
+        chosen = [Tried(step, estimator.estimate(model, best.estimated, brief=True)) for step, model in promising]
         tried |= {str(trial.structure): trial for trial in chosen}
-        better = min(chosen, key=lambda trial: trial.found.criterion, default=best)
+        better = min(chosen, key=lambda trial: trial.estimated.criterion, default=best)
         if better is not best:
-            better = replace(better, found=estimator.estimate(better.found.model, better.found))
+            better = replace(better, estimated=estimator.estimate(better.estimated.model, better.estimated))
             tried[str(better.structure)] = better
-        if better.found.criterion >= best.found.criterion:
-            return tuple(sorted(tried.values(), key=lambda trial: trial.found.criterion))
+        if better.estimated.criterion >= best.estimated.criterion:
+            return tuple(sorted(tried.values(), key=lambda trial: trial.estimated.criterion))
         best = better
 
 
@@ -254,11 +254,11 @@ def _promising(
 
     What a law of drag gains in place of another is at most what it gains beside it.
     """
-    values = best.found.known
+    values = best.estimated.known
     models = [structure.beside(values, rough) for structure in new]
-    added = [tuple(name for name in model.free if name not in best.found.model.free) for model in models]
-    promises = estimator.promises(best.structure.widest.beside(values, rough), best.found, added)
-    have, price = len(best.found.model.free), np.log(max(best.found.readings, 2))
+    added = [tuple(name for name in model.free if name not in best.estimated.model.free) for model in models]
+    promises = estimator.promises(best.structure.widest.beside(values, rough), best.estimated, added)
+    have, price = len(best.estimated.model.free), np.log(max(best.estimated.readings, 2))
     promised = [
         2.0 * promise.gain - price * (len(model.free) - have) if 2.0 * promise.gain > price * len(names) else -np.inf
         for promise, model, names in zip(promises, models, added)
@@ -270,19 +270,19 @@ def _promising(
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
     """The structures that were `tried` on `runs`, the best one first, and what was the `choice`; what was set aside;
-    sentences on what thrusters at their `limits` did not give; what was `known` beforehand."""
+    sentences on what thrusters at their `limits` did not give; the `prior`: what was known beforehand."""
 
     tried: tuple[Tried, ...]
     choice: Choice
     runs: tuple[Run, ...]
-    seen: Observed
+    observed: Observed
     set_aside: tuple[SetAside, ...] = ()
     limits: tuple[str, ...] = ()
-    known: Known = NOTHING_KNOWN
+    prior: Known = NOTHING_KNOWN
 
     @property
     def found(self) -> Estimated:
-        return self.choice.best.found
+        return self.choice.best.estimated
 
     @property
     def structure(self) -> Structure:
@@ -298,7 +298,7 @@ class PlanarFit(Shown):
 
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
-        return self.found.estimates(len(self.runs), self.known)
+        return self.found.estimates(len(self.runs), self.prior)
 
     @property
     def because(self) -> str:
@@ -309,7 +309,7 @@ class PlanarFit(Shown):
         which = "this one" if first.structure == self.structure else f"{first.structure}"
         return (
             f"Of {count} structures {which} has the best evidence (Bayesian information criterion); the next, "
-            f"{second.structure}, is {second.found.criterion - first.found.criterion:.1f} behind."
+            f"{second.structure}, is {second.estimated.criterion - first.estimated.criterion:.1f} behind."
         )
 
     @cached_property
@@ -341,7 +341,7 @@ class PlanarFit(Shown):
             "estimated": WAYS[self.choice.way],
             "estimated_because": self.choice.because,
             "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
-            "channels": list(self.seen.channels),
+            "channels": list(self.observed.channels),
             "noises": dict(estimated.noises),
             "disturbance": {name: dict(sizes) for name, sizes in estimated.disturbance.items()},
             "random": dict(estimated.random),
@@ -408,12 +408,12 @@ class Promise:
 
 @dataclass(frozen=True)
 class PlanarLikelihood:
-    """Fits of planar models to `runs`, of which the logs hold what is `seen`; `known` are parameters that are known
-    beforehand, by qualified name."""
+    """Fits of planar models to `runs`, of which the logs hold what is `observed`; `priors` are parameters that are
+    known beforehand, by qualified name."""
 
     runs: tuple[Run, ...]
-    seen: Observed
-    known: Mapping[str, Prior] = field(default_factory=dict)
+    observed: Observed
+    priors: Mapping[str, Prior] = field(default_factory=dict)
 
     @cached_property
     def rough(self) -> dict[str, float]:
@@ -422,14 +422,14 @@ class PlanarLikelihood:
     @cached_property
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
-        return make_course(self.runs, moving, motion=PLANAR, channels=self.seen.channels)
+        return make_course(self.runs, moving, motion=PLANAR, channels=self.observed.channels)
 
     def problem(self, model: Tied) -> DrivenProblem:
         """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
         searched = [_searched(name, self.rough, self.course) for name in model.free]
         problem = DrivenProblem.of(model, self.course, model.free, searched, self._random(model))
         positive = problem.positive | (np.arange(len(problem.names)) >= len(model.free))
-        return replace(problem, positive=positive).informed(self.known)
+        return replace(problem, positive=positive).informed(self.priors)
 
     def starts(self, problem: DrivenProblem, neighbour: Estimated | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""
@@ -470,11 +470,11 @@ class PlanarLikelihood:
         """The estimate of a fit, with the run as the unit of its errors."""
         of_model = slice(0, fit.parameters)
         slopes = np.where(fit.positive[of_model], fit.theta[of_model], 1.0)
-        random = fit.of_chance
+        random, dofs = fit.of_chance, [dof.name for dof in self.observed.dofs]
         covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
         keys = {"size": "disturbance", "time_s": "disturbance-time", "thrust_noise": "thrust-noise"}
-        pushes = {dof.name: {key: random[f"{dof.name}.{name}"] for key, name in keys.items()} for dof in self.seen.dofs}
-        model, likely, readings = model.with_theta(fit.of_model), fit.log_likelihood, sum(fit.read.values())
+        pushes = {dof: {key: random[f"{dof}.{name}"] for key, name in keys.items()} for dof in dofs}
+        model, likely, readings = model.with_theta(fit.of_model), fit.log_likelihood, sum(fit.readings.values())
         return Estimated(model, covariance, likely, readings, fit.noise_of, pushes, fit.converged, random, fit)
 
     def choose(self, tried: Sequence[Tried]) -> Choice:
@@ -484,20 +484,20 @@ class PlanarLikelihood:
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
-        simplest = Structure.simplest(self.seen)
+        simplest = Structure.simplest(self.observed)
         fitted: list[tuple[Tried, str, PlanarUse]] = []
         for place in dict.fromkeys((0, next((i for i, t in enumerate(tried) if t.structure == simplest), 0))):
             for way in WAYS:
                 with suppress(FitError):
                     trial = tried[place]
-                    estimated = trial.found if way == LIKELIHOOD else self.by_forecasts(trial.found)
+                    estimated = trial.estimated if way == LIKELIHOOD else self.by_forecasts(trial.estimated)
                     assert estimated.fit is not None
                     judged = forecasts_of(self.problem(estimated.model), estimated.fit, way == FORECASTS)
                     if np.isfinite(judged.score) or not fitted:
-                        fitted.append((replace(trial, found=estimated), way, judged))
+                        fitted.append((replace(trial, estimated=estimated), way, judged))
         best = min(fitted, key=lambda candidate: candidate[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
-        estimated = chosen[0].found
+        estimated = chosen[0].estimated
         assert estimated.fit is not None
         use = planar_use(self.runs, self.problem(estimated.model), estimated.fit, chosen[2])
         return Choice(chosen[0], chosen[1], use, _because(chosen, fitted, simplest))
@@ -541,10 +541,10 @@ class PlanarLikelihood:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.model.inertia.matrix)
         forces = [_usual(self.rough, dof) for dof in PLANAR.dofs]
-        largest = np.abs(self.course.held).max(axis=(1, 2))
+        largest = np.abs(self.course.commanded).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
         chances = randomness(self.course, pushes.tolist(), (), quiet=False)
-        unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.seen.dofs)
+        unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.observed.dofs)
         return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
 
 
@@ -593,7 +593,7 @@ def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tu
         effect_name, _, symbol = short.partition(".")
         effect, dof = effects.get(effect_name), DOFS[where]
         parameter = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == symbol)
-        largest = float(np.abs(course.held[PLANAR.index(dof)]).max()) or 1.0
+        largest = float(np.abs(course.commanded[PLANAR.index(dof)]).max()) or 1.0
         return (parameter.lower, parameter.upper), parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)
     if short[0] in FORCES and short[1:2] == "_":  # coupling
         size = _usual(rough, PLANAR.dofs[FORCES.index(short[0])])

@@ -228,7 +228,7 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
         columns = [v[dof.velocity] for run in runs if dof.velocity in (v := rough_velocities(run))]
         speeds = np.abs(np.concatenate(columns)) if columns else np.zeros(0)
         speeds = speeds[np.isfinite(speeds)]
-        speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.still)
+        speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.unmoved)
         force = float(np.sqrt(np.mean(forces**2)))
         linear = max(force, 1e-3) / speed
         sizes |= {

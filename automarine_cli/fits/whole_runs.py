@@ -103,7 +103,7 @@ def _pull_and_stiffness(
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
     aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
     aside = np.where(fit.positive[free], np.minimum(aside, FARTHEST), aside)
-    reach = STEP * np.sqrt(np.maximum(weighted.left, 1e-6))  # in prior standard deviations
+    reach = STEP * np.sqrt(np.maximum(weighted.remaining, 1e-6))  # in prior standard deviations
     none = np.zeros_like(scale)
 
     def slope(phi: Floats, b: Floats) -> tuple[Floats, Floats]:
@@ -183,11 +183,10 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
         return np.concatenate(predicted, axis=2)
 
     most = MOST_OFFSET if within else 0.5
-    bounds, two_drags = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
+    bounds, drags = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
     for term in model.terms:
         for parameter in effects.get(term.name).parameters:
-            signed = two_drags and term.name == "linear-drag"  # as in Table 1
-            lower = -np.inf if signed else parameter.lower
+            lower = -np.inf if drags and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
             bounds.append((lower, parameter.upper))
     limits = np.array([*bounds, (-most, most)])
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
@@ -447,13 +446,13 @@ def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: floa
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
     estimate = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
-    assumed = mixed.names[i] in mixed.known
+    assumed = mixed.names[i] in mixed.priors
     return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
 
 
 def spare(mixed: Outcome) -> float | None:
     """Degrees of freedom of a fit to one run, its readings less its parameters; None where runs tell of each other."""
-    return float(sum(mixed.read.values()) - len(mixed.theta)) if len(mixed.left_out) == 1 else None
+    return float(sum(mixed.readings.values()) - len(mixed.theta)) if len(mixed.left_out) == 1 else None
 
 
 def ratio_of(mixed: Outcome, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
@@ -478,7 +477,7 @@ def motion_fit(
         dof.parameters[role]: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
         for role in roles
     }
-    turn, stuck = None, at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.known
+    turn, stuck = None, at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.priors
     if "quadratic" in roles and mixed.theta[at["quadratic"]] > 0 and not stuck:
         turn = ratio_of(mixed, covariance, at["inertia"], at["quadratic"], dof.unit_of("ratio"), alone)
     size, (low, high) = (mixed.factor(GAIN), mixed.factor_interval(GAIN)) if scatters else (0.0, (0.0, 0.0))

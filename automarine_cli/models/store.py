@@ -417,7 +417,7 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
     for key, unit in UNITS.items():
         if (stated := getattr(file, key)) != unit:
             raise codec.refusal((key,), f"found {told(stated)}, expected {told(unit)}: coupled motions are in newtons")
-    values = {name: number_at(one, codec, (*PARAMETERS, name)) for name, one in file.parameters.items()}
+    values = {name: number_at(number, codec, (*PARAMETERS, name)) for name, number in file.parameters.items()}
     free = file.covariance.parameters if file.covariance else ()
     return StoredPlanar(_model(values, codec), where, free, file.random)
 

@@ -54,12 +54,12 @@ def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Term:
-    """One effect with the values of its parameters, in the effect's order; `own` where it belongs to the motion's own
+    """One effect with the values of its parameters, in the effect's order; `base` where it belongs to the motion's own
     equation, and was not added to it."""
 
     name: str
     values: tuple[float, ...]
-    own: bool = False
+    base: bool = False
 
 
 def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
@@ -93,7 +93,7 @@ class YawModel:
         """Model "1", "2" or "3" of the paper; `values` in the order of `base_terms`, sided if there is one more."""
         sided = len(values) > len(base_terms(number, dof))
         names = base_terms(number, dof, sided)
-        terms = tuple(Term(name, (float(value),), own=True) for name, value in zip(names, values, strict=True))
+        terms = tuple(Term(name, (float(value),), base=True) for name, value in zip(names, values, strict=True))
         return cls(float(inertia), terms, moment_unit, dof)
 
     @property
@@ -102,7 +102,7 @@ class YawModel:
         names = [self.dof.parameter("inertia")]
         for term in self.terms:
             effect = effects.get(term.name)
-            if term.own:
+            if term.base:
                 names.append(self.dof.parameter(effect.role))
             else:
                 names += [f"{term.name}.{name}" for name in effect.names_in(self.dof)]
@@ -148,13 +148,13 @@ class YawModel:
         return theta[:, :1, None]
 
     def forces(self, theta: Floats) -> list[Bound]:
-        column, found = 1, []
+        column, bound = 1, []
         for term in self.terms:
             count = len(term.values)
             values = tuple(theta[:, column + i, None] for i in range(count))
-            found.append(Bound(0, effects.get(term.name), values))
+            bound.append(Bound(0, effects.get(term.name), values))
             column += count
-        return found
+        return bound
 
     def current(self, theta: Floats) -> None:
         """Still water: one degree of freedom alone cannot tell a current from its start velocity."""

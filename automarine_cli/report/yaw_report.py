@@ -261,7 +261,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
     assert isinstance(mixed, MixedFit)
     read = mixed.reading(dof.position)
     for i, turn in enumerate(fit.turns):
-        off = dof.shown((data.heading[i] - read[i])[data.seen[i]])
+        off = dof.shown((data.heading[i] - read[i])[data.observed[i]])
         rows.append({
             "run": turn.name, "file": turn.step.run.source, words.force: turn.moment,
             "time_from_s": float(turn.time[0]), "time_to_s": float(turn.time[-1]), "samples": len(turn.time),

@@ -200,7 +200,7 @@ def _stuck_at(run: Run, quantity: str) -> float | None:
     read = run.channel(quantity)
     assert read is not None
     good = np.isfinite(read)
-    if good.sum() < MIN_SAMPLES or np.ptp(run.position) < max(run.dof.limits.still, 5.0 * run.noise):
+    if good.sum() < MIN_SAMPLES or np.ptp(run.position) < max(run.dof.limits.unmoved, 5.0 * run.noise):
         return None
     values, counts = np.unique(read[good], return_counts=True)
     if counts.max() < REPEATS * good.sum():
