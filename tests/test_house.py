@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 5738, "report": 4828, "logs": 4359, "diagnosis": 3954, "commands": 3192, "runs": 2941, "thrusters":
+    "fits": 5737, "report": 4828, "logs": 4359, "diagnosis": 3954, "commands": 3194, "runs": 2961, "thrusters":
     2734, "link": 2561, "control": 2409, "planning": 2042, "effects": 2014, "simulation": 1842, "exports": 1748,
-    "comparison": 1342, "models": 1169, "pipeline": 1027, "filters": 998, "dofs": 495, "top": 195, "guide": 192,
+    "comparison": 1342, "models": 1169, "pipeline": 1027, "filters": 996, "dofs": 495, "top": 195, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 45780
+MOST_LINES_IN_ALL = 45799
 MOST_FILES = 222
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

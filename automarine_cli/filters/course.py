@@ -185,7 +185,7 @@ class Course:
         places = np.empty((len(late), *self.at.shape))
         for r, width in enumerate(self.width):
             begins = np.append(0.0, np.cumsum(width))
-            nodes = begins[self.at[r]] + self.part[r] * width[self.at[r]]
+            nodes = begins[self.at[r]] + self.part[r] * np.append(width, 0.0)[self.at[r]]  # padding lies at the end
             times = nodes - late[:, None] * np.median(width[width > 0])
             at = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(width) - 1)
             places[:, r] = at + (times - begins[at]) / np.where(width > 0, width, 1.0)[at]

@@ -427,9 +427,7 @@ class PlanarLikelihood:
     def problem(self, model: Tied) -> DrivenProblem:
         """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
         searched = [_searched(name, self.rough, self.course) for name in model.free]
-        problem = DrivenProblem.of(model, self.course, model.free, searched, self._random(model))
-        positive = problem.positive | (np.arange(len(problem.names)) >= len(model.free))
-        return replace(problem, positive=positive).informed(self.priors)
+        return DrivenProblem.of(model, self.course, model.free, searched, self._random(model)).informed(self.priors)
 
     def starts(self, problem: DrivenProblem, neighbour: Estimated | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""
