@@ -96,7 +96,7 @@ def read_knowledge(
     models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
     present = {term.name for term in prior.model.terms}
     if len(bare.terms) < len(prior.model.terms):
-        names = [term.name for term in prior.model.terms if term not in bare.terms and not term.own]
+        names = [term.name for term in prior.model.terms if term not in bare.terms and not term.base]
         models.append(Explanation(bare, _covariance(prior, bare), f"the model without {', '.join(names)}", names[0]))
     models += _idle(main, judged, largest or 1.0)
     late, unknown, note = _late(prior.model, judged, delay)

@@ -611,7 +611,7 @@ class MotionDiagnosis(Shown):
         if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
             i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
             ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
-        added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.own}
+        added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.base}
         exponent, driven = gain_exponent(study, fit), {}
         ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
         noise = float(dof.shown(fit.noise)) if study.position_counts else None

@@ -317,7 +317,7 @@ def find_missing(stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run
 
 def _promised(likelihood: PlanarLikelihood, current: Estimated, observed: Observed) -> list[tuple[Candidate, Promise]]:
     """The candidates with what their scores promise, all of one pass of the filter."""
-    largest = float(np.abs(likelihood.course.held[-1]).max()) or 1.0
+    largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
     every = list(candidates(current.model, observed, largest))
     wide = current.model
     for candidate in every:

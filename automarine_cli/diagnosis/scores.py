@@ -56,7 +56,7 @@ def score_information(
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
     columns = np.concatenate(map_fn(partial(_responses, study, model, fit), work, "looking at effects")) - fitted
-    columns = np.where(problem.seen, columns, 0.0)
+    columns = np.where(problem.observed, columns, 0.0)
     sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
     columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
     j = np.concatenate([by_phi, np.moveaxis(columns, 0, 2)], axis=2)

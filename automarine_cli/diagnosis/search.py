@@ -468,7 +468,7 @@ def without_idle_drag(study: DiagnosisProblem, current: CandidateFit) -> Candida
     if study.driven or not set(DRAG) & set(current.added):
         return current
     cost = penalty(1, len(study.runs))
-    for term in [term for term in current.model.terms if term.own and term.name in DRAG]:
+    for term in [term for term in current.model.terms if term.base and term.name in DRAG]:
         terms = (replace(other, values=(0.0,)) if other is term else other for other in current.model.terms)
         idle = varied(study, current, ITERATIONS, replace(current.model, terms=tuple(terms)))
         current = current if idle is None or idle.evidence > current.evidence + cost else idle

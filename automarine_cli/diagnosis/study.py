@@ -325,7 +325,7 @@ class DiagnosisProblem:
             bounds=np.array([*bounds, (-MOST_OFFSET, MOST_OFFSET)]),
             positive=np.array([*positive, False]),
             smooth=smoothness(model, len(positive) + 1),
-            known={SWITCH: UNIFORM_INSTANT},
+            priors={SWITCH: UNIFORM_INSTANT},
         )
 
     def fit(

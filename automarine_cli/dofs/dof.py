@@ -112,7 +112,7 @@ class Limits:
 
     trim: float = inf  # how far a step is followed unless asked otherwise
     least: float = 0.3  # what a step has to cover before its end
-    still: float = 0.05  # what counts as not having moved
+    unmoved: float = 0.05  # what counts as not having moved
     start: float = 0.1  # what counts as a step's beginning
     plausible: tuple[float, float] = (0.02, 20.0)  # inertia over quadratic drag
     # the least sizes of readings that no vehicle makes, beside what the log's own noise and speed allow
@@ -179,7 +179,7 @@ class Dof:
         return self.position, self.velocity
 
     def column(self, quantity: str, unit: str) -> str:
-        return next(name for name, own in self.columns[quantity] if own == unit)
+        return next(name for name, stored in self.columns[quantity] if stored == unit)
 
     def shown(self, position: Any) -> Any:
         """A position or velocity in the unit in which people see it."""
@@ -196,10 +196,10 @@ class Dof:
     @property
     def parameters(self) -> Mapping[str, str]:
         """Names of the parameters of the equation of motion, by what they are."""
-        own = self.symbols
+        symbols = self.symbols
         return {
-            "inertia": own.inertia, "linear": own.linear, "quadratic": own.quadratic, "cubic": own.cubic,
-            "constant": own.constant, "difference": own.difference,
+            "inertia": symbols.inertia, "linear": symbols.linear, "quadratic": symbols.quadratic,
+            "cubic": symbols.cubic, "constant": symbols.constant, "difference": symbols.difference,
         }  # fmt: skip
 
     def parameter(self, role: str) -> str:
@@ -231,10 +231,10 @@ class Dof:
         plural = {f"{name}s": f"{words[name]}s" for name in ("force", "position", "speed")}
         there, back = self.words.ways
         to, fro = self.words.to_ways
-        own, units = self.symbols, self.units
+        symbols, units = self.symbols, self.units
         return {
-            **self.parameters, **words, **plural, "motion": self.name, "inertia_symbol": own.inertia,
-            "x": own.position, "v": own.velocity, "f": own.force, "water": own.water,
+            **self.parameters, **words, **plural, "motion": self.name, "inertia_symbol": symbols.inertia,
+            "x": symbols.position, "v": symbols.velocity, "f": symbols.force, "water": symbols.water,
             "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
             "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
             "ratio_key": self.ratio_key, "velocity_key": self.velocity_key,

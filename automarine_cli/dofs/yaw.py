@@ -36,7 +36,7 @@ YAW = Dof(
         forces=("nu", "N m"),
     ),
     limits=Limits(
-        trim=pi, least=60 * DEGREE, still=5 * DEGREE, start=10 * DEGREE, plausible=(0.05, 3.0), spike=6 * DEGREE,
+        trim=pi, least=60 * DEGREE, unmoved=5 * DEGREE, start=10 * DEGREE, plausible=(0.05, 3.0), spike=6 * DEGREE,
         end_spike=20 * DEGREE, jump=15 * DEGREE, far=1000 * 2 * pi, fast=8 * pi,
         acceleration=60.0,  # a small vehicle: a moment of 10 N m on 0.2 kg m²
         least_noise=0.2 * DEGREE, long=4.0 * pi,

@@ -62,8 +62,8 @@ def own_files() -> list[Path]:
 
 @cache
 def built_in() -> tuple[str, ...]:
-    found = (m.name for m in pkgutil.iter_modules(__path__) if m.name not in NOT_EFFECTS)
-    return tuple(sorted(name.replace("_", "-") for name in found))
+    modules = (m.name for m in pkgutil.iter_modules(__path__) if m.name not in NOT_EFFECTS)
+    return tuple(sorted(name.replace("_", "-") for name in modules))
 
 
 def known(name: str) -> bool:
@@ -86,8 +86,8 @@ def get(name: str) -> Effect:
         return _REGISTERED[name]
     if known(name) or name.startswith(PREFIX):
         return _loaded(name)
-    near = difflib.get_close_matches(name.lower().replace("_", "-"), names(), n=3, cutoff=0.5)
-    meant = f". Did you mean {' or '.join(near)}?" if near else ""
+    close = difflib.get_close_matches(name.lower().replace("_", "-"), names(), n=3, cutoff=0.5)
+    meant = f". Did you mean {' or '.join(close)}?" if close else ""
     raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}{meant}")
 
 

@@ -262,10 +262,10 @@ class Effect:
         """Whether each run has coefficients of its own, at these values."""
         return False
 
-    def lacking(self, given: Collection[str], values: Sequence[float], dof: Dof) -> str:
-        """The first parameter that a file has to give and that is not among its names `given`; empty for none."""
-        named = zip(self.names_in(dof), self.parameters)
-        return next((n for n, p in named if n not in given and not p.choices and self.counts(p, values)), "")
+    def lacking(self, names: Collection[str], values: Sequence[float], dof: Dof) -> str:
+        """The first parameter that a file has to give and that is not among its `names`; empty for none."""
+        pairs = zip(self.names_in(dof), self.parameters)
+        return next((n for n, p in pairs if n not in names and not p.choices and self.counts(p, values)), "")
 
     def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
         """Values at which fits of a parameter may start, given the choices in `values`."""
@@ -297,10 +297,10 @@ class Effect:
         return heading
 
     def remember(
-        self, shown: Floats, before: Floats, after: Floats, length: Floats, values: tuple[Floats, ...]
+        self, reading: Floats, before: Floats, after: Floats, length: Floats, values: tuple[Floats, ...]
     ) -> Floats:
         """What a sensor that remembers shows after a step of `length` [s] over which the truth went straight from
-        `before` to `after`, when it showed `shown` at its beginning; arrays that broadcast to (P, R)."""
+        `before` to `after`, when it showed `reading` at its beginning; arrays that broadcast to (P, R)."""
         return after
 
 
@@ -310,26 +310,26 @@ Deliver = Callable[[Commands, tuple[Floats, ...]], Floats]
 def choose(law: Floats, *options: Callable[[], Floats]) -> Floats:
     """What each parameter set's law gives, in the shape to which `law` (P, ...) and the options broadcast; only options
     that some set asks for are worked out."""
-    asked = np.unique(law)
-    found = options[round(float(asked[0]))]()
-    for one in asked[1:]:
-        found = np.where(law == one, options[round(float(one))](), found)
-    return found
+    laws = np.unique(law)
+    result = options[round(float(laws[0]))]()
+    for number in laws[1:]:
+        result = np.where(law == number, options[round(float(number))](), result)
+    return result
 
 
 def deliver_by_law(options: Sequence[Deliver], commands: Commands, values: tuple[Floats, ...], law: Floats) -> Floats:
     """What each parameter set's own law delivers, (P, R, M): every law sees the sets that ask for it, and no others."""
-    asked = np.unique(law)
-    if len(asked) == 1:
-        return options[round(float(asked[0]))](commands, values)
+    laws = np.unique(law)
+    if len(laws) == 1:
+        return options[round(float(laws[0]))](commands, values)
     shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, law.shape)
     delivered = np.empty(shape)
-    for one in asked:
-        here = np.broadcast_to(law, (shape[0], 1, 1))[:, 0, 0] == one
+    for number in laws:
+        sets = np.broadcast_to(law, (shape[0], 1, 1))[:, 0, 0] == number
 
-        def own(x: Floats, here: Floats = here) -> Floats:
-            return x[here] if len(x) == len(here) else x
+        def pick(x: Floats, sets: Floats = sets) -> Floats:
+            return x[sets] if len(x) == len(sets) else x
 
-        part = replace(commands, force=own(commands.force), start=own(commands.start), length=own(commands.length))
-        delivered[here] = options[round(float(one))](part, tuple(own(value) for value in values))
+        part = replace(commands, force=pick(commands.force), start=pick(commands.start), length=pick(commands.length))
+        delivered[sets] = options[round(float(number))](part, tuple(pick(value) for value in values))
     return delivered

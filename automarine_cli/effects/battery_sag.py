@@ -61,30 +61,30 @@ class BatterySag(Effect):
         discharge, load, moment, clock, law, lag = values
         hours = (commands.clock + commands.start - clock) / 3600.0
         fresh, drawn = np.exp(-discharge * hours), np.abs(commands.force) / moment
-        left = choose(
+        share = choose(
             law,
             lambda: 1.0 - load * drawn,
             lambda: 1.0 - load * _polarised(drawn, commands.length, lag),
             lambda: np.exp(-load * _charge(drawn, commands.length)),
         )
-        return commands.force * fresh * left
+        return commands.force * fresh * share
 
 
 def _charge(drawn: Floats, length: Floats) -> Floats:
     """Charge drawn since the run's start by the middle of each step, in minutes at a load of one, (P, R, M)."""
-    own = drawn**1.5 * length / 60.0
-    return np.cumsum(own, axis=2) - 0.5 * own
+    charge = drawn**1.5 * length / 60.0
+    return np.cumsum(charge, axis=2) - 0.5 * charge
 
 
 def _polarised(drawn: Floats, length: Floats, lag: Floats) -> Floats:
     """Mean over each step of y, T_V y' = drawn - y, from rest, (P, R, M)."""
     shape = np.broadcast_shapes(drawn.shape, length.shape, lag.shape)
     drawn, length = np.broadcast_to(drawn, shape), np.broadcast_to(length, shape)
-    left, y = -np.expm1(-length / lag), np.zeros(shape[:2])
-    share = lag * left / np.maximum(length, 1e-12)  # of the step's first difference in its mean
+    approach, y = -np.expm1(-length / lag), np.zeros(shape[:2])
+    share = lag * approach / np.maximum(length, 1e-12)  # of the step's first difference in its mean
     out = np.empty(shape)
     for m in range(shape[2]):
         gap = y - drawn[..., m]
         out[..., m] = drawn[..., m] + gap * share[..., m]
-        y = y - gap * left[..., m]
+        y = y - gap * approach[..., m]
     return out

@@ -57,5 +57,5 @@ class HistoryForce(Effect):
         _, fades, law = values
         behind = [state.relative - past for past in states]
         first = np.where(law > 0, TIMES[0], fades)
-        longer = (law * one / time for one, time in zip(behind[1:], TIMES[1:]))
+        longer = (law * change / time for change, time in zip(behind[1:], TIMES[1:]))
         return (behind[0] / first, *longer)

@@ -54,9 +54,9 @@ def _late(commands: Commands, values: tuple[Floats, ...]) -> Floats:
     nodes = begin + np.concatenate([-FAR + 0.0 * begin, 0.0 * begin, np.cumsum(length, axis=1)], axis=1)
     gained = np.concatenate([-FAR * before, 0.0 * begin, np.cumsum(moment * length, axis=1)], axis=1)
     # One interpolation for all rows: each has a stretch of the axis of its own, with room before and after it.
-    own = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * FAR)
-    asked = np.maximum(nodes[:, 1:] - late, nodes[:, :1]) + own
-    passed = np.interp(asked.ravel(), (nodes + own).ravel(), gained.ravel()).reshape(asked.shape)
+    offset = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * FAR)
+    late_nodes = np.maximum(nodes[:, 1:] - late, nodes[:, :1]) + offset
+    passed = np.interp(late_nodes.ravel(), (nodes + offset).ravel(), gained.ravel()).reshape(late_nodes.shape)
     out = np.diff(passed, axis=1) / np.maximum(length, 1e-12)
     return np.where(length > 1e-9, out, moment).reshape(shape)
 
@@ -71,6 +71,6 @@ def _on_and_off(commands: Commands, values: tuple[Floats, ...]) -> Floats:
         first = np.maximum(side * before, 0.0)
         change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=first)
         for late, part, base in ((on, np.maximum(change, 0.0), first), (off, np.minimum(change, 0.0), 0.0 * first)):
-            held = replace(commands, force=base + np.cumsum(part, axis=2), before=base)
-            delivered = delivered + side * _late(held, (late,))
+            part_commands = replace(commands, force=base + np.cumsum(part, axis=2), before=base)
+            delivered = delivered + side * _late(part_commands, (late,))
     return delivered

@@ -67,18 +67,18 @@ def variable_of(name: str) -> Variable:
     def motions(word: str) -> tuple[str, ...]:
         return tuple(dof.name for dof in DOFS.values() if hyphened(getattr(dof.words, word)) == name)
 
-    if own := motions("rate"):
-        return Variable(name, "{x}/s", lambda state: state.relative, (MOMENT, GAIN), sized=True, motions=own,
+    if dofs := motions("rate"):
+        return Variable(name, "{x}/s", lambda state: state.relative, (MOMENT, GAIN), sized=True, motions=dofs,
                         code="state.relative")  # fmt: skip
-    if own := motions("force"):
-        return Variable(name, "{force}", lambda state: state.delivered, (GAIN,), sized=True, motions=own,
+    if dofs := motions("force"):
+        return Variable(name, "{force}", lambda state: state.delivered, (GAIN,), sized=True, motions=dofs,
                         code="state.delivered")  # fmt: skip
-    if own := motions("travelled"):
-        return Variable(name, "{x}", lambda state: state.travelled, steered=True, motions=own, code="state.travelled")
-    if own := tuple(motion for motion in motions("position") if DOFS[motion].wraps):
-        turn = DOFS[own[0]].turn
+    if dofs := motions("travelled"):
+        return Variable(name, "{x}", lambda state: state.travelled, steered=True, motions=dofs, code="state.travelled")
+    if dofs := tuple(motion for motion in motions("position") if DOFS[motion].wraps):
+        turn = DOFS[dofs[0]].turn
         return Variable(name, "{x}", lambda state: state.position % turn, turn=turn, steered=True, placed=True,
-                        motions=own)  # fmt: skip
+                        motions=dofs)  # fmt: skip
     return column
 
 
@@ -99,9 +99,9 @@ class Learned(Effect):
         side: Floats | float = 1.0
         if self.variable.sized:
             x, side = np.abs(x), np.sign(x)
-        found = spline(x, low, high, curve, closed=bool(self.variable.turn))
+        curve_value = spline(x, low, high, curve, closed=bool(self.variable.turn))
         product = np.where(kind < 1.5, state.delivered, -size * state.relative)
-        return np.asarray(np.where(kind < 0.5, size * side, product) * found)
+        return np.asarray(np.where(kind < 0.5, size * side, product) * curve_value)
 
 
 def kind_of(values: Sequence[float]) -> str:
@@ -125,10 +125,10 @@ def spline(x: Floats, low: Floats, high: Floats, values: list[Floats], *, closed
     at = at % pieces if closed else np.minimum(np.maximum(at, 0.0), pieces)
     piece = np.fmin(np.fmax(at, 0.0), pieces - 1.0).astype(int)  # of runaways the first
     powers = np.moveaxis(np.tensordot(cubics, knots, axes=1), 1, -1)
-    own = np.ogrid[tuple(slice(size) for size in knots.shape[1:])]
-    one = powers[(piece, *own)]
+    index = np.ogrid[tuple(slice(size) for size in knots.shape[1:])]
+    cubic = powers[(piece, *index)]
     u = at - piece
-    return np.asarray(((one[..., 3] * u + one[..., 2]) * u + one[..., 1]) * u + one[..., 0])
+    return np.asarray(((cubic[..., 3] * u + cubic[..., 2]) * u + cubic[..., 1]) * u + cubic[..., 0])
 
 
 def _cubics(closed: bool) -> Floats:
@@ -141,11 +141,11 @@ def _cubics(closed: bool) -> Floats:
     if not closed:
         equations[[0, -1]], rises[[0, -1]] = second[[1, -2]], 0.0
     bends = np.linalg.solve(equations, rises)  # second derivatives at the knots
-    here, there = np.eye(KNOTS), np.roll(np.eye(KNOTS), -1, axis=0)
+    values, following = np.eye(KNOTS), np.roll(np.eye(KNOTS), -1, axis=0)
     bent = np.roll(bends, -1, axis=0)
-    slopes = there - here - (2.0 * bends + bent) / 6.0
-    found = np.stack([here, slopes, 0.5 * bends, (bent - bends) / 6.0], axis=1)
-    return found if closed else found[:-1]
+    slopes = following - values - (2.0 * bends + bent) / 6.0
+    coefficients = np.stack([values, slopes, 0.5 * bends, (bent - bends) / 6.0], axis=1)
+    return coefficients if closed else coefficients[:-1]
 
 
 _CUBICS = {closed: _cubics(closed) for closed in (False, True)}
@@ -153,7 +153,7 @@ _CUBICS = {closed: _cubics(closed) for closed in (False, True)}
 
 def basis(x: Floats, low: float, high: float, *, closed: bool) -> Floats:
     """What each of the KNOTS values adds to the curve at `x` (n,): (n, KNOTS)."""
-    rows = [np.full(1, one) for one in np.eye(KNOTS).ravel()]
+    rows = [np.full(1, weight) for weight in np.eye(KNOTS).ravel()]
     columns = [rows[k * KNOTS : (k + 1) * KNOTS] for k in range(KNOTS)]
     ends = np.full(1, low), np.full(1, high)
     return np.stack([spline(x, *ends, column, closed=closed) for column in columns], axis=1)
@@ -172,11 +172,11 @@ def roughness(closed: bool) -> Floats:
 
 def learned(name: str) -> Effect:
     """The effect of a variable by its whole name, "learned:VARIABLE". Raises ModelError where that names none."""
-    own = name.removeprefix(PREFIX)
-    if not own or own == name:
+    variable_name = name.removeprefix(PREFIX)
+    if not variable_name or variable_name == name:
         raise ModelError(f"effect {name!r}: expected learned: and a variable, such as learned:yaw-rate")
-    variable = variable_of(own)
-    text = own.replace("{", "{{").replace("}", "}}")
+    variable = variable_of(variable_name)
+    text = variable_name.replace("{", "{{").replace("}", "}}")
     logs = partial(Parameter, reference="logs")
     members = {
         "name": name,
@@ -197,5 +197,5 @@ def learned(name: str) -> Effect:
         "placed": variable.placed,
         "needs": variable.needs,
     }  # fmt: skip
-    made: Effect = type("Learned", (Learned,), members)()
-    return made
+    effect: Effect = type("Learned", (Learned,), members)()
+    return effect

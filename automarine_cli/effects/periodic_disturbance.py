@@ -38,8 +38,8 @@ class PeriodicDisturbance(Effect):
         return values[3] > 0
 
     def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
-        own = self.varies(values)
-        return (own, own, False, True)
+        varying = self.varies(values)
+        return (varying, varying, False, True)
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         sine, cosine, period, own_phase, own_sine, own_cosine = values

@@ -33,8 +33,8 @@ class Saturation(Effect):
         tau_max, law = values
         size = np.abs(commands.force)
         most = np.clip(tau_max, 1e-9 * (1.0 + size), 1e9 * (1.0 + size))  # off it is infinite, at its bound zero
-        left = choose(law, lambda: np.minimum(size, tau_max), lambda: most * np.tanh(size / most))
-        return np.sign(commands.force) * left
+        limited = choose(law, lambda: np.minimum(size, tau_max), lambda: most * np.tanh(size / most))
+        return np.sign(commands.force) * limited
 
     def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
         return SOFT if parameter.scan and self.law(values) else parameter.scan

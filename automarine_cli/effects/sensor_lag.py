@@ -36,9 +36,9 @@ class SensorLag(Effect):
         return np.where(np.concatenate([np.ones((*shape[:2], 1)), step], axis=2) > 0, out, heading)
 
     def remember(
-        self, shown: Floats, before: Floats, after: Floats, length: Floats, values: tuple[Floats, ...]
+        self, reading: Floats, before: Floats, after: Floats, length: Floats, values: tuple[Floats, ...]
     ) -> Floats:
         """Exact for a heading that is straight between two nodes."""
         lag = np.maximum(values[0], 1e-6)
         rise = (after - before) / np.maximum(length, 1e-12)
-        return after - lag * rise + (shown - before + lag * rise) * np.exp(-length / lag)
+        return after - lag * rise + (reading - before + lag * rise) * np.exp(-length / lag)

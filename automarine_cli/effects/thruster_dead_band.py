@@ -17,4 +17,4 @@ class ThrusterDeadBand(SingleThrusterEffect):
     source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        return commands.force - sum(np.clip(one, -values[0], values[0]) for one in each(commands))
+        return commands.force - sum(np.clip(thrust, -values[0], values[0]) for thrust in each(commands))

@@ -84,29 +84,29 @@ class ThrusterLag(Effect):
 def _step_by_step(advance: Advance, commands: Commands, values: tuple[Floats, ...]) -> Floats:
     """Mean of n |n| over each step, n advanced from step to step by one law."""
     lag, _, largest, fall = values
-    wanted = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
-    shape = np.broadcast_shapes(wanted.shape, commands.length.shape, lag.shape)
-    wanted, length = np.broadcast_to(wanted, shape), np.broadcast_to(commands.length, shape)
-    own = (np.maximum(lag, SHORTEST)[..., 0], np.sqrt(np.maximum(largest, 1e-12))[..., 0], fall[..., 0])
+    target = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
+    shape = np.broadcast_shapes(target.shape, commands.length.shape, lag.shape)
+    target, length = np.broadcast_to(target, shape), np.broadcast_to(commands.length, shape)
+    sizes = (np.maximum(lag, SHORTEST)[..., 0], np.sqrt(np.maximum(largest, 1e-12))[..., 0], fall[..., 0])
     delivered = np.empty(shape)
     before = np.sign(commands.before) * np.sqrt(np.abs(commands.before))
     speed = np.broadcast_to(before[..., 0], shape[:2])
     for m in range(shape[2]):
-        impulse, speed = advance(wanted[..., m], speed, length[..., m], own)
+        impulse, speed = advance(target[..., m], speed, length[..., m], sizes)
         delivered[..., m] = impulse / np.maximum(length[..., m], 1e-12)
     return delivered
 
 
-def _in_speed(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+def _in_speed(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     """T n' = n_c - n: impulse over a step and the speed at its end."""
-    return _relaxed(target, speed, step, own[0], own[0])
+    return _relaxed(target, speed, step, sizes[0], sizes[0])
 
 
 def _own_time_as_it_falls(
-    target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]
+    target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]
 ) -> tuple[Floats, Floats]:
     """The same with another time constant as |n| falls, also on its way through zero to the other side."""
-    lag, _, fall = own
+    lag, _, fall = sizes
     falls = (speed * target < 0) | (np.abs(target) < np.abs(speed))
     return _relaxed(target, speed, step, np.where(falls, fall * lag, lag), lag)
 
@@ -117,12 +117,12 @@ def _relaxed(target: Floats, speed: Floats, step: Floats, lag: Floats, beyond: F
     crosses = speed * target < 0
     ratio = np.where(crosses, -target / np.where(gap == 0, 1.0, gap), 1.0)
     zero = np.where(crosses, np.minimum(-lag * np.log(ratio), step), step)
-    there, rest = target + gap * np.exp(-zero / lag), step - zero
-    crossed = crosses & (rest > 0)
+    there, remaining = target + gap * np.exp(-zero / lag), step - zero
+    crossed = crosses & (remaining > 0)
     sign = np.where(speed != 0, np.sign(speed), np.sign(target))
     impulse = sign * _squares(target, gap, lag, zero)
-    impulse = impulse + np.sign(target) * _squares(target, -target, beyond, np.where(crossed, rest, 0.0))
-    return impulse, np.where(crossed, -target * np.expm1(-rest / beyond), there)
+    impulse = impulse + np.sign(target) * _squares(target, -target, beyond, np.where(crossed, remaining, 0.0))
+    return impulse, np.where(crossed, -target * np.expm1(-remaining / beyond), there)
 
 
 def _squares(target: Floats, gap: Floats, lag: Floats, time: Floats) -> Floats:
@@ -131,17 +131,17 @@ def _squares(target: Floats, gap: Floats, lag: Floats, time: Floats) -> Floats:
     return target**2 * time + 2.0 * target * gap * lag * once + 0.5 * gap**2 * lag * twice
 
 
-def _in_thrust(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+def _in_thrust(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     """T f' = f_c - f for f = n |n|."""
-    wanted, thrust, lag = target * np.abs(target), speed * np.abs(speed), own[0]
-    gap = thrust - wanted
-    after = wanted + gap * np.exp(-step / lag)
-    return wanted * step - gap * lag * np.expm1(-step / lag), np.sign(after) * np.sqrt(np.abs(after))
+    goal, thrust, lag = target * np.abs(target), speed * np.abs(speed), sizes[0]
+    gap = thrust - goal
+    after = goal + gap * np.exp(-step / lag)
+    return goal * step - gap * lag * np.expm1(-step / lag), np.sign(after) * np.sqrt(np.abs(after))
 
 
-def _faster_at_speed(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+def _faster_at_speed(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     """2 T n_ref n' = n_c |n_c| - n |n|: about a speed n the time constant is T n_ref / n; solved by tan and tanh."""
-    pace = 1.0 / (2.0 * own[0] * own[1])
+    pace = 1.0 / (2.0 * sizes[0] * sizes[1])
     sign = np.where(target != 0, np.sign(target), np.where(speed < 0, -1.0, 1.0))
     goal, u = np.abs(target), sign * speed
     safe = np.maximum(goal, 1e-9)
@@ -154,9 +154,9 @@ def _faster_at_speed(target: Floats, speed: Floats, step: Floats, own: tuple[Flo
     return sign * (goal**2 * step - (u2 - u) / pace), sign * u2
 
 
-def _slew(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+def _slew(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     """|n'| at most n_ref / T."""
-    pace = own[1] / own[0]
+    pace = sizes[1] / sizes[0]
     moved = np.clip(target - speed, -pace * step, pace * step)
     after = speed + moved
     ramp = np.sign(moved) * (np.abs(after) ** 3 - np.abs(speed) ** 3) / (3.0 * pace)

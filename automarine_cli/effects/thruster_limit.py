@@ -28,4 +28,4 @@ class ThrusterLimit(SingleThrusterEffect):
     source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        return commands.force - sum(one - np.clip(one, -values[0], values[0]) for one in each(commands))
+        return commands.force - sum(thrust - np.clip(thrust, -values[0], values[0]) for thrust in each(commands))

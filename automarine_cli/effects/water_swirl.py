@@ -76,22 +76,22 @@ class WaterSwirl(Effect):
     def derivatives(self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> tuple[Floats, ...]:
         chi, lag, law, largest, calm = values
         slip, (water,) = state.relative, states
-        kept = (1.0 - chi) * water
+        decay = (1.0 - chi) * water
         if not law.any():
-            return ((chi * slip - kept) / lag,)
+            return ((chi * slip - decay) / lag,)
 
         def own_time() -> Floats:
-            pulled = chi * slip - kept
+            pulled = chi * slip - decay
             return pulled / np.where(pulled * water < 0, calm, 1.0)
 
         rate = choose(
             law,
-            lambda: chi * slip - kept,
-            lambda: chi * np.abs(slip) * slip - kept,
-            lambda: chi * np.abs(state.velocity) * slip - kept,
-            lambda: chi * state.delivered / largest - kept,
-            lambda: chi * np.abs(slip) * slip - np.abs(water) * kept,
+            lambda: chi * slip - decay,
+            lambda: chi * np.abs(slip) * slip - decay,
+            lambda: chi * np.abs(state.velocity) * slip - decay,
+            lambda: chi * state.delivered / largest - decay,
+            lambda: chi * np.abs(slip) * slip - np.abs(water) * decay,
             own_time,
-            lambda: chi * state.delivered / largest - np.abs(water) * kept,
+            lambda: chi * state.delivered / largest - np.abs(water) * decay,
         )
         return (rate / lag,)

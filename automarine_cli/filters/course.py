@@ -37,10 +37,10 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
         for quantity in (position, dof.velocity):
             noises = []
             for run in runs:
-                read = run.channel(quantity)
-                if quantity in quantities and read is not None:
-                    fresh = fresh_readings(read)
-                    noises.append(position_noise(run.time[fresh], read[fresh]))
+                readings = run.channel(quantity)
+                if quantity in quantities and readings is not None:
+                    fresh = fresh_readings(readings)
+                    noises.append(position_noise(run.time[fresh], readings[fresh]))
             gyro = dof.wraps and quantity == dof.velocity
             if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
                 return LEAST_STEP
@@ -50,22 +50,22 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
 def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -> Floats:
     """Clock of the filter's nodes: samples about `step` apart, intervals divided about `longest`. Where a sensor is
     slower than the log, the samples of the slowest come first."""
-    read = [channel for channel in map(run.channel, quantities) if channel is not None]
-    slow = min((fresh_readings(one) for one in read), key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
-    own = np.append(run.time[slow], np.inf)
-    wait = own[np.searchsorted(own, run.time, side="right")] - run.time
-    kept, last, firm = [0], run.time[0], run.time[0]
+    fresh = [fresh_readings(channel) for channel in map(run.channel, quantities) if channel is not None]
+    slow = min(fresh, key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
+    times = np.append(run.time[slow], np.inf)
+    wait = times[np.searchsorted(times, run.time, side="right")] - run.time
+    chosen, last, firm = [0], run.time[0], run.time[0]
     for i in range(1, len(run)):
         now = run.time[i]
         first = slow[i] and now - firm > 0.999 * step
         if first or (now - last > 0.999 * step and wait[i] > 0.5 * step) or i == len(run) - 1:
-            kept.append(i)
+            chosen.append(i)
             last, firm = now, now if first else firm
-    gaps = np.diff(run.time[kept])
+    gaps = np.diff(run.time[chosen])
     count = np.maximum(np.ceil(gaps / longest - 0.25).astype(int), 1)
     which = np.repeat(np.arange(len(gaps)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
+    return np.append(run.time[chosen][which] + order * (gaps / count)[which], run.time[-1])
 
 
 def averaged_over(period: float) -> int:
@@ -73,29 +73,29 @@ def averaged_over(period: float) -> int:
     return 2 * int(0.4999 * LEAST_STEP / max(period, 1e-9)) + 1
 
 
-def readings_of(time: Floats, read: Floats, node: Floats, floor: float) -> tuple[NDArray[np.int64], Floats, float]:
+def readings_of(time: Floats, readings: Floats, node: Floats, floor: float) -> tuple[NDArray[np.int64], Floats, float]:
     """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's.
 
     Of a sensor that is faster than the filter the samples about a node are averaged, at the time of the node.
     """
-    fresh = fresh_readings(read)
-    noise = position_noise(time[fresh], read[fresh])
+    fresh = fresh_readings(readings)
+    noise = position_noise(time[fresh], readings[fresh])
     apart = APART if noise < floor else 0.0
     at = np.searchsorted(node, time - 1e-9)
     at = np.minimum(at, len(node) - 1)
-    own = fresh & (np.abs(node[at] - time) < 1e-6)
-    kept, last = [], -np.inf
-    for i in np.flatnonzero(own):
+    close = fresh & (np.abs(node[at] - time) < 1e-6)
+    chosen, last = [], -np.inf
+    for i in np.flatnonzero(close):
         if time[i] - last > 0.999 * apart:
-            kept.append(i)
+            chosen.append(i)
             last = time[i]
-    if not kept:
-        return at[:0], read[:0], noise
-    values, size = _averaged(time[fresh], read[fresh], np.searchsorted(np.flatnonzero(fresh), kept))
-    return at[kept], values, noise / np.sqrt(size)
+    if not chosen:
+        return at[:0], readings[:0], noise
+    values, size = _averaged(time[fresh], readings[fresh], np.searchsorted(np.flatnonzero(fresh), chosen))
+    return at[chosen], values, noise / np.sqrt(size)
 
 
-def _averaged(time: Floats, read: Floats, at: NDArray[np.int64]) -> tuple[Floats, float]:
+def _averaged(time: Floats, readings: Floats, at: NDArray[np.int64]) -> tuple[Floats, float]:
     """Means of as many readings before the samples `at` as behind them, within half a LEAST_STEP, carried to the times
     of these samples; and how many readings make one."""
     half = 0.4999 * LEAST_STEP
@@ -103,10 +103,10 @@ def _averaged(time: Floats, read: Floats, at: NDArray[np.int64]) -> tuple[Floats
     reach = np.minimum(back, np.searchsorted(time, time[at] + half, side="right") - 1 - at)
     low, high = at - reach, at + reach
     count = high - low + 1
-    sums = [np.append(0.0, np.cumsum(x - x[0])) for x in (time, read)]
-    mean = [x[0] + (total[high + 1] - total[low]) / count for x, total in zip((time, read), sums)]
-    slope = (read[high] - read[low]) / np.where(reach > 0, time[high] - time[low], 1.0)
-    values = np.where(reach > 0, mean[1] + slope * (time[at] - mean[0]), read[at])
+    sums = [np.append(0.0, np.cumsum(x - x[0])) for x in (time, readings)]
+    mean = [x[0] + (total[high + 1] - total[low]) / count for x, total in zip((time, readings), sums)]
+    slope = (readings[high] - readings[low]) / np.where(reach > 0, time[high] - time[low], 1.0)
+    values = np.where(reach > 0, mean[1] + slope * (time[at] - mean[0]), readings[at])
     return values, float(np.median(count))
 
 
@@ -117,19 +117,19 @@ FINEST = 0.05  # shortest time [s] over which a command is held as it is; those 
 class Course:
     """R runs of one motion of D degrees of freedom on the filter's layout; K steps at most, shorter ones are padded.
 
-    `length` (R, K) of the steps [s], 0 in the padding. `held` (D, R, M) are the commands on a finer grid of steps of
-    `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
+    `length` (R, K) of the steps [s], 0 in the padding. `commanded` (D, R, M) are the commands on a finer grid of steps
+    of `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
     lies in fine step `at` (R, K + 1), at the share `part` of it. `before` (D, R, 1) was held before, `start` (R,) is
     the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
-    readings that count as independent, (R, K + 1) each, `often` all readings of positions in their place, `still` (R,)
-    says which runs begin at rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise`
+    readings that count as independent, (R, K + 1) each, `often` all readings of positions in their place, `at_rest`
+    (R,) which runs begin at rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise`
     (C,) of each channel, estimated without a model.
     """
 
     motion: Motion
     names: tuple[str, ...]
     length: Floats
-    held: Floats
+    commanded: Floats
     width: Floats
     early: Floats
     at: NDArray[np.int64]
@@ -139,7 +139,7 @@ class Course:
     signals: Mapping[str, Floats]
     channels: tuple[Channel, ...]
     often: tuple[Channel, ...]
-    still: NDArray[np.bool_]
+    at_rest: NDArray[np.bool_]
     fastest: Floats
     noise: Floats
     moment_unit: str
@@ -154,7 +154,7 @@ class Course:
         begins = np.cumsum(self.width, axis=1) - self.width - self.early[:, None]
         return tuple(
             Commands(force[None], begins[None], self.width[None], before, self.start[:, None], self.signals)
-            for force, before in zip(self.held, self.before)
+            for force, before in zip(self.commanded, self.before)
         )
 
     def averaged(self, delivered: Floats, late: Floats | None = None) -> tuple[Floats, Floats]:
@@ -169,14 +169,14 @@ class Course:
         impulse, twice = np.zeros((2, *delivered.shape[:2], delivered.shape[2] + 1))
         np.cumsum(delivered * width, axis=2, out=impulse[..., 1:])
         np.cumsum((impulse[..., :-1] + 0.5 * delivered * width) * width, axis=2, out=twice[..., 1:])
-        held, passed = np.take_along_axis(delivered, at, axis=2), place - at
+        force, passed = np.take_along_axis(delivered, at, axis=2), place - at
         passed = passed * np.take_along_axis(width, at, axis=2)
-        here = np.take_along_axis(impulse, at, axis=2)
-        way = np.take_along_axis(twice, at, axis=2) + (here + 0.5 * held * passed) * passed
-        here = here + held * passed
+        reached = np.take_along_axis(impulse, at, axis=2)
+        way = np.take_along_axis(twice, at, axis=2) + (reached + 0.5 * force * passed) * passed
+        reached = reached + force * passed
         length = np.maximum(self.length, 1e-12)
-        mean = np.diff(here, axis=2) / length * (self.length > 0)
-        behind = np.diff(way, axis=2) - here[..., :-1] * self.length
+        mean = np.diff(reached, axis=2) / length * (self.length > 0)
+        behind = np.diff(way, axis=2) - reached[..., :-1] * self.length
         return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
 
     def _earlier(self, late: Floats) -> Floats:
@@ -201,7 +201,7 @@ class Course:
             self,
             names=tuple(name for name, stays in zip(self.names, runs) if stays),
             length=self.length[runs, :steps],
-            held=self.held[:, runs],
+            commanded=self.commanded[:, runs],
             width=self.width[runs],
             early=self.early[runs],
             at=self.at[runs, : steps + 1],
@@ -211,7 +211,7 @@ class Course:
             signals={name: column[runs] for name, column in self.signals.items()},
             channels=_rows(self.channels, runs, steps),
             often=_rows(self.often, runs, steps),
-            still=self.still[runs],
+            at_rest=self.at_rest[runs],
         )
 
     @cached_property
@@ -226,15 +226,14 @@ class Course:
 
 def make_course(
     runs: Sequence[Run],
-    still: NDArray[np.bool_],
+    at_rest: NDArray[np.bool_],
     signals: Sequence[str] = (),
     *,
     motion: Motion | None = None,
     channels: Sequence[str] | None = None,
     step: float | None = None,
 ) -> Course:
-    """Lay `runs` out with steps of about `step` [s], by default as their sensors ask; `still` (R,) says which begin at
-    rest.
+    """Lay `runs` out with steps of about `step` [s], by default as their sensors ask; those `at_rest` (R,) begin so.
 
     `motion` is by default that of the runs' one degree of freedom; `channels` names the quantities that count, by
     default the positions. Raises RunError for no runs, a run without a command, commands in different units, or a
@@ -248,20 +247,20 @@ def make_course(
         for quantity in (position, dof.velocity)
         if (quantity in channels if channels is not None else quantity == position)
     ]
-    wanted = [quantity for _, quantity, _ in sensors]
-    own = step_of(runs, motion, wanted) if step is None else step
-    longest = max(own, LONGEST) if step is None else step
-    laid = [_lay(run, nodes_of(run, own, longest, wanted), motion, signals, sensors) for run in runs]
-    nodes, fine = max(len(one.at) for one in laid), max(len(one.width) for one in laid)
-    at = padded([one.at for one in laid], nodes)
-    for row, one in zip(at, laid):
-        row[len(one.at) :] = len(one.width)  # nodes behind the end lie there
-    noise = np.array([one.noise for one in laid])
+    quantities = [quantity for _, quantity, _ in sensors]
+    spacing = step_of(runs, motion, quantities) if step is None else step
+    longest = max(spacing, LONGEST) if step is None else step
+    layouts = [_lay(run, nodes_of(run, spacing, longest, quantities), motion, signals, sensors) for run in runs]
+    nodes, fine = max(len(layout.at) for layout in layouts), max(len(layout.width) for layout in layouts)
+    at = padded([layout.at for layout in layouts], nodes)
+    for row, layout in zip(at, layouts):
+        row[len(layout.at) :] = len(layout.width)  # nodes behind the end lie there
+    noise = np.array([layout.noise for layout in layouts])
     thinned, often = (
         tuple(
             Channel(
-                quantity, d, velocity, padded([one.values[k, c] for one in laid], nodes),
-                padded([one.seen[k, c] for one in laid], nodes),
+                quantity, d, velocity, padded([layout.values[k, c] for layout in layouts], nodes),
+                padded([layout.seen[k, c] for layout in layouts], nodes),
             )
             for c, (d, quantity, velocity) in enumerate(sensors)
         )
@@ -270,18 +269,18 @@ def make_course(
     return Course(
         motion=motion,
         names=tuple(run.name for run in runs),
-        length=padded([one.length for one in laid], nodes - 1),
-        held=np.stack([padded([one.held[d] for one in laid], fine) for d in range(len(motion.dofs))]),
-        width=padded([one.width for one in laid], fine),
-        early=np.array([one.early for one in laid]),
+        length=padded([layout.length for layout in layouts], nodes - 1),
+        commanded=np.stack([padded([x.commanded[d] for x in layouts], fine) for d in range(len(motion.dofs))]),
+        width=padded([layout.width for layout in layouts], fine),
+        early=np.array([layout.early for layout in layouts]),
         at=at,
-        part=padded([one.part for one in laid], nodes),
+        part=padded([layout.part for layout in layouts], nodes),
         before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
         start=np.array([run.time[0] for run in runs]),
-        signals={name: padded([one.signals[name] for one in laid], fine) for name in signals},
+        signals={name: padded([layout.signals[name] for layout in layouts], fine) for name in signals},
         channels=thinned,
         often=often,
-        still=still,
+        at_rest=at_rest,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
         moment_unit=unit,
@@ -290,7 +289,7 @@ def make_course(
 
 def _rows(channels: Sequence[Channel], rows: NDArray[np.bool_], steps: int) -> tuple[Channel, ...]:
     at = rows, slice(steps + 1)
-    return tuple(replace(one, values=one.values[at], seen=one.seen[at]) for one in channels)
+    return tuple(replace(channel, values=channel.values[at], seen=channel.seen[at]) for channel in channels)
 
 
 def _lay(
@@ -299,24 +298,24 @@ def _lay(
     edges, mean = _fine(run)
     at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
     values, noise = np.zeros((2, len(sensors), len(node))), np.full((2, len(sensors)), np.nan)
-    seen = np.zeros(values.shape, dtype=bool)  # of the readings that count as independent, and of all of them
+    observed = np.zeros(values.shape, dtype=bool)  # of the readings that count as independent, and of all of them
     for c, (d, quantity, velocity) in enumerate(sensors):
-        read = run.channel(quantity)
-        if read is None or (run.summed_up and quantity == run.dof.position):
+        readings = run.channel(quantity)
+        if readings is None or (run.summed_up and quantity == run.dof.position):
             continue
         for k, floor in enumerate((least_noise(motion.dofs[d], velocity), 0.0)):
-            here, found, noise[k, c] = readings_of(run.time, read, node, floor)
-            values[k, c, here], seen[k, c, here] = found, True
+            at_nodes, averages, noise[k, c] = readings_of(run.time, readings, node, floor)
+            values[k, c, at_nodes], observed[k, c, at_nodes] = averages, True
     return SimpleNamespace(
         length=np.diff(node),
-        held=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
+        commanded=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
         width=np.diff(edges),
         early=float(run.time[0] - edges[0]),
         at=at,
         part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
         signals={name: mean(signals_of([run], name)[0]) for name in signals},
         values=values,
-        seen=seen,
+        seen=observed,
         noise=noise[0],
     )
 
@@ -345,14 +344,14 @@ def _fine(run: Run):  # type: ignore[no-untyped-def]
 
 def _fastest(runs: Sequence[Run], position: str) -> float:
     """Largest velocity of the runs [per s], each as the mean over a second; 0 where the position is not logged."""
-    found = 0.0
+    fastest = 0.0
     for run in runs:
-        read = run.channel(position)
-        if read is None or len(run) < 2:
+        readings = run.channel(position)
+        if readings is None or len(run) < 2:
             continue
-        have = np.isfinite(read)
+        have = np.isfinite(readings)
         if have.sum() < 2:
             continue
         grid = np.arange(run.time[0], run.time[-1], 1.0)
-        found = max(found, float(np.abs(np.diff(np.interp(grid, run.time[have], read[have]))).max(initial=0.0)))
-    return found
+        fastest = max(fastest, float(np.abs(np.diff(np.interp(grid, run.time[have], readings[have]))).max(initial=0.0)))
+    return fastest

@@ -35,7 +35,7 @@ AT_ROW = 0.5  # samples after the middle of the interval before a row: commands 
 class States:
     """Places of the n states of a run. The first `dynamic` of them are advanced by the equation of motion: positions,
     velocities, states of the water, and what slow sensors show (`memory`, each with the position `remembered`). Then
-    come the disturbing accelerations `pushed`, the log `gain`, what effects let vary (`own`), and each velocity
+    come the disturbing accelerations `pushed`, the log `gain`, what effects let vary (`per_run`), and each velocity
     channel's `bias`, with its degree of freedom, where its position is read too."""
 
     position: tuple[int, ...]
@@ -46,7 +46,7 @@ class States:
     dynamic: int
     pushed: tuple[int, ...]
     gain: int
-    own: Mapping[str, tuple[int, ...]]
+    per_run: Mapping[str, tuple[int, ...]]
     bias: Mapping[str, tuple[int, int]]
     count: int
 
@@ -59,14 +59,14 @@ def _places(dofs: int, terms: list[Bound], course: Course) -> States:
     memory = tuple(range(first + water, first + water + len(slow)))
     dynamic = first + water + len(slow)
     gain = dynamic + dofs
-    own, at = {}, gain + 1
+    per_run, at = {}, gain + 1
     for term in terms:
         if term.effect.varies(tuple(float(value.flat[0]) for value in term.values)):
-            own[term.effect.name] = tuple(range(at, at + term.effect.per_run))
+            per_run[term.effect.name] = tuple(range(at, at + term.effect.per_run))
             at += term.effect.per_run
-    bias, read = {}, {channel.quantity for channel in course.channels}
+    bias, logged = {}, {channel.quantity for channel in course.channels}
     for channel in course.channels:
-        if channel.velocity and course.motion.positions[channel.dof] in read:  # else nothing tells it from the velocity
+        if channel.velocity and course.motion.positions[channel.dof] in logged:  # else it is one with the velocity
             bias[channel.quantity] = (at, channel.dof)
             at += 1
     return States(
@@ -78,7 +78,7 @@ def _places(dofs: int, terms: list[Bound], course: Course) -> States:
         dynamic=dynamic,
         pushed=tuple(range(dynamic, gain)),
         gain=gain,
-        own=own,
+        per_run=per_run,
         bias=bias,
         count=at,
     )
@@ -109,10 +109,10 @@ class Step:
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
         turning = places.position[-1:] if model.motion.turns else ()
-        own = [place for group in places.own.values() for place in group]
+        coefficients = [place for group in places.per_run.values() for place in group]
         self.columns = np.array([
             *(places.position if placed else turning), *places.velocity, *places.water, *places.memory,
-            *places.pushed, places.gain, *own,
+            *places.pushed, places.gain, *coefficients,
         ])  # fmt: skip
         self._pushed = np.array(places.pushed)
         self._model, self._theta = model, theta
@@ -130,20 +130,20 @@ class Step:
     def of_pieces(self, cut: Course, begin: Floats, run: NDArray[np.int64], at: NDArray[np.int64]) -> "Step":
         """The same for A pieces of the runs as runs of their own: `cut` has their names and lengths, `begin` (A,) [s]
         is when they begin in their `run` (A,), and `at` (A, K) are the steps that they are made of."""
-        own = copy(self)
-        own.course, own.runs = cut, len(run)
-        pieces = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt, *self._before))
-        own.delivered, own.tilt, *own._before = pieces
-        own.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
-        own.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
-        own._build(self._model, self._theta, 1, self.origin[:, run])
-        return own
+        pieces = copy(self)
+        pieces.course, pieces.runs = cut, len(run)
+        cuts = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt, *self._before))
+        pieces.delivered, pieces.tilt, *pieces._before = cuts
+        pieces.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
+        pieces.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
+        pieces._build(self._model, self._theta, 1, self.origin[:, run])
+        return pieces
 
     def _build(self, model: Vehicle, theta: Floats, copies: int, origin: Floats) -> None:
         """The right-hand side for so many copies of every run."""
         wide = np.tile(theta, (copies, 1))
         self._copies = copies
-        self._own = {name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.own.items()}
+        self._own = {name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.per_run.items()}
         terms = model.forces(wide)
         movers = [self._bound(term) for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
         self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
@@ -177,15 +177,15 @@ class Step:
         """The dynamic states of all copies after step m, (dynamic, copies P, R), by Runge and Kutta's method."""
         places, dofs = self.places, len(self.places.position)
         flat = every.reshape(len(every), self._copies * self.sets, self.runs)
-        for name, group in places.own.items():
+        for name, group in places.per_run.items():
             np.copyto(self._own[name], flat[list(group)])
         h = self.course.length[:, m]
         begin, end = self.clock[:, m], self.clock[:, m + 1]
         half = 0.5 * (begin + end)
         signals = {name: column[:, m] for name, column in self.signals.items()}
         gain = np.exp(every[places.gain])
-        force = [(one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.delivered]
-        rise = [(0.5 * h * one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.tilt]
+        force = [(level[:, :, m] * gain).reshape(flat.shape[1:]) for level in self.delivered]
+        rise = [(0.5 * h * tilt[:, :, m] * gain).reshape(flat.shape[1:]) for tilt in self.tilt]
         first = tuple(middle - half for middle, half in zip(force, rise))
         last = tuple(middle + half for middle, half in zip(force, rise))
         pushed = flat[self._pushed]
@@ -223,21 +223,21 @@ class Step:
         self, channel: Channel, m: int, mean: Floats, covariance: Floats
     ) -> tuple[Floats, list[tuple[int, Floats]]]:
         """What a channel shows at node m, (P, R), and its derivatives by the states that it depends on."""
-        places, one = self.places, np.ones(mean.shape[1:])
+        places, ones = self.places, np.ones(mean.shape[1:])
         if channel.velocity:
             at = [places.velocity[channel.dof], *places.bias.get(channel.quantity, ())[:1]]
-            shown = sum(mean[place] for place in at)
+            reading = sum(mean[place] for place in at)
             if self.water_moves is not None:
-                shown = shown + in_body_axes(self.water_moves, mean[places.position[-1]])[channel.dof]
-            return shown, [(place, one) for place in at]
+                reading = reading + in_body_axes(self.water_moves, mean[places.position[-1]])[channel.dof]
+            return reading, [(place, ones) for place in at]
         place = next((k for k, of in places.remembered.items() if of == channel.dof), channel.dof)
-        own = [term for term in self.sensors if term.dof == channel.dof]
-        if not own:
-            return mean[place], [(place, one)]
+        sensors = [term for term in self.sensors if term.dof == channel.dof]
+        if not sensors:
+            return mean[place], [(place, ones)]
         size = np.sqrt(np.maximum(covariance[..., place, place], SMALL**2))
         tried = mean[place] + np.stack([0.0 * size, size, -size])
         time = self.clock[:, m, None]
-        for term in own:
+        for term in sensors:
             values = (*term.wide(), *((self._delivered_at(channel.dof, m),) if term.effect.fed else ()))
             tried = np.stack([term.effect.read(x[..., None], time, values)[..., 0] for x in tried])
         return tried[0], [(place, (tried[1] - tried[2]) / (2.0 * size))]
@@ -258,9 +258,9 @@ def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats
     slopes, (D, P, R, K)."""
     commands = list(course.commands)
     for term in actuators(terms):
-        here = commands[term.dof]
-        commands[term.dof] = replace(here, force=term.effect.deliver(here, term.wide()))
-    lines = [course.averaged(one.force, late) for one in commands]
+        commanded = commands[term.dof]
+        commands[term.dof] = replace(commanded, force=term.effect.deliver(commanded, term.wide()))
+    lines = [course.averaged(command.force, late) for command in commands]
     return np.stack([mean for mean, _ in lines]), np.stack([slope for _, slope in lines])
 
 
@@ -274,7 +274,7 @@ class Noises:
     `size` (D, P) standard deviation of the disturbing accelerations [per s²] and `time` (D, P) their time constants
     [s]; `thrust` (D, P) the noise of thrust as a share of it [s^1/2]; `gain` (P,) standard deviation of the runs' log
     gain; `late` (P,) by how many samples commands act after the middle of the interval in which they changed: the
-    logger's convention; `reading` (C, P) noise of each channel [its unit]; `own` (P,) by effect the size of what it
+    logger's convention; `reading` (C, P) noise of each channel [its unit]; `per_run` (P,) by effect the size of what it
     lets vary.
     """
 
@@ -284,7 +284,7 @@ class Noises:
     gain: Floats
     late: Floats
     reading: Floats
-    own: Mapping[str, Floats]
+    per_run: Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
@@ -301,10 +301,10 @@ class Followed:
     @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def log_density(self) -> Floats:
         """Log density of the readings of each run, (P, R)."""
-        read = self.variance > 0
-        z = np.abs(self.innovation) / np.sqrt(np.where(read, self.variance, 1.0))
+        observed = self.variance > 0
+        z = np.abs(self.innovation) / np.sqrt(np.where(observed, self.variance, 1.0))
         square = np.where(z <= FAR, np.minimum(z, FAR) ** 2, FAR * (2.0 * z - FAR))
-        return -0.5 * np.where(read, square + np.log(2 * np.pi * np.where(read, self.variance, 1.0)), 0.0).sum(
+        return -0.5 * np.where(observed, square + np.log(2 * np.pi * np.where(observed, self.variance, 1.0)), 0.0).sum(
             axis=(0, 3)
         )
 
@@ -333,9 +333,9 @@ def follow(
     ramp = (1.0 - decay) * noises.time[:, :, None, None] / np.maximum(course.length, 1e-12)
     fresh = ((noises.size**2)[:, :, None, None] * (1.0 - decay**2)).transpose(1, 2, 0, 3)
     fade, root = decay.transpose(1, 2, 0, 3), np.sqrt(np.maximum(course.length, 1e-12))
-    white, still, dynamic = noises.reading**2, np.eye(places.count), places.dynamic
+    white, identity, dynamic = noises.reading**2, np.eye(places.count), places.dynamic
     pushed = np.array(places.pushed)
-    here = np.searchsorted(step.columns, pushed)
+    of_push = np.searchsorted(step.columns, pushed)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for m in range(nodes):
             _update(step, course, m, mean, covariance, white, innovation, variance)
@@ -346,11 +346,11 @@ def follow(
             force = delivered[..., m]
             before = (mean, covariance)
             mean, slopes = step.advance(m, mean, covariance, ramp[..., m])
-            bumps = slopes[:, here].transpose(2, 3, 0, 1)  # (P, R, dynamic, D): of constant accelerations
+            bumps = slopes[:, of_push].transpose(2, 3, 0, 1)  # (P, R, dynamic, D): of constant accelerations
             slopes = slopes.transpose(2, 3, 0, 1).copy()
-            slopes[..., here] *= ramp[..., m].transpose(1, 2, 0)[:, :, None]
+            slopes[..., of_push] *= ramp[..., m].transpose(1, 2, 0)[:, :, None]
             jacobian = np.empty_like(covariance)
-            jacobian[:] = still
+            jacobian[:] = identity
             jacobian[..., :dynamic, step.columns] = slopes
             jacobian[..., pushed, pushed] = fade[..., m]
             mean[pushed] *= decay[..., m]
@@ -390,16 +390,16 @@ def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Float
     for d, dof in enumerate(dofs):
         mean[places.position[d]] = first[d]
         deviation[places.position[d]] = min(dof.limits.position_sd, 0.5)
-        swift = np.where(course.still, 0.0, min(dof.limits.velocity_sd, max(course.fastest[d], 1e-3)))
+        swift = np.where(course.at_rest, 0.0, min(dof.limits.velocity_sd, max(course.fastest[d], 1e-3)))
         deviation[places.velocity[d]] = swift
         deviation[places.pushed[d]] = noises.size[d][:, None]
     for place in places.memory:
         mean[place] = mean[places.remembered[place]]
         deviation[place] = 1e-6
     deviation[places.gain] = noises.gain[:, None]
-    for name, own in places.own.items():
-        for place in own:
-            deviation[place] = noises.own[name][:, None]
+    for name, group in places.per_run.items():
+        for place in group:
+            deviation[place] = noises.per_run[name][:, None]
     for place, of in places.bias.values():
         deviation[place] = dofs[of].limits.bias_sd
     covariance = np.zeros((sets, len(course.names), places.count, places.count))
@@ -425,21 +425,21 @@ def _update(
 ) -> None:
     """Take in the readings of one node, channel by channel, in place."""
     for c, channel in enumerate(course.channels):
-        seen = channel.seen[:, m]
-        if not seen.any():
+        observed = channel.seen[:, m]
+        if not observed.any():
             continue
-        shown, weights = step.reading(channel, m, mean, covariance)
-        shares, total = np.zeros(covariance.shape[:3]), np.zeros(shown.shape) + white[c][:, None]
+        predicted, weights = step.reading(channel, m, mean, covariance)
+        shares, total = np.zeros(covariance.shape[:3]), np.zeros(predicted.shape) + white[c][:, None]
         for place, weight in weights:
             shares = shares + covariance[..., place] * weight[..., None]
         for place, weight in weights:
             total = total + shares[..., place] * weight
-        missed = channel.values[:, m] - shown
-        innovation[c, :, :, m] = np.where(seen, missed, 0.0)
-        variance[c, :, :, m] = np.where(seen, total, 0.0)
+        missed = channel.values[:, m] - predicted
+        innovation[c, :, :, m] = np.where(observed, missed, 0.0)
+        variance[c, :, :, m] = np.where(observed, total, 0.0)
         doubt = np.maximum(np.abs(missed) / (FAR * np.sqrt(total)), 1.0)
-        gain = np.where(seen[:, None], shares / (total * doubt)[..., None], 0.0)
-        mean += gain.transpose(2, 0, 1) * np.where(seen, missed, 0.0)
+        gain = np.where(observed[:, None], shares / (total * doubt)[..., None], 0.0)
+        mean += gain.transpose(2, 0, 1) * np.where(observed, missed, 0.0)
         covariance -= gain[..., :, None] * shares[..., None, :]
 
 
@@ -488,21 +488,21 @@ def predict(
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
     path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
     rates = _rates(of, time, run, origin, targets)
-    here = of.values[run, origin]
-    found = []
+    start = of.values[run, origin]
+    predictions = []
     for h, target in targets.items():
         have = target >= 0
         r, o, t = run[have], origin[have], target[have]
         measured = of.values[r, t]
-        found.append(
+        predictions.append(
             Predicted(
                 h, r, o, t,
                 error=measured - path[have, t - o],
-                constant_rate=measured - here[have] - rates[have] * (time[r, t] - time[r, o]),
-                constant=measured - here[have],
+                constant_rate=measured - start[have] - rates[have] * (time[r, t] - time[r, o]),
+                constant=measured - start[have],
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(predictions)
 
 
 def shown_channel(course: Course, channel: int = 0) -> Channel:
@@ -512,9 +512,9 @@ def shown_channel(course: Course, channel: int = 0) -> Channel:
     if not of.velocity or course.motion.turns:
         return of
     summed = np.zeros_like(of.values)
-    for row, values, seen, time in zip(summed, of.values, of.seen, course.time):
-        steps = 0.5 * (values[seen][1:] + values[seen][:-1]) * np.diff(time[seen])
-        row[seen] = np.concatenate([[0.0], np.cumsum(steps)])
+    for row, values, observed, time in zip(summed, of.values, of.seen, course.time):
+        steps = 0.5 * (values[observed][1:] + values[observed][:-1]) * np.diff(time[observed])
+        row[observed] = np.concatenate([[0.0], np.cumsum(steps)])
     position = course.motion.positions[of.dof]
     return replace(of, quantity=position, velocity=False, values=summed, counts=False)
 
@@ -531,25 +531,25 @@ def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, chan
     last = late.shape[1] - 1 - late[run, ::-1].argmax(axis=1)
     path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
     out = np.full(late.shape, np.nan)
-    for r, begin, end, shown in zip(run, origin, last, path):
-        out[r, begin : end + 1] = shown[: end - begin + 1]
+    for r, begin, end, values in zip(run, origin, last, path):
+        out[r, begin : end + 1] = values[: end - begin + 1]
     return out
 
 
 def targets_of(
-    seen: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
+    observed: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
 ) -> NDArray[np.int64]:
     """The node with a reading nearest to `horizon` after each origin, (A,), -1 where none is within a fifth of it."""
     out = np.full(len(run), -1)
     for r in np.unique(run):
-        own, read = run == r, np.flatnonzero(seen[r])
-        wanted = time[r, origin[own]] + horizon
-        after = np.clip(np.searchsorted(time[r, read], wanted), 1, len(read) - 1)
+        of_run, nodes = run == r, np.flatnonzero(observed[r])
+        target = time[r, origin[of_run]] + horizon
+        after = np.clip(np.searchsorted(time[r, nodes], target), 1, len(nodes) - 1)
         nearer = np.where(
-            wanted - time[r, read[after - 1]] < time[r, read[after]] - wanted, read[after - 1], read[after]
+            target - time[r, nodes[after - 1]] < time[r, nodes[after]] - target, nodes[after - 1], nodes[after]
         )
-        close = np.abs(time[r, nearer] - wanted) < 0.2 * horizon
-        out[own] = np.where(close & (nearer > origin[own]), nearer, -1)
+        close = np.abs(time[r, nearer] - target) < 0.2 * horizon
+        out[of_run] = np.where(close & (nearer > origin[of_run]), nearer, -1)
     return out
 
 
@@ -578,25 +578,25 @@ def carried(
         names=tuple(course.names[r] for r in run),
         length=course.length[run[:, None], at] * (origin[:, None] + np.arange(longest) < last[:, None]),
     )
-    own = step.of_pieces(cut, course.time[run, origin], run, at)
+    pieces = step.of_pieces(cut, course.time[run, origin], run, at)
     mean = np.repeat(states[:, run, origin][:, None], len(theta), axis=1)
     spread = np.zeros((len(theta), len(run), len(mean), len(mean)))
-    shown = np.zeros((len(channels), len(theta), len(run), longest + 1))
+    predicted = np.zeros((len(channels), len(theta), len(run), longest + 1))
     with np.errstate(over="ignore", invalid="ignore"):
         for m in range(longest + 1):
             for c, channel in enumerate(channels):
-                shown[c, ..., m] = own.reading(channel, m, mean, spread)[0]
+                predicted[c, ..., m] = pieces.reading(channel, m, mean, spread)[0]
             if m == longest:
                 break
             fade = np.exp(-cut.length[:, m] / noises.time[:, :, None])
             ramp = (1.0 - fade) * noises.time[:, :, None] / np.maximum(cut.length[:, m], 1e-12)
-            mean = own.moved(m, mean, ramp)
-            for d, place in enumerate(own.places.pushed):
+            mean = pieces.moved(m, mean, ramp)
+            for d, place in enumerate(pieces.places.pushed):
                 mean[place] = mean[place] * fade[d]
-    for path, channel in zip(shown, channels):
+    for path, channel in zip(predicted, channels):
         if not channel.counts:
             path += (channel.values[run, origin] - path[..., 0])[..., None]
-    return shown
+    return predicted
 
 
 def _rates(
@@ -614,12 +614,12 @@ def _rates(
     for length in LOOKS_BACK:
         rates = np.zeros(len(run))
         for r in np.unique(run):
-            read = np.flatnonzero(channel.seen[r])
-            t, x = time[r, read], channel.values[r, read]
-            own = np.flatnonzero(run == r)
-            end = np.searchsorted(read, origin[own], side="right")
+            nodes = np.flatnonzero(channel.seen[r])
+            t, x = time[r, nodes], channel.values[r, nodes]
+            of_run = np.flatnonzero(run == r)
+            end = np.searchsorted(nodes, origin[of_run], side="right")
             begin = np.minimum(np.searchsorted(t, t[end - 1] - length - 1e-9), np.maximum(end - 2, 0))
-            rates[own] = _lines(t, x, begin, end)
+            rates[of_run] = _lines(t, x, begin, end)
         missed = channel.values[run, target] - channel.values[run, origin]
         missed = missed - rates * (time[run, target] - time[run, origin])
         size = float(np.mean(missed[have] ** 2)) if have.any() else 0.0

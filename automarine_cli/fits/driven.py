@@ -51,14 +51,14 @@ def driven_problem(
 ) -> DrivenProblem:
     """Likelihood of `model` on `course`; delays of effects that are not its own are at least `least_delay` [s], what
     varies from run to run has periods of at most `slowest` [s]. `quiet`: see `randomness`."""
-    largest = float(np.abs(course.held).max()) or 1.0
+    largest = float(np.abs(course.commanded).max()) or 1.0
     searched = [((0.0, np.inf), True, 1.0)]
     for term in model.terms:
         effect = effects.get(term.name)
-        for parameter, value, held in zip(effect.parameters, term.values, effect.held(term.values)):
-            lower = max(parameter.lower, least_delay if effect.shifts(term.values) and not term.own else -np.inf)
+        for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
+            lower = max(parameter.lower, least_delay if effect.shifts(term.values) and not term.base else -np.inf)
             slow = slowest if parameter.scan and effect.varies(term.values) else np.inf
-            bounds = (value, value) if held else (lower, min(parameter.upper, slow))
+            bounds = (value, value) if fixed else (lower, min(parameter.upper, slow))
             searched.append((bounds, parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)))
     varying = [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
     pushes = [largest / max(model.inertia, 1e-9)]
@@ -87,29 +87,29 @@ def base_starts(problem: DrivenProblem) -> Floats:
     arithmetic would run away, is slowed down first."""
     model = problem.model
     assert isinstance(model, YawModel)
-    starts, own = [], len(model.theta)
-    middle = np.array([one.median for one in problem.random])
+    starts, count = [], len(model.theta)
+    middle = np.array([chance.median for chance in problem.random])
     linear, quadratic = model.drag()
     slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
-    push = float(np.abs(problem.course.held).max()) / max(middling, 1e-9)
+    push = float(np.abs(problem.course.commanded).max()) / max(middling, 1e-9)
     for inertia, drag, size, unsteady in product(INERTIAS, DRAGS, SIZES, UNSTEADY):
         random = middle.copy()
         random[0], random[2] = size * push / inertia, unsteady
-        starts.append([inertia * middling, *(drag * model.theta[1:own]), *random])
+        starts.append([inertia * middling, *(drag * model.theta[1:count]), *random])
     return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
 
 def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: dict[str, float]) -> Floats:
     """Starts (S, p) from values of the model's parameters and what is known of the random ones."""
-    rest = [random.get(one.name, one.median) for one in problem.random]
-    return np.clip(np.array([[*theta, *rest] for theta in thetas]), problem.bounds[:, 0], problem.bounds[:, 1])
+    chances = [random.get(chance.name, chance.median) for chance in problem.random]
+    return np.clip(np.array([[*theta, *chances] for theta in thetas]), problem.bounds[:, 0], problem.bounds[:, 1])
 
 
 def stepped(run: Run) -> bool:
     """Whether a run holds its command for HELD seconds at a time, nearly all of the time."""
-    held = [run.time[stop - 1] - run.time[first] for first, stop, _ in segments(run.command)]
-    return sum(length for length in held if length >= HELD) > NEARLY * (run.time[-1] - run.time[0])
+    durations = [run.time[stop - 1] - run.time[first] for first, stop, _ in segments(run.command)]
+    return sum(length for length in durations if length >= HELD) > NEARLY * (run.time[-1] - run.time[0])
 
 
 def disturbed(
@@ -132,9 +132,9 @@ def disturbed(
     free = driven_problem(model, course)
     quiet = driven_problem(model, course, quiet=True)
     starts = base_starts(free)
-    found = [fit_innovations(one, starts, brief=True).log_likelihood for one in (free, quiet)]
+    likelihoods = [fit_innovations(problem, starts, brief=True).log_likelihood for problem in (free, quiet)]
     chance = 3.0 * float(np.log(max(len(some), 2))) + SURE
-    return bool(2.0 * (found[0] - found[1]) > chance)
+    return bool(2.0 * (likelihoods[0] - likelihoods[1]) > chance)
 
 
 SLOWEST, QUICKEST = 600.0, 1e-3
@@ -164,14 +164,14 @@ class ForecastScore:
     def of_use(self) -> bool:
         return self.error < min(self.constant_rate, self.constant)
 
-    def beside(self, dof: Dof, rate: str = "", still: str = "", unit: str = "") -> str:
+    def beside(self, dof: Dof, rate: str = "", place: str = "", unit: str = "") -> str:
         """How far ahead, to what, and by how much the constants miss: the end of a sentence. Of positions of a motion,
         or of what has this `unit` and is called so."""
         sizes = (self.error, self.constant_rate, self.constant)
         error, moving, standing = (f"{x if unit else dof.shown(x):.3g}" for x in sizes)
         return (
             f"{self.horizon:g} s ahead to {error} {unit or dof.units.shown} where a constant {rate or dof.words.speed} "
-            f"misses by {moving} and a constant {still or dof.words.position} by {standing}"
+            f"misses by {moving} and a constant {place or dof.words.position} by {standing}"
         )
 
     def to_json(self, dof: Dof) -> dict[str, object]:
@@ -191,21 +191,21 @@ def fit_driven(
     number: str,
     sided: bool = False,
     with_effects: Sequence[str] = (),
-    known: Mapping[str, Prior] | None = None,
+    priors: Mapping[str, Prior] | None = None,
 ) -> OutputErrorFit:
-    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag, `known` what
-    is known beforehand.
+    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag, `priors`
+    what is known beforehand.
 
     Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
     """
     model = rough
-    largest = float(np.abs(course.held).max()) or 1.0
+    largest = float(np.abs(course.commanded).max()) or 1.0
     for name in with_effects:
         model = model.with_effect(name, _start(name, largest))
-    problem = driven_problem(model, course).informed(known or {})
-    found = fit_innovations(problem, base_starts(problem))
-    _refuse_runaways(model.with_theta(found.of_model), found, course)
-    return _outcome(problem, found, number, sided)
+    problem = driven_problem(model, course).informed(priors or {})
+    fit = fit_innovations(problem, base_starts(problem))
+    _refuse_runaways(model.with_theta(fit.of_model), fit, course)
+    return _outcome(problem, fit, number, sided)
 
 
 def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
@@ -217,43 +217,41 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     COMPARED, or at least as good but for LEVEL with an inertia that survives leaving runs out better; the square of the
     difference of both is then added to the covariance.
     """
-    found, dof = likely.mixed, likely.model.dof
-    assert isinstance(found, InnovationsFit)
-    problem = driven_problem(likely.model, course).informed(found.known)
-    starts = np.concatenate([found.theta[None], base_starts(problem)])
+    innovations, dof = likely.mixed, likely.model.dof
+    assert isinstance(innovations, InnovationsFit)
+    problem = driven_problem(likely.model, course).informed(innovations.priors)
+    starts = np.concatenate([innovations.theta[None], base_starts(problem)])
     try:
-        plain = with_chance(problem, fit_forecasts(problem, found.phi, starts))
+        plain = with_chance(problem, fit_forecasts(problem, innovations.phi, starts))
         _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
     except FitError:
         return likely
     errors = {
-        name: [
-            one.rmse() for one in left_out_predictions(problem, fit)[0] if one.horizon in COMPARED and len(one.error)
-        ]
-        for name, fit in (("least squares of forecasts", plain), ("innovations", found))
+        name: [p.rmse() for p in left_out_predictions(problem, fit)[0] if p.horizon in COMPARED and len(p.error)]
+        for name, fit in (("least squares of forecasts", plain), ("innovations", innovations))
     }
     squares, likelihood = errors.values()
     if not squares or not all(np.isfinite(squares)):
         return likely
     better = all(a < (1.0 - CLEARLY) * b for a, b in zip(squares, likelihood))
     level = all(a < (1.0 + LEVEL) * b for a, b in zip(squares, likelihood))
-    surer = bool(run_covariance(plain)[0, 0] < run_covariance(found)[0, 0])
+    surer = bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0])
     better = better or (level and surer)
     names = list(errors) if better else list(errors)[::-1]
-    fits = (plain, found) if better else (found, plain)
-    shown = [" and ".join(f"{dof.shown(one):.3g}" for one in errors[name]) for name in names]
+    fits = (plain, innovations) if better else (innovations, plain)
+    misses = [" and ".join(f"{dof.shown(error):.3g}" for error in errors[name]) for name in names]
     sizes = [f"{fit.theta[0]:.3g}" for fit in fits]
     ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
     says = (
-        f"by {names[0]}: runs left out are predicted {ahead} s ahead to {shown[0]} {dof.units.shown}, by {names[1]} to "
-        f"{shown[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
+        f"by {names[0]}: runs left out are predicted {ahead} s ahead to {misses[0]} {dof.units.shown}, by {names[1]} "
+        f"to {misses[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
     )
     if not better:
         return replace(likely, estimator=says)
-    covariance, own = run_covariance(plain).copy(), plain.parameters
-    quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:own]]
-    bias = (plain.phi[:own] - found.phi[:own]) * special.ndtri(0.975) / quantiles
-    covariance[:own, :own] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
+    covariance, count = run_covariance(plain).copy(), plain.parameters
+    quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:count]]
+    bias = (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
+    covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
     best = _outcome(problem, plain, likely.number, _is_sided(likely), covariance)
     ways = None if likely.ways is None else ways_of(best, dof) if _is_sided(likely) else likely.ways
     return replace(best, estimator=says, by_forecasts=True, ways=ways)
@@ -264,27 +262,27 @@ def _is_sided(fit: OutputErrorFit) -> bool:
 
 
 def _start(name: str, largest: float) -> list[float]:
-    own = effects.get(name).parameters
-    return [p.off if p.held else p.scaled(p.start, largest) for p in own]
+    parameters = effects.get(name).parameters
+    return [p.off if p.held else p.scaled(p.start, largest) for p in parameters]
 
 
-def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> None:
+def _refuse_runaways(model: YawModel, fit: InnovationsFit, course: Course) -> None:
     """A fit that ran away is no model. Raises FitError with what the runs lack."""
-    dof, largest = course.motion.dofs[0], float(np.abs(course.held).max())
+    dof, largest = course.motion.dofs[0], float(np.abs(course.commanded).max())
     linear, quadratic = model.drag()
     slowness = model.fastest(largest)
-    deviation = float(np.sqrt(max(run_covariance(found)[0, 0], 0.0)))
+    deviation = float(np.sqrt(max(run_covariance(fit)[0, 0], 0.0)))
     if linear <= 0 and quadratic <= 0:
-        what = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
+        reason = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
     elif not QUICKEST < slowness < SLOWEST:
-        what = f"it would answer its thrusters within {slowness:.2g} s"
-    elif found.names[0] not in found.known and (0 in found.at_bound or deviation <= 0.0 or deviation > np.log(3.0)):
-        what = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
+        reason = f"it would answer its thrusters within {slowness:.2g} s"
+    elif fit.names[0] not in fit.priors and (0 in fit.at_bound or deviation <= 0.0 or deviation > np.log(3.0)):
+        reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
     raise FitError(
         dof.fill(
-            f"these runs do not determine the model: {what}. They hold too little {{moving}} that the {{force}} "
+            f"these runs do not determine the model: {reason}. They hold too little {{moving}} that the {{force}} "
             "made; add "
             "runs with larger and quicker commands to both sides, best without a controller in the loop, and check "
             "that the logged commands are those of this vehicle"
@@ -293,18 +291,18 @@ def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> 
 
 
 def _outcome(
-    problem: DrivenProblem, found: InnovationsFit, number: str, sided: bool, covariance: Floats | None = None
+    problem: DrivenProblem, fit: InnovationsFit, number: str, sided: bool, covariance: Floats | None = None
 ) -> OutputErrorFit:
     base = problem.model
     assert isinstance(base, YawModel)
-    covariance = run_covariance(found) if covariance is None else covariance
+    covariance = run_covariance(fit) if covariance is None else covariance
     start = np.array([*base.theta, *[0.0] * len(problem.random)])
-    return motion_fit(number, base, found, covariance, start, sided)
+    return motion_fit(number, base, fit, covariance, start, sided)
 
 
 def left_out_predictions(
     problem: DrivenProblem,
-    found: InnovationsFit,
+    fit: InnovationsFit,
     channels: Sequence[int] = (0,),
     *,
     thinned: bool = False,
@@ -315,15 +313,15 @@ def left_out_predictions(
     States follow all readings, or those that are `thinned`; of the model `alone` neither the disturbance nor the run's
     gain that the filter takes for true is carried on.
     """
-    each = []
+    by_run = []
     for r in range(len(problem.course.names)):
-        phi, own = found.left_out[r], problem.course.only(r)
+        phi, course = fit.left_out[r], problem.course.only(r)
         theta = problem.natural(phi)
-        followed = problem.follow(phi[None], True, own if thinned else own.unthinned)
+        followed = problem.follow(phi[None], True, course if thinned else course.unthinned)
         followed = of_model_alone(followed) if alone else followed
-        model, noises = theta[: found.parameters], problem.noises(theta[None])
-        each.append([predict(problem.model, own, model, noises, channel=c, followed=followed) for c in channels])
-    return [tuple(map(_joined, zip(*(of_run[c] for of_run in each)))) for c in range(len(channels))]
+        model, noises = theta[: fit.parameters], problem.noises(theta[None])
+        by_run.append([predict(problem.model, course, model, noises, channel=c, followed=followed) for c in channels])
+    return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 
 def of_model_alone(followed: Followed) -> Followed:
@@ -338,33 +336,33 @@ def _joined(pieces: Sequence[Predicted]) -> Predicted:
     names = ("origin", "target", "error", "constant_rate", "constant")
     return Predicted(
         pieces[0].horizon,
-        np.concatenate([one.run + r for r, one in enumerate(pieces)]),
-        *(np.concatenate([getattr(one, name) for one in pieces]) for name in names),
+        np.concatenate([piece.run + r for r, piece in enumerate(pieces)]),
+        *(np.concatenate([getattr(piece, name) for piece in pieces]) for name in names),
     )
 
 
 def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
     """The same by a fit of runs simulated whole, with random gains and noise alone; none where no filter follows."""
-    problem, own = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
+    problem, count = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
     bounds, mixed = problem.bounds.copy(), fit.mixed
-    bounds[:own] = fit.model.theta[:, None]
-    start = np.append(fit.model.theta, [one.median for one in problem.random])
+    bounds[:count] = fit.model.theta[:, None]
+    start = np.append(fit.model.theta, [chance.median for chance in problem.random])
     try:
-        found = fit_innovations(replace(problem, bounds=bounds), start[None], BRIEF, brief=True)
+        innovations = fit_innovations(replace(problem, bounds=bounds), start[None], BRIEF, brief=True)
     except FitError:
         return ()
-    left_out = np.tile(found.phi, (len(course.names), 1))
-    without = natural_of(mixed.left_out[:, :own], mixed.positive[:own])
-    left_out[:, :own] = search_of(np.clip(without, *problem.bounds[:own].T), problem.positive[:own])
-    return left_out_predictions(problem, replace(found, left_out=left_out))[0]
+    left_out = np.tile(innovations.phi, (len(course.names), 1))
+    without = natural_of(mixed.left_out[:, :count], mixed.positive[:count])
+    left_out[:, :count] = search_of(np.clip(without, *problem.bounds[:count].T), problem.positive[:count])
+    return left_out_predictions(problem, replace(innovations, left_out=left_out))[0]
 
 
 def worth_of(predictions: Sequence[Predicted]) -> tuple[ForecastScore, ...]:
     """What predictions are worth, by horizon; those of which there are none are left out."""
     return tuple(
-        ForecastScore(one.horizon, one.rmse(), one.rmse(one.constant_rate), one.rmse(one.constant), len(one.error))
-        for one in predictions
-        if len(one.error)
+        ForecastScore(p.horizon, p.rmse(), p.rmse(p.constant_rate), p.rmse(p.constant), len(p.error))
+        for p in predictions
+        if len(p.error)
     )
 
 
@@ -377,28 +375,28 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     narrow = fit.mixed
     if not isinstance(narrow, InnovationsFit):
         return fit, {}
-    problem = driven_problem(fit.model, course).informed(narrow.known)
-    likelihood, own = narrow.log_likelihood, len(fit.model.theta)
+    problem = driven_problem(fit.model, course).informed(narrow.priors)
+    likelihood, count = narrow.log_likelihood, len(fit.model.theta)
     if fit.by_forecasts:
         likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
     have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
-    largest = float(np.abs(course.held).max()) or 1.0
+    largest = float(np.abs(course.commanded).max()) or 1.0
     for name in PROPOSED:
         if name in have:
             continue
         start = _start(name, largest)
-        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.known)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.priors)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
         gain = 2.0 * (wide.log_likelihood - likelihood)
         if gain > HEAD_START + np.log(max(len(course.names), 2)):
             phi = fit_forecasts(wider, wide.phi, wide.theta[None]).phi if fit.by_forecasts else wide.phi
-            gains[name], shifts[name] = gain, phi[:own] - narrow.phi[:own]
+            gains[name], shifts[name] = gain, phi[:count] - narrow.phi[:count]
     if not gains:
         return fit, {}
     covariance = fit.covariance.copy()
     shift = shifts[max(gains, key=lambda name: gains[name])]
-    covariance[:own, :own] += np.outer(shift, shift)
+    covariance[:count, :count] += np.outer(shift, shift)
     wider_fit = _outcome(problem, narrow, fit.number, _is_sided(fit), covariance)
     return replace(fit, **{name: getattr(wider_fit, name) for name in WIDENED}), gains
 
@@ -421,36 +419,36 @@ def is_driven(
 
 
 def fitted_driven(
-    runs: Sequence[Run], course: Course, each: Each, with_effects: Sequence[str], known: Mapping[str, Prior]
+    runs: Sequence[Run], course: Course, map_jobs: Each, with_effects: Sequence[str], priors: Mapping[str, Prior]
 ) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
     """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
-    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), known=known)
-    found = dict(zip(MODELS, each(ask, MODELS, "fitting models")))
-    kept = {number: one for number, one in found.items() if isinstance(one, OutputErrorFit)}
-    if not kept:
-        raise next(one for one in found.values() if isinstance(one, FitError))
-    return kept, {number: str(one) for number, one in found.items() if isinstance(one, FitError)}
+    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), priors=priors)
+    outcomes = dict(zip(MODELS, map_jobs(ask, MODELS, "fitting models")))
+    fits = {number: outcome for number, outcome in outcomes.items() if isinstance(outcome, OutputErrorFit)}
+    if not fits:
+        raise next(outcome for outcome in outcomes.values() if isinstance(outcome, FitError))
+    return fits, {number: str(outcome) for number, outcome in outcomes.items() if isinstance(outcome, FitError)}
 
 
 def _fit_driven_model(
-    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], known: Mapping[str, Prior]
+    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], priors: Mapping[str, Prior]
 ) -> OutputErrorFit | FitError:
     """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
-    batch, both = make_batch(runs, STEPS[0]), both_ways(runs)
+    batch, two_way = make_batch(runs, STEPS[0]), both_ways(runs)
 
     def fit(sided: bool) -> OutputErrorFit:
-        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, known)
+        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, priors)
 
     try:
-        return beside_forecasts(course, by_way(fit, batch.dof, both))
+        return beside_forecasts(course, by_way(fit, batch.dof, two_way))
     except FitError as error:
         return error
 
 
 def both_ways(runs: Sequence[Run]) -> bool:
     steps = np.concatenate([np.diff(run.position[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
-    gone = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
-    return min(gone) > LEAST_WAY * sum(gone)
+    distances = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
+    return min(distances) > LEAST_WAY * sum(distances)
 
 
 JUDGED = 5.0  # seconds ahead over which a model has to be of use
@@ -468,8 +466,8 @@ class Judgement:
     @property
     def beaten(self) -> dict[str, ForecastScore]:
         """Quantities that a constant predicts better over the horizon that decides."""
-        judged = {name: judged_of(each) for name, each in self.worth.items()}
-        return {name: one for name, one in judged.items() if one is not None and not one.of_use}
+        judged = {name: judged_of(scores) for name, scores in self.worth.items()}
+        return {name: score for name, score in judged.items() if score is not None and not score.of_use}
 
     @property
     def of_use(self) -> bool:
@@ -484,18 +482,18 @@ class Judgement:
         of = "the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit"
         if self.of_use:
             return f"The model predicts {self._beside(first, judged, dof)} ({of})."
-        worse = "; and ".join(self._beside(name, one, dof) for name, one in self.beaten.items())
+        worse = "; and ".join(self._beside(name, score, dof) for name, score in self.beaten.items())
         return (
             f"This model is not usable: it predicts {worse} ({of}). Do not simulate or control with it; "
             "`automarine diagnose` looks for what it lacks."
         )
 
-    def _beside(self, name: str, one: ForecastScore, dof: Dof) -> str:
+    def _beside(self, name: str, score: ForecastScore, dof: Dof) -> str:
         if len(self.worth) == 1:
-            return one.beside(dof)
+            return score.beside(dof)
         words = {dof.position: (name,), "place": (name, "rate", name, "m")}
-        what, *rivals = words.get(name, (f"{name} speed", "acceleration", "speed", "m/s"))
-        return f"the {what} {one.beside(dof, *rivals)}"
+        quantity, *rivals = words.get(name, (f"{name} speed", "acceleration", "speed", "m/s"))
+        return f"the {quantity} {score.beside(dof, *rivals)}"
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
         return () if self.of_use else (self.sentence(dof),)
@@ -516,29 +514,29 @@ class Use(Judgement):
     large: str = ""
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
-        found = super().warnings(dof) + ((self.large,) if self.large else ())
+        sentences = super().warnings(dof) + ((self.large,) if self.large else ())
         if not self.proposed:
-            return found
+            return sentences
         names = ",".join(self.proposed)
         asks = "; ".join(
             f"{name} ({effects.get(name).card(dof).says.rstrip('.').lower()}) gains {gain:.0f} in deviance"
             for name, gain in self.proposed.items()
         )
         need = f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."
-        return (*found, need)
+        return (*sentences, need)
 
 
 def judged_of(worth: Sequence[ForecastScore]) -> ForecastScore | None:
     """What decides of several horizons: JUDGED, or the longest below it."""
-    return max((one for one in worth if one.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
+    return max((score for score in worth if score.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
 
 
 def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tuple[Predicted, ...]]:
-    found = {}
+    predictions = {}
     for number, fit in fits.items():
         assert isinstance(fit.mixed, InnovationsFit)
-        found[number] = left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0]
-    return found
+        predictions[number] = left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0]
+    return predictions
 
 
 def prefer_driven(
@@ -551,15 +549,15 @@ def prefer_driven(
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
     not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
     """
-    judged = {number: [p for p in one if p.horizon in COMPARED] for number, one in ahead.items()}
+    judged = {number: [p for p in predicted if p.horizon in COMPARED] for number, predicted in ahead.items()}
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
-    if runs < 2 or any(not len(p.error) for one in judged.values() for p in one):
+    if runs < 2 or any(not len(p.error) for predicted in judged.values() for p in predicted):
         return None
-    sizes = {number: np.array([p.rmse() for p in one]) for number, one in judged.items()}
+    sizes = {number: np.array([p.rmse() for p in predicted]) for number, predicted in judged.items()}
     least = np.min(list(sizes.values()), axis=0)
     squares = {
-        number: np.mean([p.by_run(p.error, runs) / size**2 for p, size in zip(one, least)], axis=0)
-        for number, one in judged.items()
+        number: np.mean([p.by_run(p.error, runs) / size**2 for p, size in zip(predicted, least)], axis=0)
+        for number, predicted in judged.items()
     }
     score = {number: float(np.mean((size / least) ** 2)) for number, size in sizes.items()}
     best = min(score, key=lambda number: score[number])
@@ -573,20 +571,20 @@ def prefer_driven(
 
     fewest = min(parameters[number] for number in score if number == best or level(number))
     chosen = min((n for n in score if parameters[n] == fewest), key=lambda number: score[number])
-    errors = {n: " and ".join(f"{dof.shown(one):.3g}" for one in size) for n, size in sorted(sizes.items())}
-    others = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
-    told = ", ".join([f"{errors[chosen]} {dof.units.shown}", *others])
+    errors = {n: " and ".join(f"{dof.shown(error):.3g}" for error in size) for n, size in sorted(sizes.items())}
+    rivals = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
+    listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
     how = "best" if chosen == best else "as well as any with more parameters"
     over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
-    return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {told}.")
+    return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
 
 
 def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
     """A sentence where what pushes the vehicle is as large as the commands; else empty."""
-    found, dof = fit.mixed, fit.model.dof
-    assert isinstance(found, InnovationsFit)
-    size = fit.model.inertia * found.value(f"{dof.name}.disturbance")
-    commands = float(np.sqrt(np.sum(course.held[0] ** 2 * course.width) / np.sum(course.width)))
+    innovations, dof = fit.mixed, fit.model.dof
+    assert isinstance(innovations, InnovationsFit)
+    size = fit.model.inertia * innovations.value(f"{dof.name}.disturbance")
+    commands = float(np.sqrt(np.sum(course.commanded[0] ** 2 * course.width) / np.sum(course.width)))
     if size < LARGE * commands:
         return ""
     unit, force = fit.model.moment_unit, dof.words.force
@@ -601,12 +599,12 @@ def use_of(
     course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
 ) -> Use:
     """Judge a fit of driven runs on each run by the others; `proposed` is what it lacks."""
-    found = fit.mixed
-    assert isinstance(found, InnovationsFit)
+    innovations = fit.mixed
+    assert isinstance(innovations, InnovationsFit)
     problem = driven_problem(fit.model, course)
-    followed = problem.follow(found.phi[None], keep=True)
+    followed = problem.follow(innovations.phi[None], keep=True)
     assert followed.states is not None
-    free = free_run(fit.model, course, found.of_model, problem.noises(found.theta[None]))
+    free = free_run(fit.model, course, innovations.of_model, problem.noises(innovations.theta[None]))
     push, large = fit.model.inertia * followed.states[followed.places.pushed[0], 0], large_disturbance(course, fit)
     worth = {fit.model.dof.position: worth_of(predictions)}
     return Use(worth, len(course.names), proposed, course, predictions, free, push, large)

@@ -69,9 +69,9 @@ class ForecastProblem:
         )  # fmt: skip
         place = np.maximum(self.target - self.origin, 0)
         window = np.arange(len(self.run))
-        found = np.stack([one[:, window, at] for one, at in zip(path, place)], axis=1)
+        forecast = np.stack([of_channel[:, window, at] for of_channel, at in zip(path, place)], axis=1)
         most = FAR * max(float(np.nanmax(np.abs(self.measured))), 1e-9)
-        error = np.clip(np.nan_to_num(found - self.measured, nan=most), -most, most)
+        error = np.clip(np.nan_to_num(forecast - self.measured, nan=most), -most, most)
         return np.where(self.target >= 0, error, 0.0)
 
     def scaled(self, phi: Floats) -> Floats:
@@ -111,16 +111,16 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
 
     Raises FitError where no run is long enough.
     """
-    course, own = driven.course, len(driven.names) - len(driven.random)
+    course, count = driven.course, len(driven.names) - len(driven.random)
     theta = driven.natural(phi)
     noises = driven.noises(theta[None])
-    followed = smoothed(driven.model, course.unthinned, theta[:own], noises)
+    followed = smoothed(driven.model, course.unthinned, theta[:count], noises)
     assert followed.states is not None
     states = followed.states[:, 0]
     states[[*followed.places.pushed, followed.places.gain]] = 0.0
     channels = _predicted(driven)
-    time, seen = course.time, np.any([of.seen for of in channels], axis=0)
-    starts = [(r, int(i)) for r in range(len(course.names)) for i in _origins(time[r], seen[r])]
+    time, observed = course.time, np.any([of.seen for of in channels], axis=0)
+    starts = [(r, int(i)) for r in range(len(course.names)) for i in _origins(time[r], observed[r])]
     run, origin = np.array(starts, dtype=np.int64).reshape(-1, 2).T
     seconds = np.arange(1.0, HORIZON + 1.0)
     target = np.array([[targets_of(of.seen, time, run, origin, h) for h in seconds] for of in channels])
@@ -135,17 +135,17 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
 def _predicted(driven: DrivenProblem) -> tuple[Channel, ...]:
     """Every position that is read, and in place of others their velocities."""
     course = driven.course
-    read = [of.quantity for of in course.channels]
-    own = [c for c, of in enumerate(course.channels) if not of.velocity or course.motion.positions[of.dof] not in read]
-    return tuple(shown_channel(course, c) for c in own)
+    names, places = [of.quantity for of in course.channels], course.motion.positions
+    main = [c for c, of in enumerate(course.channels) if not of.velocity or places[of.dof] not in names]
+    return tuple(shown_channel(course, c) for c in main)
 
 
-def _origins(time: Floats, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    read = np.flatnonzero(seen)
-    if len(read) < 2:
-        return read[:0]
-    clock = np.arange(time[read[0]], time[read[-1]], EVERY)
-    return np.unique(read[np.minimum(np.searchsorted(time[read], clock), len(read) - 1)])
+def _origins(time: Floats, observed: NDArray[np.bool_]) -> NDArray[np.int64]:
+    readings = np.flatnonzero(observed)
+    if len(readings) < 2:
+        return readings[:0]
+    clock = np.arange(time[readings[0]], time[readings[-1]], EVERY)
+    return np.unique(readings[np.minimum(np.searchsorted(time[readings], clock), len(readings) - 1)])
 
 
 def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> ForecastFit:
@@ -188,7 +188,7 @@ class _Descent:
 
 def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
     """Mean (f,) and precision (f, f) of the model's free parameters before the data."""
-    mean, precision = problem.driven.priors
+    mean, precision = problem.driven.prior_moments
     return mean[problem.free], precision[np.ix_(problem.free, problem.free)]
 
 
@@ -235,38 +235,38 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> _Descent
 
 def _without(problem: ForecastProblem, climb: _Descent, unit: int) -> Floats:
     """phi (p,) fitted without one unit; as it is where no other has a forecast."""
-    rest = problem.unit != unit
-    if not rest.any() or rest.all():
+    remaining = problem.unit != unit
+    if not remaining.any() or remaining.all():
         return climb.phi
-    return _descend(problem.some(rest), climb.phi, OF_LEFT_OUT).phi
+    return _descend(problem.some(remaining), climb.phi, OF_LEFT_OUT).phi
 
 
 def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
     """The fit as diagnosis, plans and reports ask for one: what is random is fitted by innovations beside the model's
     parameters, which stay as they are. Raises FitError where no filter follows the runs."""
-    own = len(driven.names) - len(driven.random)
+    count = len(driven.names) - len(driven.random)
     theta = driven.natural(fit.phi)
-    held = driven.bounds.copy()
-    held[:own] = theta[:own, None]
-    found = fit_innovations(replace(driven, bounds=held), theta[None], brief=True)
-    runs, phi = len(driven.course.names), np.append(fit.phi[:own], found.phi[own:])
-    left_out, covariance, by_run = found.left_out.copy(), found.covariance.copy(), found.information.copy()
-    covariance[:own, :own] = fit.covariance[:own, :own]
+    bounds = driven.bounds.copy()
+    bounds[:count] = theta[:count, None]
+    chance = fit_innovations(replace(driven, bounds=bounds), theta[None], brief=True)
+    runs, phi = len(driven.course.names), np.append(fit.phi[:count], chance.phi[count:])
+    left_out, covariance, by_run = chance.left_out.copy(), chance.covariance.copy(), chance.information.copy()
+    covariance[:count, :count] = fit.covariance[:count, :count]
     if runs > 1:
-        left_out[:, :own] = fit.left_out[:, :own]
-        by_run[:, :own, :own] = fit.by_unit[:, :own, :own]
+        left_out[:, :count] = fit.left_out[:, :count]
+        by_run[:, :count, :count] = fit.by_unit[:, :count, :count]
     else:
-        left_out[:, :own] = fit.phi[:own]
-        spread = fit.left_out[:, :own] - fit.left_out[:, :own].mean(axis=0)
+        left_out[:, :count] = fit.phi[:count]
+        spread = fit.left_out[:, :count] - fit.left_out[:, :count].mean(axis=0)
         between = (len(spread) - 1) / len(spread) * np.diagonal(spread.T @ spread)
-        likely = np.diagonal(covariance)[:own]
-        grow = np.sqrt(np.maximum(np.divide(between, likely, out=np.ones(own), where=likely > 0), 1.0))
-        covariance[:own, :own] *= np.outer(grow, grow)
-        by_run[0, :own, :own] = fit.by_unit.sum(axis=0)[:own, :own]
-    density = driven.follow(left_out).log_density if runs > 1 else found.density[None]
+        likely = np.diagonal(covariance)[:count]
+        grow = np.sqrt(np.maximum(np.divide(between, likely, out=np.ones(count), where=likely > 0), 1.0))
+        covariance[:count, :count] *= np.outer(grow, grow)
+        by_run[0, :count, :count] = fit.by_unit.sum(axis=0)[:count, :count]
+    density = driven.follow(left_out).log_density if runs > 1 else chance.density[None]
     return replace(
-        found, theta=np.append(theta[:own], found.theta[own:]), phi=phi, covariance=covariance, left_out=left_out,
+        chance, theta=np.append(theta[:count], chance.theta[count:]), phi=phi, covariance=covariance, left_out=left_out,
         predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
-        at_bound=tuple(sorted({*fit.at_bound, *(i for i in found.at_bound if i >= own)})), information=by_run,
-        converged=fit.converged and found.converged, iterations=fit.iterations + found.iterations,
+        at_bound=tuple(sorted({*fit.at_bound, *(i for i in chance.at_bound if i >= count)})), information=by_run,
+        converged=fit.converged and chance.converged, iterations=fit.iterations + chance.iterations,
     )  # fmt: skip

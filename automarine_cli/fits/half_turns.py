@@ -26,7 +26,7 @@ class StepData:
     """R half-turns padded to N samples, rest before the step included.
 
     `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad]
-    less the start heading's first guess, `seen` (R, N), `moment` (R,), `interval` (R,) [s] width of the
+    less the start heading's first guess, `observed` (R, N), `moment` (R,), `interval` (R,) [s] width of the
     interval of the switch. `velocity` (R, N) is what a velocity sensor read where `velocity_seen`, None where it is
     not used; of the runs whose position does not count (`position_counts` (R,), None: of none) it stands in for a
     sensor that their logs lack.
@@ -35,7 +35,7 @@ class StepData:
     names: tuple[str, ...]
     time: Floats
     heading: Floats
-    seen: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
     moment: Floats
     interval: Floats
     dof: Dof
@@ -45,20 +45,20 @@ class StepData:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        counts, seen = self.position_counts is None or bool(self.position_counts.any()), self.seen
+        counts, observed = self.position_counts is None or bool(self.position_counts.any()), self.observed
         if self.position_counts is not None and counts:
-            seen = seen & self.position_counts[:, None]
-        found = [Channel(self.dof.position, 0, False, self.heading, seen, counts)]
+            observed = observed & self.position_counts[:, None]
+        channels = [Channel(self.dof.position, 0, False, self.heading, observed, counts)]
         if self.velocity is not None and self.velocity_seen is not None:
-            found.append(Channel(self.dof.velocity, 0, True, self.velocity, self.velocity_seen))
-        return tuple(found)
+            channels.append(Channel(self.dof.velocity, 0, True, self.velocity, self.velocity_seen))
+        return tuple(channels)
 
     def rated(self, velocities: Sequence[Floats], position_counts: NDArray[np.bool_] | None = None) -> "StepData":
         """The same with what a velocity sensor read in each run, NaN where it did not."""
-        read = np.full(self.seen.shape, np.nan)
-        read[self.seen] = np.concatenate(velocities)
+        rates = np.full(self.observed.shape, np.nan)
+        rates[self.observed] = np.concatenate(velocities)
         return replace(
-            self, velocity=np.nan_to_num(read), velocity_seen=np.isfinite(read), position_counts=position_counts
+            self, velocity=np.nan_to_num(rates), velocity_seen=np.isfinite(rates), position_counts=position_counts
         )
 
 
@@ -81,15 +81,15 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
     names, times, headings, velocities, moments, intervals = [], [], [], [], [], []
     dof = turns[0].step.run.dof
     for turn in turns:
-        run, rest = turn.step.run, turn.step.rest or slice(turn.kept.start, turn.kept.start)
+        run, before = turn.step.run, turn.step.rest or slice(turn.kept.start, turn.kept.start)
         instant = turn.switch_to if turn.step.begins_log else turn.step.switch_mid
-        kept = slice(max(rest.start, rest.stop - MOST_REST), rest.stop), turn.kept
+        parts = slice(max(before.start, before.stop - MOST_REST), before.stop), turn.kept
         velocity = run.channel(dof.velocity)
         velocity = np.full(len(run), np.nan) if velocity is None else velocity
         names.append(turn.name)
-        times.append(np.concatenate([run.time[part] for part in kept]) - instant)
-        headings.append(np.concatenate([run.position[part] for part in kept]) - turn.start_position)
-        velocities.append(np.concatenate([velocity[part] for part in kept]))
+        times.append(np.concatenate([run.time[part] for part in parts]) - instant)
+        headings.append(np.concatenate([run.position[part] for part in parts]) - turn.start_position)
+        velocities.append(np.concatenate([velocity[part] for part in parts]))
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)
     data = step_data(names, times, headings, moments, intervals, dof)
@@ -110,11 +110,11 @@ def step_data(
     """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading [rad]."""
     width = max(len(t) for t in times)
     time, heading = np.zeros((2, len(times), width))
-    seen = np.zeros((len(times), width), dtype=bool)
+    observed = np.zeros((len(times), width), dtype=bool)
     for i, (t, psi) in enumerate(zip(times, headings)):
-        time[i, : len(t)], heading[i, : len(t)], seen[i, : len(t)] = t, psi, True
+        time[i, : len(t)], heading[i, : len(t)], observed[i, : len(t)] = t, psi, True
     return StepData(
-        tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float), dof
+        tuple(names), time, heading, observed, np.array(moments, dtype=float), np.array(intervals, dtype=float), dof
     )
 
 
@@ -122,7 +122,7 @@ LEAST_SHARE = 0.01  # of the drag that is left one way, however much it differs:
 AT_ONCE = 100_000  # readings that are worked out together: about what fits into the processor's caches
 
 
-def step_problem(data: StepData, model: str, known: Known = NOTHING_KNOWN, sided: bool = False) -> Problem:
+def step_problem(data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided: bool = False) -> Problem:
     """Likelihood of the half-turns under model "1", "2" or "3"; `sided` with a drag that differs between the ways.
 
     theta is (the parameters of `base_roles`, SWITCH): z places the instants of the steps in their sample intervals
@@ -136,7 +136,7 @@ def step_problem(data: StepData, model: str, known: Known = NOTHING_KNOWN, sided
         role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
     ]  # linear drag has either sign beside a quadratic one, as in Table 1
     drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
-    most, blocks = 0.0 if known.switch_instant else MOST_OFFSET, RunEffects(_blocks(data, known))
+    most, blocks = 0.0 if prior.switch_instant else MOST_OFFSET, RunEffects(_blocks(data, prior))
 
     def readings(theta: Floats, b: Floats) -> Floats:
         runs, samples = data.time.shape
@@ -146,30 +146,30 @@ def step_problem(data: StepData, model: str, known: Known = NOTHING_KNOWN, sided
 
     def readings_of(theta: Floats, b: Floats, rows: slice) -> Floats:
         *columns, switch = (theta[:, i, None, None] for i in range(theta.shape[1]))
-        own, of_run = dict(zip(roles, columns)), {name: blocks.of(b, name) for name in blocks.names}
-        force = data.moment[rows, None] * np.exp(of_run[GAIN]) + own.get("constant", 0.0)
-        drag = {role: own.get(role, 0.0) for role in ("linear", "quadratic")}
-        if "difference" in own:
-            drag[main] = np.maximum(own[main] + np.sign(force) * own["difference"], LEAST_SHARE * own[main])
+        values, of_run = dict(zip(roles, columns)), {name: blocks.of(b, name) for name in blocks.names}
+        force = data.moment[rows, None] * np.exp(of_run[GAIN]) + values.get("constant", 0.0)
+        drag = {role: values.get(role, 0.0) for role in ("linear", "quadratic")}
+        if "difference" in values:
+            drag[main] = np.maximum(values[main] + np.sign(force) * values["difference"], LEAST_SHARE * values[main])
         time = data.time[rows] - data.interval[rows, None] * instant(switch + of_run[SWITCHES])
         begin = of_run[START_POSITION]
-        position, rate = response(time, force, own["inertia"], drag["linear"], drag["quadratic"], begin)
-        shown = [rate + of_run[bias_of(c.quantity)] if c.velocity else position for c in data.channels]
-        return np.concatenate(shown, axis=2)
+        position, rate = response(time, force, values["inertia"], drag["linear"], drag["quadratic"], begin)
+        predicted = [rate + of_run[bias_of(c.quantity)] if c.velocity else position for c in data.channels]
+        return np.concatenate(predicted, axis=2)
 
-    measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
+    measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
     positive = np.array([True, *np.logical_not(signed), False])
-    problem = Problem(readings, measured, seen, blocks, bounds, positive, names, slots_of(data.channels))
-    return problem.informed(known.parameters)
+    problem = Problem(readings, measured, observed, blocks, bounds, positive, names, slots_of(data.channels))
+    return problem.informed(prior.parameters)
 
 
-def _blocks(data: StepData, known: Known) -> tuple[Block, ...]:
+def _blocks(data: StepData, prior: Known) -> tuple[Block, ...]:
     """What differs from run to run, before the data; what is known does not."""
     ones, limits = np.ones((len(data.moment), 1)), data.dof.limits
     return (
-        Block(START_POSITION, (0.0 if known.start_heading else limits.position_sd) * ones),
-        Block(GAIN, (0.0 if known.gain else 1.0) * ones, (1e-4, 1.0)),
-        Block(SWITCHES, (0.0 if known.switch_instant else 1.0) * ones, (1e-3, 1.0)),
+        Block(START_POSITION, (0.0 if prior.start_heading else limits.position_sd) * ones),
+        Block(GAIN, (0.0 if prior.gain else 1.0) * ones, (1e-4, 1.0)),
+        Block(SWITCHES, (0.0 if prior.switch_instant else 1.0) * ones, (1e-3, 1.0)),
         *(Block(bias_of(c.quantity), limits.bias_sd * ones) for c in data.channels if c.velocity),
     )

@@ -57,10 +57,10 @@ def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] 
 
     None without moments; the rates are None where the drag leaves no steady rate.
     """
-    given = [float(moment) for moment in moments]
-    if not given:
+    levels = [float(moment) for moment in moments]
+    if not levels:
         return None
-    ends = np.array([min(given), max(given)])
+    ends = np.array([min(levels), max(levels)])
     rates = steady_rate(*model.acting(ends))
     return {
         model.dof.words.force: ends.tolist(),
@@ -126,10 +126,10 @@ def _negative(role: str, estimate: Estimate, dof: Dof) -> str:
         return ""
     why = f"a negative {dof.words.inertia}" if role == INERTIA else "a drag that drives the vehicle"
     low, high = estimate.ci95
-    told = f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}], {why}, which no vehicle has; "
+    sentence = f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}], {why}, which no vehicle has; "
     if high >= 0:
-        return told + f"the interval holds zero: take a model without it, or {dof.fill(REMEDY[role])}."
-    return told + "something else acts on these runs: look for it with `automarine diagnose`."
+        return sentence + f"the interval holds zero: take a model without it, or {dof.fill(REMEDY[role])}."
+    return sentence + "something else acts on these runs: look for it with `automarine diagnose`."
 
 
 def _wide(role: str, estimate: Estimate, dof: Dof) -> str:
@@ -145,7 +145,7 @@ def _wide(role: str, estimate: Estimate, dof: Dof) -> str:
 def _correlations(fit: OutputErrorFit) -> list[Caution]:
     """Pairs of parameters of which the runs show a combination only; two drags that are one take the inertia along,
     and stand alone. By the likelihood's covariance: that of a few runs left out scatters by itself."""
-    dof, found = fit.model.dof, []
+    dof, cautions = fit.model.dof, []
     roles = {name: role for role, name in dof.parameters.items()}
     names = list(fit.estimates)
     covariance = fit.mixed.covariance
@@ -157,9 +157,9 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
             pair = (roles[names[i]], roles[names[j]])
             if abs(share) > CORRELATED and set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound):
                 says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
-                found.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
-    joint = [caution for caution in found if caution.parameters == DRAG]
-    return joint or found
+                cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
+    joint = [caution for caution in cautions if caution.parameters == DRAG]
+    return joint or cautions
 
 
 def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
@@ -213,10 +213,10 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof, of_steps: bool
     sizes = sorted({round(abs(level), 9) for level in levels if level})
     words, force, speed = dof.words, dof.words.force, dof.words.speed
     if len(sides) == 1:
-        here, there = words.to_ways if sides == {1.0} else words.to_ways[::-1]
+        way, opposite = words.to_ways if sides == {1.0} else words.to_ways[::-1]
         says = (
-            f"Every run {words.moves} {here}: a {force} that always acts, or thrusters that push less one way, would "
-            f"bias {words.inertia} and drag unnoticed; add runs {there} at the same {force}s."
+            f"Every run {words.moves} {way}: a {force} that always acts, or thrusters that push less one way, would "
+            f"bias {words.inertia} and drag unnoticed; add runs {opposite} at the same {force}s."
         )
         yield Caution("", EVERY, says)
     if len(sizes) == 1:
@@ -252,9 +252,9 @@ EARLY = (
 
 def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -> list[str]:
     """Sentences on the half-turns and on the paper's method: not steady, or a Table 1 that breaks its identity."""
-    found, words = [], dof.words
+    sentences, words = [], dof.words
     if not seed.steady:
-        found.append(
+        sentences.append(
             f"{words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
             f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
             f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
@@ -262,14 +262,14 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
     if unsteady:
-        found.append(f"{len(unsteady)} {words.step}s end before the {words.speed} is steady, {unsteady[0]} first.")
-    return found
+        sentences.append(f"{len(unsteady)} {words.step}s end before the {words.speed} is steady, {unsteady[0]} first.")
+    return sentences
 
 
 def told(cautions: Sequence[Caution], preference: Preference) -> list[str]:
     """The cautions that are warnings: grave ones, and those on every model or on the preferred one; the others only
     stand below the tables."""
-    return [one.sentence for one in cautions if one.grave or one.model in ("", preference.number)]
+    return [caution.sentence for caution in cautions if caution.grave or caution.model in ("", preference.number)]
 
 
 def fit_warnings(
@@ -283,17 +283,17 @@ def fit_warnings(
     fit = fits[preference.number]
     dof = fit.model.dof
     words, mark, base = dof.words, dof.units.mark, dof.units.base
-    found = _one_run_that_decides(fit, names_of_runs)
+    sentences = _one_run_that_decides(fit, names_of_runs)
     if fit.gain_scatter.value > WILD_GAIN:
         gains = np.exp(fit.mixed.own(GAIN)[:, 0])
         odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
-        found.append(
+        sentences.append(
             f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
             f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: check its "
             f"{words.force} and its unit."
         )
     if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
-        found.append(
+        sentences.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained, "
             f"which scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves: an effect is missing, "
             "perhaps a delay; look for it with `automarine diagnose`."
@@ -301,15 +301,15 @@ def fit_warnings(
     turn = fit.inertial_turn_angle or (fits["3"].inertial_turn_angle if "3" in fits else None)
     low, high = dof.limits.plausible
     if turn is not None and not low <= turn.value <= high:
-        found.append(
+        sentences.append(
             f"The {words.inertial_length} of {turn.value:.3g} {base} lies outside {low:g} to {high:g} {base}, where "
             f"small vehicles are: check the units of time and {words.position}, and whether the thrusters or the log "
             "lag."
         )
     for i in fit.mixed.at_bound:
         if i == len(fit.estimates) and fit.mixed.names[i] == SWITCH:
-            found.append(dof.fill(LATE if fit.mixed.theta[i] > 0 else EARLY))
-    return found
+            sentences.append(dof.fill(LATE if fit.mixed.theta[i] > 0 else EARLY))
+    return sentences
 
 
 def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
@@ -343,7 +343,7 @@ class YawFit(Shown):
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
     where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `known` is what was known
+    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `prior` is what was known
     beforehand.
     """
 
@@ -361,7 +361,7 @@ class YawFit(Shown):
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     use: driven.Judgement | None = None
-    known: Known = NOTHING_KNOWN
+    prior: Known = NOTHING_KNOWN
 
     @property
     def preferred(self) -> whole_runs.OutputErrorFit:
@@ -419,9 +419,9 @@ class YawFit(Shown):
     def told_of_known(self) -> tuple[str, ...]:
         dof = self.dof
         units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
-        found = self.known.sentences(units, self.preferred.mixed.names)
-        paper = ("The velocity errors of the paper do not use it.",) if found and self.seed_method else ()
-        return (*found, *paper)
+        sentences = self.prior.sentences(units, self.preferred.mixed.names)
+        paper = ("The velocity errors of the paper do not use it.",) if sentences and self.seed_method else ()
+        return (*sentences, *paper)
 
     @property
     def buoyancy(self) -> "Buoyancy | None":
@@ -429,20 +429,20 @@ class YawFit(Shown):
 
     def _driven_json(self) -> dict[str, object]:
         """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
-        found, use, json = self.preferred.mixed, self.use, dict[str, object]()
+        mixed, use, json = self.preferred.mixed, self.use, dict[str, object]()
         if use is None:
             return json
-        if isinstance(found, InnovationsFit):
-            json = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
+        if isinstance(mixed, InnovationsFit):
+            json = {"driven": True, "random": random_estimates(mixed, self.preferred.covariance, self.dof)}
         if isinstance(use, driven.Use):
             json["proposed"] = dict(use.proposed)
-        worth = [one.to_json(self.dof) for one in use.worth[self.dof.position]]
+        worth = [score.to_json(self.dof) for score in use.worth[self.dof.position]]
         return json | {"prediction": {"left_out_runs": worth, "of_use": use.of_use, "says": use.sentence(self.dof)}}
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof
-        own = dof.symbols
-        order = (own.quadratic, own.linear, own.inertia, own.constant, own.difference)
+        symbols = dof.symbols
+        order = (symbols.quadratic, symbols.linear, symbols.inertia, symbols.constant, symbols.difference)
         estimates = {name: fit.estimates[name].to_json() for name in order if name in fit.estimates}
         content: dict[str, object] = dict(estimates)
         content[dof.ratio_key] = fit.inertial_turn_angle and fit.inertial_turn_angle.to_json()
@@ -489,17 +489,17 @@ class YawFit(Shown):
 
 def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Estimate]]:
     """Estimates of the effects beside drag, by effect and parameter; standard errors of what is not fitted are zero."""
-    found, model = {}, fit.model
+    estimates, model = {}, fit.model
     for term in model.terms:
-        if term.own:
+        if term.base:
             continue
         names = effects.get(term.name).names_in(model.dof)
         card = effects.get(term.name).card(model.dof, model.moment_unit)
-        found[term.name] = {
+        estimates[term.name] = {
             name: whole_runs.estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit)
             for name, parameter in zip(names, card.parameters)
         }
-    return found
+    return estimates
 
 
 def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
@@ -534,10 +534,10 @@ class Buoyancy:
         text = f"Buoyancy: a constant force of {force} [{sure[0]:.3g}, {sure[1]:.3g}] {'up' if up else 'down'}"
         if self.ballast is None:
             return f"{text}, in the unit of the command."
-        mass, ends = abs(self.ballast.value), [one / GRAVITY for one in sure]
-        what = "add" if up else "take off"
+        mass, ends = abs(self.ballast.value), [end / GRAVITY for end in sure]
+        action = "add" if up else "take off"
         kilograms = f"{mass:.3g} kg [{ends[0]:.3g}, {ends[1]:.3g}]"
-        return f"{text}: to balance it {what} {kilograms} of ballast, weighed in water."
+        return f"{text}: to balance it {action} {kilograms} of ballast, weighed in water."
 
     def to_json(self) -> dict[str, object]:
         ballast = self.ballast and self.ballast.to_json()
@@ -553,19 +553,19 @@ def identify_turns(
     dof: Dof,
     turns: tuple[HalfTurn, ...],
     set_aside: tuple[SetAside, ...],
-    whole: Callable[[], Sequence[Run]],
+    load_runs: Callable[[], Sequence[Run]],
     fit_to: str = "auto",
-    known: Known = NOTHING_KNOWN,
-    each: Each = alone,
+    prior: Known = NOTHING_KNOWN,
+    map_jobs: Each = alone,
     channels: str = AUTO,
     tail: float | None = None,
     with_effects: Sequence[str] = (),
 ) -> YawFit:
-    """Fit the three models to a motion's half-turns, or to whole runs, which `whole` gives if they are needed.
+    """Fit the three models to a motion's half-turns, or to whole runs, which `load_runs` gives if they are needed.
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at
-    least three at two sizes of moment serve and they are half of the runs or more, else whole runs. `known` is what
-    need not be estimated, or is known with an error, by qualified names; `each` maps a function over the models (to use
+    least three at two sizes of moment serve and they are half of the runs or more, else whole runs. `prior` is what
+    need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best. Raises RunError where too few runs are left, FitError where
     the data cannot carry a fit.
@@ -580,13 +580,13 @@ def identify_turns(
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
     if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
-        return _fit_steps(turns, set_aside, known, each, channels, tail)
+        return _fit_steps(turns, set_aside, prior, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{_counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    return _fit_whole(tuple(whole()), turns, fit_to, known, each, channels, with_effects)
+    return _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects)
 
 
 def _counted(number: int, noun: str) -> str:
@@ -602,8 +602,8 @@ def _reasons(set_aside: Sequence[SetAside]) -> str:
 def _fit_steps(
     turns: tuple[HalfTurn, ...],
     set_aside: tuple[SetAside, ...],
-    known: Known,
-    each: Each,
+    prior: Known,
+    map_jobs: Each,
     channels: str,
     tail: float | None,
 ) -> YawFit:
@@ -618,10 +618,10 @@ def _fit_steps(
     start = (inertia, rough.drag["1"].drag[0], rough.drag["3"].drag[1])
     name = dof.symbols.constant
     constant = {model: fit.estimates[name].value for model, fit in rough.drag.items() if dof.has_constant}
-    both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
+    two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
 
-    fit_model = partial(_fit_model, data=data, start=start, constant=constant, unit=unit, known=known, both=both)
-    fits = dict(zip(MODELS, each(fit_model, MODELS, FITTING)))
+    fit_model = partial(_fit_model, data=data, start=start, constant=constant, unit=unit, prior=prior, two_way=two_way)
+    fits = dict(zip(MODELS, map_jobs(fit_model, MODELS, FITTING)))
     preference = whole_runs.prefer(fits)
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
     noise = float(np.median([turn.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
@@ -636,7 +636,7 @@ def _fit_steps(
         *told(listed, preference),
     )
     return YawFit(
-        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, known=known
+        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, prior=prior
     )
 
 
@@ -646,8 +646,8 @@ def _fit_model(
     start: tuple[float, float, float],
     constant: Mapping[str, float],
     unit: str,
-    known: Known,
-    both: bool,
+    prior: Known,
+    two_way: bool,
 ) -> whole_runs.OutputErrorFit:
     inertia, linear, quadratic = start
     if number == "1":  # its inertia from the same tails: equation 7 against equation 9
@@ -656,26 +656,26 @@ def _fit_model(
     always = constant.get(number, constant.get("3", 0.0))
 
     def fit(sided: bool) -> whole_runs.OutputErrorFit:
-        return whole_runs.fit_half_turns(data, number, begin, unit, known, always, sided)
+        return whole_runs.fit_half_turns(data, number, begin, unit, prior, always, sided)
 
-    return whole_runs.by_way(fit, data.dof, both)
+    return whole_runs.by_way(fit, data.dof, two_way)
 
 
 def _fit_whole(
     runs: tuple[Run, ...],
     turns: Sequence[HalfTurn],
     fit_to: str,
-    known: Known,
-    each: Each,
+    prior: Known,
+    map_jobs: Each,
     channels: str,
     with_effects: Sequence[str],
 ) -> YawFit:
     steered, undriven = without_undriven(runs)
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
     free, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
-    kept, contrary = without_contrary(free)
-    chosen = choose_channels(kept, kept[0].dof, channels) if kept else NOTHING_TO_CHOOSE
-    moving = tuple(chosen.cleaned(run) for run in kept)
+    usable, contrary = without_contrary(free)
+    chosen = choose_channels(usable, usable[0].dof, channels) if usable else NOTHING_TO_CHOOSE
+    moving = tuple(chosen.cleaned(run) for run in usable)
     short = tuple(SetAside(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
     short += undriven + stuck + contrary
     if not moving:
@@ -688,14 +688,14 @@ def _fit_whole(
     use: driven.Judgement
     course = make_course(moving, at_rest, channels=chosen.names)
     if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
-        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, known=known)
-        fits = dict(zip(MODELS, each(ask, MODELS, FITTING)))
+        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
+        fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         preference = whole_runs.prefer(fits)
         predictions = driven.whole_predictions(course, fits[preference.number])
         use = driven.Judgement({dof.position: driven.worth_of(predictions)}, len(moving))
         how = "by output error, for the evidence asks for no disturbance"
     else:
-        fits, refused = driven.fitted_driven(moving, course, each, with_effects, known.parameters)
+        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
         ahead = driven.left_out(course, fits)
         preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
         number = preference.number
@@ -725,7 +725,7 @@ def _fit_whole(
         *fit_warnings(fits, preference, [run.name for run in moving]),
         *told(listed, preference),
     )
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, listed, dof, chosen, use, known)
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, listed, dof, chosen, use, prior)
 
 
 def _too_little(run: Run) -> str:
@@ -736,14 +736,14 @@ def _too_little(run: Run) -> str:
 
 
 def _fit_whole_model(
-    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, known: Known
+    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, prior: Known
 ) -> whole_runs.OutputErrorFit:
     largest = max(float(np.abs(run.command).max()) for run in runs)
-    both = driven.both_ways(runs)
+    two_way = driven.both_ways(runs)
     for step in driven.STEPS:
         batch = make_batch(runs, step, channels=channels)
         fit = whole_runs.by_way(
-            partial(whole_runs.fit_whole_runs, batch, number, at_rest, known=known), batch.dof, both
+            partial(whole_runs.fit_whole_runs, batch, number, at_rest, prior=prior), batch.dof, two_way
         )
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit

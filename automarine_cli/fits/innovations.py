@@ -53,7 +53,7 @@ class Randomness:
 class DrivenProblem:
     """Likelihood of a model on a course. theta is the model's parameters, then those of `random`, in the order that
     `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step.
-    `smooth` (p, p) is the precision about zero of parameters that are not positive, as of a smooth curve; `known` are
+    `smooth` (p, p) is the precision about zero of parameters that are not positive, as of a smooth curve; `priors` are
     parameters that are known beforehand.
     """
 
@@ -65,7 +65,7 @@ class DrivenProblem:
     scale: Floats
     random: tuple[Randomness, ...]
     smooth: Floats | None = None
-    known: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -73,12 +73,12 @@ class DrivenProblem:
         searched: Sequence[tuple[tuple[float, float], bool, float]], random: tuple[Randomness, ...],
     ) -> "DrivenProblem":  # fmt: skip
         """From the bounds, the scale and a small step of each of the model's own parameters."""
-        every = [*searched, *(((one.lower, one.upper), not one.signed, 1.0) for one in random)]
+        every = [*searched, *(((chance.lower, chance.upper), not chance.signed, 1.0) for chance in random)]
         bounds, positive, scale = map(np.array, zip(*every))
-        return cls(model, course, (*names, *(one.name for one in random)), bounds, positive, scale, random)
+        return cls(model, course, (*names, *(chance.name for chance in random)), bounds, positive, scale, random)
 
-    def informed(self, known: Mapping[str, Prior]) -> "DrivenProblem":
-        return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
+    def informed(self, priors: Mapping[str, Prior]) -> "DrivenProblem":
+        return replace(self, priors=priors, bounds=bounds_of(priors, self.names, self.bounds))
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -90,24 +90,24 @@ class DrivenProblem:
         return np.stack([self.search(end) for end in self.bounds.T], axis=1)
 
     @cached_property
-    def priors(self) -> tuple[Floats, Floats]:
+    def prior_moments(self) -> tuple[Floats, Floats]:
         """Mean (p,) and precision (p, p) of phi before the data; no precision where nothing is known."""
         count = len(self.names)
-        known = prior_of(self.known, self.names, self.positive, self.smooth)
-        mean, precision = known or (np.zeros(count), np.zeros((count, count)))
-        for i, one in enumerate(self.random, count - len(self.random)):
-            mean[i] = one.median if one.signed else np.log(one.median)
-            precision[i, i] = one.spread**-2
+        prior = prior_of(self.priors, self.names, self.positive, self.smooth)
+        mean, precision = prior or (np.zeros(count), np.zeros((count, count)))
+        for i, chance in enumerate(self.random, count - len(self.random)):
+            mean[i] = chance.median if chance.signed else np.log(chance.median)
+            precision[i, i] = chance.spread**-2
         return mean, precision
 
     @cached_property
     def prior_information(self) -> Floats:
         """What the prior says of the free parameters, (f, f)."""
-        return self.priors[1][np.ix_(self.free, self.free)]
+        return self.prior_moments[1][np.ix_(self.free, self.free)]
 
     def prior_gradient(self, phi: Floats) -> Floats:
         """Slope of the prior's log density by the free parameters at phi (p,), (f,)."""
-        mean, precision = self.priors
+        mean, precision = self.prior_moments
         return np.asarray(-(precision @ (phi - mean))[self.free])
 
     def natural(self, phi: Floats) -> Floats:
@@ -118,17 +118,17 @@ class DrivenProblem:
 
     def noises(self, theta: Floats) -> Noises:
         dofs, channels = len(self.course.motion.dofs), len(self.course.channels)
-        rest = list(theta[:, len(self.names) - len(self.random) :].T)
-        size, time, thrust = (np.array([rest[3 * d + i] for d in range(dofs)]) for i in range(3))
-        gain, late, at = rest[3 * dofs], rest[3 * dofs + 1], 3 * dofs + 2
-        own = {one.name.partition(".")[0]: rest[i] for i, one in enumerate(self.random[at + channels :], at + channels)}
-        return Noises(size, time, thrust, gain, late, np.array(rest[at : at + channels]), own)
+        chances = list(theta[:, len(self.names) - len(self.random) :].T)
+        size, time, thrust = (np.array([chances[3 * d + i] for d in range(dofs)]) for i in range(3))
+        gain, late, at = chances[3 * dofs], chances[3 * dofs + 1], 3 * dofs + 2
+        per_run = {c.name.partition(".")[0]: chances[i] for i, c in enumerate(self.random) if i >= at + channels}
+        return Noises(size, time, thrust, gain, late, np.array(chances[at : at + channels]), per_run)
 
     def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> Followed:
         """Filter the runs under phi (P, p), or those of another course."""
         theta = self.natural(phi)
-        own = len(self.names) - len(self.random)
-        return follow(self.model, course or self.course, theta[:, :own], self.noises(theta), keep)
+        count = len(self.names) - len(self.random)
+        return follow(self.model, course or self.course, theta[:, :count], self.noises(theta), keep)
 
     def value(self, phi: Floats) -> Floats:
         """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
@@ -137,7 +137,7 @@ class DrivenProblem:
 
     def prior(self, phi: Floats) -> Floats:
         """Log density of phi (..., p) before the data, up to a constant."""
-        mean, precision = self.priors
+        mean, precision = self.prior_moments
         return np.asarray(-0.5 * np.einsum("...i,ij,...j->...", phi - mean, precision, phi - mean))
 
     def steps(self, phi: Floats) -> Floats:
@@ -153,38 +153,38 @@ class DrivenProblem:
 
     def slopes(self, phi: Floats) -> list["Slopes"]:
         """Each run's gradient and information by the free parameters at each phi (P, p), all filtered together."""
-        found, count = self.follow(np.concatenate([self.moved(one) for one in phi])), 1 + len(self.free)
+        followed, count = self.follow(np.concatenate([self.moved(point) for point in phi])), 1 + len(self.free)
         parts = [slice(i * count, (i + 1) * count) for i in range(len(phi))]
-        return [Slopes.of([innovations_of(found, part, self.steps(one))]) for part, one in zip(parts, phi)]
+        return [Slopes.of([innovations_of(followed, part, self.steps(point))]) for part, point in zip(parts, phi)]
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """Innovations `error` (C, R, K), their `variance`, one where nothing was `read`, the derivatives of both by some
-    parameters, (C, f, R, K), none where a filter runs away, and the log density of each run (R,)."""
+    """Innovations `error` (C, R, K), their `variance`, one where nothing was `observed`, the derivatives of both by
+    some parameters, (C, f, R, K), none where a filter runs away, and the log density of each run (R,)."""
 
     error: Floats
     variance: Floats
-    read: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
     by: Floats
     spread: Floats
     density: Floats
 
 
 @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
-def innovations_of(found: Followed, part: slice, steps: Floats | float, base: Innovations | None = None) -> Innovations:
+def innovations_of(runs: Followed, part: slice, steps: Floats | float, base: Innovations | None = None) -> Innovations:
     """Innovations at a point, and how they change per step from there to the parameter sets `part` of what was
     filtered. The point is that of `base` if it is given, else the first of them."""
-    error, variance, density = found.innovation[:, part], found.variance[:, part], found.log_density[part]
+    error, variance, density = runs.innovation[:, part], runs.variance[:, part], runs.log_density[part]
     if base is None:
-        read = variance[:, 0] > 0
+        observed = variance[:, 0] > 0
         base = Innovations(
-            error[:, 0], np.where(read, variance[:, 0], 1.0), read, error[:, :0], error[:, :0], density[0]
+            error[:, 0], np.where(observed, variance[:, 0], 1.0), observed, error[:, :0], error[:, :0], density[0]
         )
         error, variance = error[:, 1:], variance[:, 1:]
     step = np.broadcast_to(steps, error.shape[1])[:, None, None]
-    by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
-    spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
+    by = np.where(base.observed[:, None], (error - base.error[:, None]) / step, 0.0)
+    spread = np.where(base.observed[:, None], (variance - base.variance[:, None]) / step, 0.0)
     sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
     return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
 
@@ -198,8 +198,8 @@ class Slopes:
     information: Floats
 
     def without(self, run: int) -> "Slopes":
-        rest = np.arange(len(self.density)) != run
-        return Slopes(self.density[rest], self.gradient[rest], self.information[rest])
+        remaining = np.arange(len(self.density)) != run
+        return Slopes(self.density[remaining], self.gradient[remaining], self.information[remaining])
 
     def value(self, problem: DrivenProblem, phi: Floats) -> float:
         """Log density of these runs with the prior; minus infinity where a filter diverges."""
@@ -211,13 +211,13 @@ class Slopes:
     def of(cls, parts: Sequence[Innovations]) -> "Slopes":
         """From innovations about one point, with derivatives by different parameters, in their order."""
         base = parts[0]
-        by, spread = (np.concatenate(list(one), axis=1) for one in zip(*((p.by, p.spread) for p in parts)))
+        by, spread = (np.concatenate(list(blocks), axis=1) for blocks in zip(*((p.by, p.spread) for p in parts)))
         root = np.sqrt(base.variance)
-        z = np.where(base.read, base.error / root, 0.0)
+        z = np.where(base.observed, base.error / root, 0.0)
         bounded = np.clip(z, -FAR, FAR)
         columns, spreads = by / root[:, None], spread / base.variance[:, None]
         gradient = -np.einsum("crk,cfrk->rf", bounded, columns)
-        gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.read, bounded * z - 1.0, 0.0), spreads)
+        gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.observed, bounded * z - 1.0, 0.0), spreads)
         c, f, r, k = columns.shape
         flat, wide = (np.moveaxis(x, 2, 0).swapaxes(1, 2).reshape(r, f, c * k) for x in (columns, spreads))
         information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
@@ -232,25 +232,25 @@ def randomness(
     `accelerations` (D,) are those that the largest commands give. A `quiet` course has no disturbance and no unsteady
     thrust: the limit of a pool. Where a model is `delayed`, the logger's own delay is part of that.
     """
-    found = []
+    chances = []
     for dof, push in zip(course.motion.dofs, accelerations):
         least, most = LEAST_SIZE * push, 3.0 * push
         size = (0.0, 0.0) if quiet else (least, most)
-        found.append(Randomness(f"{dof.name}.disturbance", *size, 0.05 * push, 3.0))
+        chances.append(Randomness(f"{dof.name}.disturbance", *size, 0.05 * push, 3.0))
         time = (2.0, 2.0) if quiet else (0.3, 60.0)
-        found.append(Randomness(f"{dof.name}.disturbance-time", *time, 2.0, 1.0))
+        chances.append(Randomness(f"{dof.name}.disturbance-time", *time, 2.0, 1.0))
         thrust = (0.0, 0.0) if quiet else (1e-3, 3.0)
-        found.append(Randomness(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0))
-    found.append(Randomness("gain-scatter", 1e-3, 0.3, 0.04, 0.5))
+        chances.append(Randomness(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0))
+    chances.append(Randomness("gain-scatter", 1e-3, 0.3, 0.04, 0.5))
     most = 0.0 if delayed else 0.5
-    found.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
+    chances.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
     for channel, noise in zip(course.channels, course.noise):
         floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
-        found.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
-    largest = float(np.abs(course.held).max())
-    found += [Randomness(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0) for name in varying]
-    return tuple(found)
+        chances.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
+    largest = float(np.abs(course.commanded).max())
+    chances += [Randomness(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0) for name in varying]
+    return tuple(chances)
 
 
 SETTLED = 0.02  # gain in log likelihood still to be expected below which a fit has converged
@@ -335,16 +335,16 @@ def _climbed(
     together."""
     climbs = [_climb(problem, phi, iterations, ONE_SHARE if without_each else SHARES) for phi in starts]
     reached: dict[int, _Climb] = {}
-    wanted = {i: next(climb) for i, climb in enumerate(climbs)}
-    while wanted:
-        slopes = iter(problem.slopes(np.concatenate(list(wanted.values()))))
-        for i, phis in list(wanted.items()):
+    points = {i: next(climb) for i, climb in enumerate(climbs)}
+    while points:
+        slopes = iter(problem.slopes(np.concatenate(list(points.values()))))
+        for i, phis in list(points.items()):
             try:
-                own = islice(slopes, len(phis))
-                wanted[i] = climbs[i].send([one.without(i) if without_each else one for one in own])
+                batch = islice(slopes, len(phis))
+                points[i] = climbs[i].send([slope.without(i) if without_each else slope for slope in batch])
             except StopIteration as end:
                 reached[i] = end.value
-                del wanted[i]
+                del points[i]
     return [reached[i] for i in range(len(climbs))]
 
 
@@ -379,7 +379,7 @@ def _climb(
         reached: list[float] = []
         for part in np.split(trials, rounds):
             tried += yield part
-            reached += [one.value(problem, trial) for one, trial in zip(tried[-len(part) :], part)]
+            reached += [attempt.value(problem, trial) for attempt, trial in zip(tried[-len(part) :], part)]
             if max(reached) > value + 0.1 * SETTLED:
                 break
         best = int(np.argmax(reached))
@@ -406,8 +406,8 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
     runs = len(problem.course.names)
     left_out = np.tile(phi, (runs, 1))
     if runs > 1:
-        rest = hessian - slopes.information[:, inside][:, :, inside]
-        moved = linear_mixed.solve_scaled(rest, -slopes.gradient[:, inside])
+        remaining = hessian - slopes.information[:, inside][:, :, inside]
+        moved = linear_mixed.solve_scaled(remaining, -slopes.gradient[:, inside])
         spread = np.sqrt(np.maximum(np.diagonal(covariance)[open_to], 0.0))
         left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
@@ -420,7 +420,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
     density = every.log_density
     of_left_out = np.where(np.isfinite(density), density, -1e9)[1:]  # next to nothing where a filter ran away
     assert every.states is not None
-    theta, read = problem.natural(phi), {one.quantity: int(one.seen.sum()) for one in problem.course.channels}
+    theta, readings = problem.natural(phi), {c.quantity: int(c.seen.sum()) for c in problem.course.channels}
     return InnovationsFit(
         names=problem.names,
         theta=theta,
@@ -437,27 +437,27 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         gains=every.states[every.places.gain, 0, :, -1],
         parameters=count - len(problem.random),
         information=information,
-        noise_of={name: float(theta[problem.names.index(f"noise.{name}")]) for name in read},
-        read=read,
-        known=problem.known,
+        noise_of={name: float(theta[problem.names.index(f"noise.{name}")]) for name in readings},
+        readings=readings,
+        priors=problem.priors,
     )
 
 
-def random_estimates(found: InnovationsFit, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
+def random_estimates(fit: InnovationsFit, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
     """What is random in a fit, for a result file: sizes with their intervals, in the units of the arithmetic."""
     base = dof.units.base
     units = {"disturbance": f"{base}/s²", "disturbance-time": "s", "thrust-noise": "s^1/2", "gain-scatter": "1"}
     stored: dict[str, dict[str, object]] = {}
-    for i, name in enumerate(found.names[found.parameters :], found.parameters):
-        value, stderr = float(found.theta[i]), float(np.sqrt(max(covariance[i, i], 0.0)))
+    for i, name in enumerate(fit.names[fit.parameters :], fit.parameters):
+        value, stderr = float(fit.theta[i]), float(np.sqrt(max(covariance[i, i], 0.0)))
         kind = name.rpartition(".")[2]
         if name == SWITCH:
             ends = (value - 1.96 * stderr, value + 1.96 * stderr)
-            one = Estimate(value, stderr, ends, "sample interval")
+            estimate = Estimate(value, stderr, ends, "sample interval")
         else:
             unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
-            one = Estimate.from_log(value, stderr, max(len(found.left_out) - 1.0, 1.0), unit)
-        stored[name] = replace(one, at_bound=i in found.at_bound).to_json()
+            estimate = Estimate.from_log(value, stderr, max(len(fit.left_out) - 1.0, 1.0), unit)
+        stored[name] = replace(estimate, at_bound=i in fit.at_bound).to_json()
     return stored
 
 
@@ -469,43 +469,44 @@ def channel_noises(fit: Outcome, dof: Dof) -> dict[str, Estimate]:
 
     The relative error is that of the standard deviation of so many white residuals.
     """
-    found = {}
+    noises = {}
     for name, noise in fit.noise_of.items():
-        count = max(float(fit.read[name]) - len(fit.theta), 1.0)
+        count = max(float(fit.readings[name]) - len(fit.theta), 1.0)
         unit = dof.units.shown + "/s" * (name == dof.velocity)
-        one = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
+        estimate = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
         bound = f"noise.{name}" in fit.names and fit.names.index(f"noise.{name}") in fit.at_bound
-        found[name] = replace(one, at_bound=bound)
-    return found
+        noises[name] = replace(estimate, at_bound=bound)
+    return noises
 
 
 def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
     """Noise of each sensor estimated without a model, pooled over the runs that have it."""
-    found = {}
+    noises = {}
     for name in dof.channels:
         squares, count = 0.0, 0
         for run in runs:
-            read = run.channel(name)
-            if read is None or (name == dof.position and run.summed_up):
+            readings = run.channel(name)
+            if readings is None or (name == dof.position and run.summed_up):
                 continue
-            good = np.isfinite(read)
-            squares += float(good.sum()) * position_noise(run.time[good], read[good]) ** 2
+            good = np.isfinite(readings)
+            squares += float(good.sum()) * position_noise(run.time[good], readings[good]) ** 2
             count += int(good.sum())
         if count:
             unit = dof.units.shown + "/s" * (name == dof.velocity)
             error = ROBUST / np.sqrt(2.0 * count)
-            found[name] = Estimate.from_log(float(dof.shown(np.sqrt(squares / count))), error, count, unit)
-    return found
+            noises[name] = Estimate.from_log(float(dof.shown(np.sqrt(squares / count))), error, count, unit)
+    return noises
 
 
 def channels_json(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[str, object]:
     """`{"channels": [{"quantity", "used", "noise" or "why"}]}` for a result; {} where only positions are logged."""
-    sensors = [to_mapping(_sensor(one, noises)) for one in choice.verdicts]
+    sensors = [to_mapping(_sensor(verdict, noises)) for verdict in choice.verdicts]
     return {"channels": sensors} if sensors else {}
 
 
-def _sensor(one: ChannelVerdict, noises: Mapping[str, Estimate]) -> Sensor:
-    return Sensor(one.quantity, one.used, noises.get(one.quantity) if one.used else None, one.why or None)
+def _sensor(verdict: ChannelVerdict, noises: Mapping[str, Estimate]) -> Sensor:
+    noise = noises.get(verdict.quantity) if verdict.used else None
+    return Sensor(verdict.quantity, verdict.used, noise, verdict.why or None)
 
 
 def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
@@ -514,7 +515,7 @@ def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
 
 def channel_sentences(choice: ChannelChoice, noises: Mapping[str, Estimate], dof: Dof) -> list[str]:
     """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
-    return sentences_of([_sensor(one, noises) for one in choice.verdicts], dof)
+    return sentences_of([_sensor(verdict, noises) for verdict in choice.verdicts], dof)
 
 
 def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
@@ -522,11 +523,11 @@ def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
     if not sensors:
         return []
     words, used, lines = {dof.position: dof.words.position, dof.velocity: dof.words.rate}, [], []
-    for one in sensors:
-        name, noise = words.get(one.quantity, one.quantity), one.noise
-        if one.used:
+    for sensor in sensors:
+        name, noise = words.get(sensor.quantity, sensor.quantity), sensor.noise
+        if sensor.used:
             bound = ", at its bound" * (noise is not None and noise.at_bound)
             used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
-        if one.why:
-            lines.append(one.why if one.used else f"The {name} does not count. {one.why}")
+        if sensor.why:
+            lines.append(sensor.why if sensor.used else f"The {name} does not count. {sensor.why}")
     return [f"Sensors that count: {' and '.join(used)}.", *lines]

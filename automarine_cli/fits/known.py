@@ -40,18 +40,18 @@ class Known:
     parameters: Mapping[str, Prior] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, given: object) -> "Known":
+    def of(cls, prior: object) -> "Known":
         """The record of what Python, the command line or a campaign file gives: a record, texts such as "I_r=915±50",
         or a mapping {"I_r": 915} or {"I_r": (915, 50)}. Raises SettingError for what is none of these."""
-        if isinstance(given, Known):
-            return given
-        if isinstance(given, Mapping):
-            return cls(parameters={str(name): _prior(str(name), value) for name, value in given.items()})
-        texts = [given] if isinstance(given, str) else given
+        if isinstance(prior, Known):
+            return prior
+        if isinstance(prior, Mapping):
+            return cls(parameters={str(name): _prior(str(name), value) for name, value in prior.items()})
+        texts = [prior] if isinstance(prior, str) else prior
         if not isinstance(texts, Iterable):
-            raise SettingError(f"known is {given!r}; expected a value by name, such as {EXAMPLE}")
+            raise SettingError(f"known is {prior!r}; expected a value by name, such as {EXAMPLE}")
         parameters: dict[str, Prior] = {}
-        for text in (part for one in texts for part in str(one).split(",") if part.strip()):
+        for text in (part for entry in texts for part in str(entry).split(",") if part.strip()):
             match = _KNOWN.fullmatch(text)
             if match is None:
                 raise SettingError(
@@ -67,45 +67,45 @@ class Known:
     def named(self, names: Mapping[str, str], signed: Sequence[str] = ()) -> "Known":
         """The same by the qualified names of a fit, `names` by what users may write; those of `signed` may have either
         sign. Raises SettingError for another name, or a value that no vehicle has."""
-        found: dict[str, Prior] = {}
+        priors: dict[str, Prior] = {}
         for name, prior in self.parameters.items():
-            whole = name if name in names.values() else names.get(name)
-            if whole is None:
+            qualified = name if name in names.values() else names.get(name)
+            if qualified is None:
                 close = difflib.get_close_matches(name[:LONGEST], names, n=1)
                 hint = f"; did you mean {close[0]}?" if close else ""
                 raise SettingError(f"known: {name!r} is no parameter of this fit; it has {', '.join(names)}{hint}")
-            if whole in found:
+            if qualified in priors:
                 raise SettingError(f"known: {name} is given twice; give it once")
-            if whole not in signed and prior.value <= 0:
+            if qualified not in signed and prior.value <= 0:
                 raise SettingError(f"known: {name} is {prior.value:g}; expected a number above 0")
-            found[whole] = prior
-        return replace(self, parameters=found)
+            priors[qualified] = prior
+        return replace(self, parameters=priors)
 
     def sentences(self, units: Mapping[str, str], names: Iterable[str]) -> tuple[str, ...]:
         """What was known, in the `units` of the fit by qualified name, and what a model of these `names` lacks."""
         if not self.parameters:
             return ()
-        values = (f"{name.partition('.')[2]} = {one} {units.get(name, '')}" for name, one in self.parameters.items())
+        values = (f"{name.partition('.')[2]} = {p} {units.get(name, '')}" for name, p in self.parameters.items())
         lacking = [name.partition(".")[2] for name in sorted(set(self.parameters) - set(names))]
         more = (f"The preferred model has no {' and no '.join(lacking)}; it was not used there.",) if lacking else ()
-        return (f"Known beforehand: {', '.join(one.strip() for one in values)}.", *more)
+        return (f"Known beforehand: {', '.join(text.strip() for text in values)}.", *more)
 
 
 NOTHING_KNOWN = Known()
 
 
-def _prior(name: str, given: object) -> Prior:
-    if isinstance(given, Prior):
-        return given
-    parts = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+def _prior(name: str, entry: object) -> Prior:
+    if isinstance(entry, Prior):
+        return entry
+    parts = entry if isinstance(entry, Sequence) and not isinstance(entry, str) else (entry,)
     try:
         value, *stderr = (float(str(part)) for part in parts)
     except ValueError:
         raise SettingError(
-            f"known: {name} is {given!r}; expected a number, or one and its standard error, in the unit of the fit"
+            f"known: {name} is {entry!r}; expected a number, or one and its standard error, in the unit of the fit"
         ) from None
     if len(stderr) > 1 or not all(map(math.isfinite, (value, *stderr))):
-        raise SettingError(f"known: {name} is {given!r}; expected a finite number, or one and its standard error")
+        raise SettingError(f"known: {name} is {entry!r}; expected a finite number, or one and its standard error")
     if stderr and not stderr[0] > 0:
         raise SettingError(f"known: the standard error of {name} is {stderr[0]:g}; expected a number above 0")
     return Prior(value, *stderr)
@@ -117,24 +117,24 @@ def names_in(dof: Dof, effects: Iterable[str] = ()) -> dict[str, str]:
     return {dof.parameters[role]: dof.parameter(role) for role in roles} | {name: name for name in effects}
 
 
-def bounds_of(known: Mapping[str, Prior], names: Sequence[str], bounds: Floats) -> Floats:
+def bounds_of(priors: Mapping[str, Prior], names: Sequence[str], bounds: Floats) -> Floats:
     """The bounds (p, 2) of a fit's parameters, by what is known exactly."""
-    exact = {name: one.value for name, one in known.items() if one.stderr is None}
-    held = [(exact[name], exact[name]) if name in exact else tuple(row) for name, row in zip(names, bounds)]
-    return np.array(held, dtype=float)
+    exact = {name: prior.value for name, prior in priors.items() if prior.stderr is None}
+    limits = [(exact[name], exact[name]) if name in exact else tuple(row) for name, row in zip(names, bounds)]
+    return np.array(limits, dtype=float)
 
 
 def prior_of(
-    known: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_], smooth: Floats | None = None
+    priors: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_], smooth: Floats | None = None
 ) -> tuple[Floats, Floats] | None:
     """Mean (p,) and precision (p, p) in the coordinates of a search, with the precision `smooth` (p, p) about zero;
     None where nothing is known with an error."""
-    at = {names.index(name): one for name, one in known.items() if name in names and one.stderr is not None}
+    at = {names.index(name): prior for name, prior in priors.items() if name in names and prior.stderr is not None}
     if not at and smooth is None:
         return None
     mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names))) if smooth is None else smooth.copy()
-    for i, one in at.items():
-        assert one.stderr is not None
-        mean[i] = np.log(one.value) if positive[i] else one.value
-        precision[i, i] = (one.value / one.stderr if positive[i] else 1.0 / one.stderr) ** 2
+    for i, prior in at.items():
+        assert prior.stderr is not None
+        mean[i] = np.log(prior.value) if positive[i] else prior.value
+        precision[i, i] = (prior.value / prior.stderr if positive[i] else 1.0 / prior.stderr) ** 2
     return mean, precision

@@ -181,7 +181,7 @@ class Grams:
 
         log_scale = np.sum([b * channel.count for b, channel in zip(behind, self.channels)], axis=0)
         products = zip(*((c.jj, c.jv, c.vv, c.jw, c.vw, c.ww) for c in self.channels))
-        jj, jv, vv, jw, vw, ww = (np.asarray(sum(w * one for w, one in zip(share, part))) for part in products)
+        jj, jv, vv, jw, vw, ww = (np.asarray(sum(w * block for w, block in zip(share, part))) for part in products)
         return Gram(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
 
 
@@ -198,7 +198,7 @@ class Weighted:
     """Each run's share of the normal equations at given variances: H (R, p, p), h (R, p), w'w (R,), log|R_i|
     (R,), with w = r + V b0.
 
-    Of the run effects in units of their prior deviation: `left` (R, q) is the share of the variance that the
+    Of the run effects in units of their prior deviation: `remaining` (R, q) is the share of the variance that the
     data leave, `means` (R, q) the posterior mean at phi = 0, `by_phi` (R, q, p) what it loses per phi, and `spread`
     (R, q, q) their posterior covariance.
     """
@@ -207,7 +207,7 @@ class Weighted:
     gradient: Floats
     square: Floats
     log_det: Floats
-    left: Floats
+    remaining: Floats
     means: Floats
     by_phi: Floats
     spread: Floats
@@ -243,7 +243,7 @@ def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
         square=(gram.ww - product[:, w, w]) / s2
         + (2.0 * product[:, w, b] + (present**2).sum(axis=1) - s2 * product[:, b, b]),
         log_det=log_det,
-        left=np.diagonal(spread, axis1=1, axis2=2),
+        remaining=np.diagonal(spread, axis1=1, axis2=2),
         means=present + (product[:, unit, w] - s2 * product[:, unit, b]),
         by_phi=product[:, unit, phi],
         spread=spread,
@@ -346,24 +346,24 @@ def scored_deviance(
     weighted = weigh(grams, effects, variances)
     hessian, gradient = normal_equations(grams, weighted)
     phi = solve_scaled(hessian, gradient)
-    misfit, known, own = weighted.square.sum() - gradient @ phi, 0.0, hessian
+    misfit, of_prior, of_data = weighted.square.sum() - gradient @ phi, 0.0, hessian
     if grams.prior is not None:  # which no noise scales
         expected, precision = grams.prior
-        own = hessian - precision
-        misfit = weighted.square.sum() - (2.0 * (gradient - precision @ expected) - own @ phi) @ phi
-        known = float((phi - expected) @ precision @ (phi - expected))
-    value = weighted.log_det.sum() + misfit + known
+        of_data = hessian - precision
+        misfit = weighted.square.sum() - (2.0 * (gradient - precision @ expected) - of_data @ phi) @ phi
+        of_prior = float((phi - expected) @ precision @ (phi - expected))
+    value = weighted.log_det.sum() + misfit + of_prior
     means = weighted.means - weighted.by_phi @ phi
-    of_effect = 1.0 - weighted.left - means**2
-    of_noise = grams.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
+    of_effect = 1.0 - weighted.remaining - means**2
+    of_noise = grams.count.sum() - (1.0 - weighted.remaining).sum() - misfit + (means**2).sum()
     covariance = None
     if restricted:
         unit = curvature_scale(hessian)
         value += np.linalg.slogdet(hessian / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
         covariance = covariance_of(hessian)
-        taken = (weighted.by_phi @ covariance * weighted.by_phi).sum(axis=2)
-        of_effect -= taken
-        of_noise += taken.sum() - (len(phi) if grams.prior is None else float((own * covariance).sum()))
+        of_phi = (weighted.by_phi @ covariance * weighted.by_phi).sum(axis=2)
+        of_effect -= of_phi
+        of_noise += of_phi.sum() - (len(phi) if grams.prior is None else float((of_data * covariance).sum()))
     noises = [of_noise]
     if len(grams.channels) > 1:
         noises = _of_noises(grams, effects, variances, weighted, phi, means, covariance)
@@ -382,16 +382,16 @@ def _information(grams: Grams, effects: RunEffects, variances: Floats, weighted:
     shares = [identity - spread]
     if len(grams.channels) > 1:
         scale = effects.deviation(variances)
-        told = [scale[:, :, None] * c.vv * scale[:, None, :] for c in grams.channels]
-        shares = [(one / np.exp(2.0 * noise)) @ spread for one, noise in zip(told, variances)]
+        precisions = [scale[:, :, None] * c.vv * scale[:, None, :] for c in grams.channels]
+        shares = [(precision / np.exp(2.0 * noise)) @ spread for precision, noise in zip(precisions, variances)]
     noises = len(shares)
-    found = np.zeros((len(variances), len(variances)))
-    for c, one in enumerate(shares):
-        found[c, :noises] = [np.einsum("rij,rji->", one, other) for other in shares]
-        found[c, c] += grams.channels[c].count.sum() - 2.0 * np.einsum("rii->", one)
-        found[c, noises:] = found[noises:, c] = effects.members @ np.einsum("rij,rji->i", spread, one)
-    found[noises:, noises:] = effects.members @ ((identity - spread) ** 2).sum(axis=0) @ effects.members.T
-    return 4.0 * found
+    hessian = np.zeros((len(variances), len(variances)))
+    for c, share in enumerate(shares):
+        hessian[c, :noises] = [np.einsum("rij,rji->", share, other) for other in shares]
+        hessian[c, c] += grams.channels[c].count.sum() - 2.0 * np.einsum("rii->", share)
+        hessian[c, noises:] = hessian[noises:, c] = effects.members @ np.einsum("rij,rji->i", spread, share)
+    hessian[noises:, noises:] = effects.members @ ((identity - spread) ** 2).sum(axis=0) @ effects.members.T
+    return 4.0 * hessian
 
 
 def _of_noises(
@@ -409,20 +409,20 @@ def _of_noises(
     step = scale * means - grams.channels[0].present
     spread = weighted.spread * scale[:, :, None] * scale[:, None, :]
     follows = scale[:, :, None] * weighted.by_phi
-    found = []
+    slopes = []
     for channel, log_noise in zip(grams.channels, variances):
         of_b = (channel.vv @ step[:, :, None])[:, :, 0]
-        left = channel.ww.sum() - 2.0 * (channel.jw.sum(axis=0) @ phi + (channel.vw * step).sum())
-        left += phi @ channel.jj.sum(axis=0) @ phi + (step * of_b).sum()
-        left += 2.0 * phi @ np.einsum("rpq,rq->p", channel.jv, step)
-        left += (channel.vv * spread).sum()
+        misfit = channel.ww.sum() - 2.0 * (channel.jw.sum(axis=0) @ phi + (channel.vw * step).sum())
+        misfit += phi @ channel.jj.sum(axis=0) @ phi + (step * of_b).sum()
+        misfit += 2.0 * phi @ np.einsum("rpq,rq->p", channel.jv, step)
+        misfit += (channel.vv * spread).sum()
         if covariance is not None:
             cross = channel.jv @ follows
-            own = channel.jj - cross - np.swapaxes(cross, 1, 2)
-            own = (own + np.swapaxes(follows, 1, 2) @ channel.vv @ follows).sum(axis=0)
-            left += (covariance * own).sum()
-        found.append(float(channel.count.sum() - left / np.exp(2.0 * log_noise)))
-    return found
+            projected = channel.jj - cross - np.swapaxes(cross, 1, 2)
+            projected = (projected + np.swapaxes(follows, 1, 2) @ channel.vv @ follows).sum(axis=0)
+            misfit += (covariance * projected).sum()
+        slopes.append(float(channel.count.sum() - misfit / np.exp(2.0 * log_noise)))
+    return slopes
 
 
 def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
@@ -433,19 +433,19 @@ def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restri
     limits = np.array([*((np.log(1e-9), np.log(1e3)) for _ in noises), *factors])
     # of a logarithm of a standard deviation that n values show: 1/sqrt(2 n)
     unit = 1.0 / np.sqrt(2.0 * np.append(noises, np.full(len(factors), len(grams.count))))
-    here = np.clip(start, *limits.T)
-    value, slope, information = scored_deviance(grams, effects, here, restricted=restricted)
+    point = np.clip(start, *limits.T)
+    value, slope, information = scored_deviance(grams, effects, point, restricted=restricted)
     for _ in range(MOST_STEPS):
         steep = np.abs(slope) * unit > FLAT
-        room = np.where(steep[:, None], limits - here[:, None], 0.0)
-        wanted = bounded_solution(information, -slope, room)
-        step = 2.0 * np.clip(wanted, -BOLDEST, BOLDEST)
-        found, settled = (np.inf, slope, information), False
-        while found[0] > value and not settled:
+        room = np.where(steep[:, None], limits - point[:, None], 0.0)
+        newton = bounded_solution(information, -slope, room)
+        step = 2.0 * np.clip(newton, -BOLDEST, BOLDEST)
+        trial, settled = (np.inf, slope, information), False
+        while trial[0] > value and not settled:
             step = 0.5 * step
             settled = bool(np.all(np.abs(step) <= SETTLED * unit))
-            found = scored_deviance(grams, effects, np.clip(here + step, *limits.T), restricted=restricted)
-        here, (value, slope, information) = np.clip(here + step, *limits.T), found
+            trial = scored_deviance(grams, effects, np.clip(point + step, *limits.T), restricted=restricted)
+        point, (value, slope, information) = np.clip(point + step, *limits.T), trial
         if settled:
             break
-    return here
+    return point

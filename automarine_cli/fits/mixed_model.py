@@ -44,7 +44,7 @@ class Outcome(ABC):
     the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
     `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
     of the parameters that a bound stopped, `information` (R, p, p) what each run says of phi, `noise_of` each channel
-    that counts by its quantity [its unit] with the number of its readings in `read`; `known` what was known beforehand.
+    that counts by its quantity [its unit] with the number of its `readings`; `priors` what was known beforehand.
     """
 
     names: tuple[str, ...]
@@ -60,8 +60,8 @@ class Outcome(ABC):
     converged: bool
     information: Floats = field(repr=False)
     noise_of: Mapping[str, float]
-    read: Mapping[str, int]
-    known: Mapping[str, Prior] = field(default_factory=dict, kw_only=True)
+    readings: Mapping[str, int]
+    priors: Mapping[str, Prior] = field(default_factory=dict, kw_only=True)
 
     def value(self, name: str) -> float:
         return float(self.theta[self.names.index(name)])
@@ -90,7 +90,7 @@ class Outcome(ABC):
     @property
     def error_of_known(self) -> Floats:
         """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
-        prior = prior_of(self.known, self.names, self.positive)
+        prior = prior_of(self.priors, self.names, self.positive)
         return np.zeros_like(self.covariance) if prior is None else self.covariance @ prior[1] @ self.covariance
 
 
@@ -135,14 +135,14 @@ class Slot:
 
 def slots_of(channels: Sequence[Channel]) -> tuple[Slot, ...]:
     """The places of channels whose readings stand one after the other."""
-    found, at = [], 0
+    slots, at = [], 0
     for channel in channels:
         width = channel.values.shape[1]
-        read = [series_noise(v[s]) for v, s in zip(channel.values, channel.seen) if s.any()]
-        noise = float(np.median(read)) if read else 0.0
-        found.append(Slot(channel.quantity, slice(at, at + width), max(noise, LEAST_NOISE), channel.counts))
+        noises = [series_noise(v[s]) for v, s in zip(channel.values, channel.seen) if s.any()]
+        noise = float(np.median(noises)) if noises else 0.0
+        slots.append(Slot(channel.quantity, slice(at, at + width), max(noise, LEAST_NOISE), channel.counts))
         at += width
-    return tuple(found)
+    return tuple(slots)
 
 
 def series_noise(values: Floats) -> float:
@@ -157,28 +157,28 @@ class Problem:
     """Measured readings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
 
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
-    are formed, on the logarithm. `slots` are the channels, the first that counts first. `known` are parameters that
+    are formed, on the logarithm. `slots` are the channels, the first that counts first. `priors` are parameters that
     are known beforehand, `smooth` (p, p) the precision about zero of parameters that are not positive, as of a curve.
     """
 
     response: Response
     measured: Floats
-    seen: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
     effects: RunEffects
     bounds: Floats
     positive: NDArray[np.bool_]
     names: tuple[str, ...]
     slots: tuple[Slot, ...]
-    known: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
     smooth: Floats | None = None
 
-    def informed(self, known: Mapping[str, Prior]) -> "Problem":
-        return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
+    def informed(self, priors: Mapping[str, Prior]) -> "Problem":
+        return replace(self, priors=priors, bounds=bounds_of(priors, self.names, self.bounds))
 
     @cached_property
     def prior(self) -> tuple[Floats, Floats] | None:
         """Mean (p,) and precision (p, p) of phi before the data; None where nothing is known."""
-        return prior_of(self.known, self.names, self.positive, self.smooth)
+        return prior_of(self.priors, self.names, self.positive, self.smooth)
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
@@ -187,7 +187,7 @@ class Problem:
     @cached_property
     def count(self) -> NDArray[np.int64]:
         """Samples of each run and counted channel, (R, C)."""
-        return np.stack([self.seen[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
+        return np.stack([self.observed[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
 
     def of(self, readings: NDArray[Any], channel: str) -> NDArray[Any]:
         """The readings (..., n) of one channel out of all, (..., N)."""
@@ -195,7 +195,7 @@ class Problem:
 
     def residual(self, fitted: Floats) -> Floats:
         """What readings (..., R, N) leave of the measured ones, zero in the padding."""
-        return np.where(self.seen, self.measured - fitted, 0.0)
+        return np.where(self.observed, self.measured - fitted, 0.0)
 
     def squares(self, residual: Floats, variances: Floats) -> Floats:
         """Each run's sum of squares of residuals (..., R, N) in units of their channels' noise, (..., R)."""
@@ -207,8 +207,8 @@ class Problem:
     def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats, phi: Floats | None = None) -> Grams:
         """Inner products of the problem linearised about readings `fitted` (R, N) at run effects `b` (R, q); what is
         known beforehand is about phi (p,)."""
-        found, prior = self.inner(by_phi, by_run, self.residual(fitted), b), self.prior
-        return found if prior is None or phi is None else replace(found, prior=(prior[0] - phi, prior[1]))
+        grams, prior = self.inner(by_phi, by_run, self.residual(fitted), b), self.prior
+        return grams if prior is None or phi is None else replace(grams, prior=(prior[0] - phi, prior[1]))
 
     def inner(self, by_phi: Floats, by_run: Floats, residual: Floats, b: Floats | None = None) -> Grams:
         """The same of any residuals (R, N), zero in the padding; b zero where not given."""
@@ -281,42 +281,42 @@ class MixedFit(Outcome):
         return deviance(self.gram, self.effects, variances, restricted=True)
 
 
-def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
+def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
     """The problem without the parameters that are held: their direction may be that of others (the moment at which a
     loss is told, and the loss), and would take the search with it."""
     values = problem.bounds[:, 0]
 
     def response(theta: Floats, b: Floats) -> Floats:
-        whole = np.tile(values, (len(theta), 1))
-        whole[:, ~held] = theta
-        return problem.response(whole, b)
+        full = np.tile(values, (len(theta), 1))
+        full[:, ~fixed] = theta
+        return problem.response(full, b)
 
-    names = tuple(name for name, h in zip(problem.names, held) if not h)
-    known = {name: one for name, one in problem.known.items() if name in names}
-    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~held, ~held)]
+    names = tuple(name for name, h in zip(problem.names, fixed) if not h)
+    priors = {name: prior for name, prior in problem.priors.items() if name in names}
+    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~fixed, ~fixed)]
     return replace(
-        problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names,
-        known=known, smooth=smooth,
+        problem, response=response, bounds=problem.bounds[~fixed], positive=problem.positive[~fixed], names=names,
+        priors=priors, smooth=smooth,
     )  # fmt: skip
 
 
-def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> MixedFit:
+def with_fixed(fit: MixedFit, problem: Problem, fixed: NDArray[np.bool_]) -> MixedFit:
     """The fit with the held parameters put back, without any spread."""
-    free = np.flatnonzero(~held)
-    phi, left_out = problem.search(problem.bounds[:, 0]), np.zeros((len(fit.left_out), len(held)))
+    free = np.flatnonzero(~fixed)
+    phi, left_out = problem.search(problem.bounds[:, 0]), np.zeros((len(fit.left_out), len(fixed)))
     phi[free] = fit.phi
     left_out[:] = phi
     left_out[:, free] = fit.left_out
-    covariance = np.zeros((len(held), len(held)))
+    covariance = np.zeros((len(fixed), len(fixed)))
     covariance[np.ix_(free, free)] = fit.covariance
-    information = np.zeros((len(left_out), len(held), len(held)))
+    information = np.zeros((len(left_out), len(fixed), len(fixed)))
     information[:, free[:, None], free] = fit.information
     theta = problem.bounds[:, 0].copy()
     theta[free] = fit.theta
-    at_bound = tuple(sorted([*np.flatnonzero(held).tolist(), *(int(free[i]) for i in fit.at_bound)]))
+    at_bound = tuple(sorted([*np.flatnonzero(fixed).tolist(), *(int(free[i]) for i in fit.at_bound)]))
     return replace(
         fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
-        left_out=left_out, at_bound=at_bound, known=problem.known, information=information,
+        left_out=left_out, at_bound=at_bound, priors=problem.priors, information=information,
     )  # fmt: skip
 
 
@@ -351,13 +351,13 @@ def fit_mixed(
     Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
     more samples than parameters or the response is not finite at the start.
     """
-    held = problem.bounds[:, 0] == problem.bounds[:, 1]
-    if held.any():
+    fixed = problem.bounds[:, 0] == problem.bounds[:, 1]
+    if fixed.any():
         free = fit_mixed(
-            without_held(problem, held), theta[~held], noise=noise, factors=factors, run_effects=run_effects,
+            without_fixed(problem, fixed), theta[~fixed], noise=noise, factors=factors, run_effects=run_effects,
             iterations=iterations, settled=settled,
         )  # fmt: skip
-        return with_held(free, problem, held)
+        return with_fixed(free, problem, fixed)
     if problem.count.sum() <= len(theta) + 1:
         raise FitError(f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
@@ -410,9 +410,9 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     effects = np.tile(b, (1 + p + q, 1, 1))
     sets[np.arange(1, 1 + p), np.arange(p)] += step
     effects[np.arange(1 + p, 1 + p + q), :, free] += RUN_STEP
-    by_run = np.zeros((b.shape[1], *b.shape[:1], problem.seen.shape[1]))
+    by_run = np.zeros((b.shape[1], *b.shape[:1], problem.observed.shape[1]))
     with np.errstate(over="ignore", invalid="ignore"):  # parameters that no vehicle has: `weigh` sees the infinity
-        out = np.where(problem.seen, problem.response(problem.natural(sets), effects), 0.0)
+        out = np.where(problem.observed, problem.response(problem.natural(sets), effects), 0.0)
         by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
         by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
@@ -426,34 +426,34 @@ def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
 
 def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
-    scale = problem.effects.deviation(variances)
+    scale, prior = problem.effects.deviation(variances), point.gram.prior
     penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
-    known = 0.0 if point.gram.prior is None else float(point.gram.prior[0] @ point.gram.prior[1] @ point.gram.prior[0])
-    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum()) + known
+    of_prior = 0.0 if prior is None else float(prior[0] @ prior[1] @ prior[0])
+    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum()) + of_prior
 
 
-def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Floats, new_b: Floats) -> _Point:
+def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: Floats, new_b: Floats) -> _Point:
     """Step towards the new point, halved until the penalised sum of squares does not rise.
 
     Every trial is linearised at once: a whole-run simulation costs as much for one parameter set as for all
     the perturbed ones, and the first trial is nearly always taken.
     """
-    limit = _penalised(problem, variances, here) * (1 + 1e-12) + 1e-12
-    boldest = np.max(np.abs(new_phi - here.phi)[problem.positive], initial=0.0)
+    limit = _penalised(problem, variances, current) * (1 + 1e-12) + 1e-12
+    boldest = np.max(np.abs(new_phi - current.phi)[problem.positive], initial=0.0)
     share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
     for _ in range(12):
-        phi, b = here.phi + share * (new_phi - here.phi), here.b + share * (new_b - here.b)
+        phi, b = current.phi + share * (new_phi - current.phi), current.b + share * (new_b - current.b)
         if (trial := _followed(problem, variances, phi, b, limit)) is not None:
             return trial
         share /= 2.0
-    return here
+    return current
 
 
-def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, wanted: Floats) -> bool:
+def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, target: Floats) -> bool:
     """Whether the search stands: a step cut to a quarter of the one allowed, or less, gained a trifle."""
-    asked = wanted - old.phi
-    allowed = min(1.0, BOLDEST / max(float(np.abs(asked)[problem.positive].max(initial=0.0)), 1e-300))
-    if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(asked).max():
+    proposed = target - old.phi
+    allowed = min(1.0, BOLDEST / max(float(np.abs(proposed)[problem.positive].max(initial=0.0)), 1e-300))
+    if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(proposed).max():
         return False
     return _penalised(problem, variances, old) - _penalised(problem, variances, new) < TRIFLE
 
@@ -490,7 +490,7 @@ def _report(
 ) -> MixedFit:
     phi, gram = point.phi, point.gram
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
-    hessian, whole = linear_mixed.normal_equations(gram, weighted)
+    hessian, gradient = linear_mixed.normal_equations(gram, weighted)
     at_bound = _at_bound(phi, bounds)
     free = np.flatnonzero(~at_bound)
     grid = np.ix_(free, free)
@@ -500,9 +500,9 @@ def _report(
     push = weighted.gradient
     left_out = np.tile(phi, (len(problem.measured), 1))
     if len(left_out) > 1:
-        rest, pull = (hessian - weighted.hessian)[:, free][:, :, free], whole - push
-        left_out[:, free] += linear_mixed.solve_scaled(rest, pull[:, free])
-    onward = linear_mixed.bounded_solution(hessian, whole, bounds - phi[:, None])
+        remaining, pull = (hessian - weighted.hessian)[:, free][:, :, free], gradient - push
+        left_out[:, free] += linear_mixed.solve_scaled(remaining, pull[:, free])
+    onward = linear_mixed.bounded_solution(hessian, gradient, bounds - phi[:, None])
     beyond = _at_bound(phi + onward, bounds)
     # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
@@ -531,9 +531,9 @@ def _report(
         converged=converged,
         information=information,
         noise_of=dict(zip(quantities, np.exp(variances[:channels]).tolist())),
-        read=dict(zip(quantities, problem.count.sum(axis=0).tolist())),
+        readings=dict(zip(quantities, problem.count.sum(axis=0).tolist())),
         slots=problem.slots,
         gram=gram.keep(free),
         effects=problem.effects,
-        known=problem.known,
+        priors=problem.priors,
     )

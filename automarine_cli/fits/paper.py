@@ -65,13 +65,13 @@ class DragFit:
     ) -> tuple[Floats, Floats | float, Floats | float]:
         """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on its way; with
         other `values` than those of the estimates, in their order."""
-        own = {name: e.value for name, e in self.estimates.items()}
-        own, symbols = own if values is None else dict(zip(own, values)), self.dof.symbols
-        linear, quadratic = own.get(symbols.linear, 0.0), own.get(symbols.quadratic, 0.0)
-        moment = moment + own.get(symbols.constant, 0.0)
+        coefficients = {name: e.value for name, e in self.estimates.items()}
+        coefficients, symbols = coefficients if values is None else dict(zip(coefficients, values)), self.dof.symbols
+        linear, quadratic = coefficients.get(symbols.linear, 0.0), coefficients.get(symbols.quadratic, 0.0)
+        moment = moment + coefficients.get(symbols.constant, 0.0)
         if not self.sided:
             return moment, linear, quadratic
-        more = np.sign(moment) * own[symbols.difference]
+        more = np.sign(moment) * coefficients[symbols.difference]
         return (moment, linear + more, quadratic) if self.model == "1" else (moment, linear, quadratic + more)
 
     @property
@@ -94,9 +94,9 @@ def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
 
 def regressors(rate: Floats, model: str, columns: Sequence[str]) -> Floats:
     """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
-    known = {"quadratic": np.abs(rate) * rate, "linear": rate, C: np.ones_like(rate), "constant": -np.ones_like(rate)}
-    known["difference"] = np.abs(rate) if model == "1" else rate**2
-    return np.stack([known[name] for name in columns], axis=1)
+    terms = {"quadratic": np.abs(rate) * rate, "linear": rate, C: np.ones_like(rate), "constant": -np.ones_like(rate)}
+    terms["difference"] = np.abs(rate) if model == "1" else rate**2
+    return np.stack([terms[name] for name in columns], axis=1)
 
 
 @dataclass(frozen=True)
@@ -167,12 +167,12 @@ def fit_drag(
         )
     plain = sums(moment, rate, 0.0, model, columns)
     variance = np.broadcast_to(variance, rate.shape) * _credible(plain, moment, rate, variance, model, columns)
-    kept = sums(moment, rate, variance, model, columns)
-    values, inverse = kept.solve()
+    corrected = sums(moment, rate, variance, model, columns)
+    values, inverse = corrected.solve()
     without = plain.solve()[0]
     residuals = moment - x @ without
     leverage = np.einsum("rp,pk,rk->r", x, inverse, x)
-    score = (kept.products - kept.squares @ values) / np.maximum(1.0 - leverage, 1e-6)[:, None]
+    score = (corrected.products - corrected.squares @ values) / np.maximum(1.0 - leverage, 1e-6)[:, None]
     influence = score @ inverse
     stderr = np.sqrt(np.sum(influence**2, axis=0))
     sse = float(residuals @ residuals)
@@ -184,7 +184,7 @@ def fit_drag(
         for role, v, e in zip(columns, values, stderr)
     }
     dilution = dict(zip(estimates, (values - without).tolist()))
-    explained = float(kept.products.sum(axis=0) @ values)
+    explained = float(corrected.products.sum(axis=0) @ values)
     aicc = _aicc(sse, points, count)
     return DragFit(model, dof, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
 
@@ -210,9 +210,9 @@ def nested_test(small: DragFit, large: DragFit) -> dict[str, Any]:
     """F test, `f` with `dof` and `p_value`: does the larger of two nested models explain more than chance would? Both
     with the same noise taken off."""
     more = len(large.estimates) - len(small.estimates)
-    rest = len(large.residuals) - len(large.estimates)
-    f = max(large.explained - small.explained, 0.0) / more / max(large.sse / rest, 1e-300)
-    return {"f": float(f), "dof": (more, rest), "p_value": float(special.fdtrc(more, rest, f))}
+    freedom = len(large.residuals) - len(large.estimates)
+    f = max(large.explained - small.explained, 0.0) / more / max(large.sse / freedom, 1e-300)
+    return {"f": float(f), "dof": (more, freedom), "p_value": float(special.fdtrc(more, freedom, f))}
 
 
 Mask = NDArray[np.bool_]
@@ -254,10 +254,10 @@ def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask,
     return TailLines(rate, mean_h - rate * mean_t - start_heading, used, count, mean_t, spread)
 
 
-def first_past(turned: Floats, time: Floats, seen: Mask, starts: Floats) -> NDArray[np.int64]:
+def first_past(turned: Floats, time: Floats, observed: Mask, starts: Floats) -> NDArray[np.int64]:
     """First sample (R, A) of each run whose noise-free turn (R, N) is past each start (A,) [rad]; a few remain."""
-    last = seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1)
-    begun = np.argmax(seen & (time > 0), axis=1)
+    last = observed.shape[1] - 1 - np.argmax(observed[:, ::-1], axis=1)
+    begun = np.argmax(observed & (time > 0), axis=1)
     few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
     # noise-free turns go one way: what is past an angle is what comes after the first sample past it
     past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(turned, last)]
@@ -287,9 +287,9 @@ def asked_tail(tail: float | None, dof: Dof) -> float | None:
     return float(dof.inner(tail))
 
 
-def checked_tail(tail: float, names: Sequence[str], heading: Floats, seen: Mask, dof: Dof) -> None:
+def checked_tail(tail: float, names: Sequence[str], heading: Floats, observed: Mask, dof: Dof) -> None:
     """Raises FitError where a run, of headings (R, N) less their start, does not get as far as `tail` [rad or m]."""
-    far = np.abs(np.where(seen, heading, 0.0)).max(axis=1)
+    far = np.abs(np.where(observed, heading, 0.0)).max(axis=1)
     short = int(np.argmin(far))
     if far[short] <= tail:
         raise FitError(
@@ -342,9 +342,9 @@ def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats
     """Mean inertia (R,) without each run in turn, by the drag refitted without it, (R, p)."""
     columns = columns_of(drag.model, drag.dof, drag.sided)
     if len(columns) == 1:  # equations 7 and 9: inertia goes with the square of linear drag, or with quadratic drag
-        one, power = ((1.0, 0.0), 2) if columns == ("linear",) else ((0.0, 1.0), 1)
-        each = inertia_from_velocity_error(error, moment, *one)
-        return np.asarray((each.sum() - each) / (len(each) - 1) * refitted[:, 0] ** power)
+        unit_drag, power = ((1.0, 0.0), 2) if columns == ("linear",) else ((0.0, 1.0), 1)
+        inertias = inertia_from_velocity_error(error, moment, *unit_drag)
+        return np.asarray((inertias.sum() - inertias) / (len(inertias) - 1) * refitted[:, 0] ** power)
     means = []
     for i, values in enumerate(refitted):
         keep = np.arange(len(moment)) != i
@@ -393,18 +393,18 @@ class Reference:
         def inertia(drag: float) -> Floats:
             return inertia_from_velocity_error(tails.error, moment, drag * k_r, drag * k_rr)
 
-        each = inertia(factor)
-        by_drag = (inertia(factor * (1.0 + STEP)).mean() / each.mean() - 1.0) / STEP
+        inertias = inertia(factor)
+        by_drag = (inertia(factor * (1.0 + STEP)).mean() / inertias.mean() - 1.0) / STEP
         of_drag = drag * (moment - factor * drag) / (factor * squares)
-        of_inertia = (each / each.mean() - 1.0) / len(each) + by_drag * of_drag
-        return np.log([each.mean(), factor]), np.stack([of_inertia, of_drag], axis=1)
+        of_inertia = (inertias / inertias.mean() - 1.0) / len(inertias) + by_drag * of_drag
+        return np.log([inertias.mean(), factor]), np.stack([of_inertia, of_drag], axis=1)
 
     def thrust_scatter(self, rate: Floats, variance: Floats) -> float:
         """Relative scatter of the moment from run to run that the rates (R,), of this variance by themselves, show."""
         moment, (drag, slope) = self.acting[0], (x[:, 0] for x in self.balance(rate[:, None]))
         spare = len(rate) / max(len(rate) - len(self.fit.estimates), 1)
-        left = spare * np.sum((moment - drag) ** 2) - np.sum(slope**2 * variance)
-        return float(np.sqrt(max(left, 0.0) / np.sum(moment**2)))
+        unexplained = spare * np.sum((moment - drag) ** 2) - np.sum(slope**2 * variance)
+        return float(np.sqrt(max(unexplained, 0.0) / np.sum(moment**2)))
 
     def thrust_variance(self, thrust: float) -> Floats:
         """Variance (R,) of the steady rates by a relative scatter of the moment."""
@@ -412,8 +412,8 @@ class Reference:
         return np.asarray((thrust * self.acting[0] / slope) ** 2)
 
     def like(self, other: "Reference", share: float) -> bool:
-        mine, others = (np.array([one.inertia, *one.fit.drag]) for one in (self, other))
-        return bool(np.abs(mine - others).max() <= share * np.abs(others).max())
+        mine, theirs = (np.array([model.inertia, *model.fit.drag]) for model in (self, other))
+        return bool(np.abs(mine - theirs).max() <= share * np.abs(theirs).max())
 
     def steady(self, tails: TailLines, time: Floats) -> TailLines:
         """The tails less what is not steady yet: what a line through as much of the noise-free turn lacks."""
@@ -432,7 +432,7 @@ def reference(
     Thrust that scatters bends Table 1, but hardly moves the velocity errors: of model 3 they are the same at all
     moments, of model 1 they grow. Raises FitError where the best has no positive drag and inertia.
     """
-    found = []
+    candidates = []
     for model in models:
         try:
             fit = fit_drag_by_way(moment, tails.rate, model, dof.units.forces[0], dof, variance)
@@ -441,13 +441,13 @@ def reference(
                 raise
             continue
         acting = fit.acting(moment)
-        each = inertia_from_velocity_error(tails.error, *acting)
-        inertia = float(each.mean())
-        left = float(np.sum((tails.error * (1.0 - inertia / each)) ** 2))
-        if np.isfinite(left) and (model != "2" or min(fit.drag) > 0 or len(models) == 1):
-            loss = fit.aicc + len(moment) * np.log(max(left, TINY))
-            found.append((loss, Reference(inertia, fit, acting)))
-    best = min(found, key=lambda one: one[0], default=(0.0, None))[1]
+        inertias = inertia_from_velocity_error(tails.error, *acting)
+        inertia = float(inertias.mean())
+        misfit = float(np.sum((tails.error * (1.0 - inertia / inertias)) ** 2))
+        if np.isfinite(misfit) and (model != "2" or min(fit.drag) > 0 or len(models) == 1):
+            loss = fit.aicc + len(moment) * np.log(max(misfit, TINY))
+            candidates.append((loss, Reference(inertia, fit, acting)))
+    best = min(candidates, key=lambda candidate: candidate[0], default=(0.0, None))[1]
     if best is None or not best.inertia > 0 or max(best.fit.drag) <= 0:
         raise FitError(
             dof.fill(
@@ -480,13 +480,13 @@ class Expected:
         """The place where inertia and drag together are off least."""
         return int(np.argmin(np.sum(self.error**2, axis=0)))
 
-    def told(self, dof: Dof, given: bool) -> str:
+    def told(self, dof: Dof, by_user: bool) -> str:
         bias = 100.0 * self.bias + np.array([0.0, 100.0 * float(self.dilution)])
         parts = [
-            f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {own:+.2g} %)"
-            for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, bias)
+            f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {shift:+.2g} %)"
+            for name, error, noise, shift in zip((dof.symbols.inertia, "drag"), self.error, self.noise, bias)
         ]
-        why = "as asked; errors to be expected there" if given else "where the errors to be expected are smallest"
+        why = "as asked; errors to be expected there" if by_user else "where the errors to be expected are smallest"
         return (
             f"Tails start at {dof.shown(float(self.start)):.0f} {dof.units.shown}, {why}: {parts[1]}, {parts[0]}. "
             "The bias, of what is not steady yet and of noise that dilutes Table 1, is known and was taken off; a "
@@ -495,8 +495,8 @@ class Expected:
 
     def to_json(self, dof: Dof) -> dict[str, object]:
         return {
-            name: {"error": float(error), "noise": float(noise), "bias": float(own)}
-            for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.bias)
+            name: {"error": float(error), "noise": float(noise), "bias": float(bias)}
+            for name, error, noise, bias in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.bias)
         } | {"dilution": float(self.dilution)}
 
 
@@ -507,29 +507,29 @@ def expected(time: Floats, data: StepData, model: Reference, noise: float, thrus
     """
     exact = model.answer(time)
     index, nothing = np.arange(time.shape[1]), np.zeros(len(time))
-    ends = [data.seen & (index >= first[:, None]) for first in first_past(exact, time, data.seen, start).T]
+    ends = [data.observed & (index >= first[:, None]) for first in first_past(exact, time, data.observed, start).T]
     lines = [tail_lines(time, exact, nothing, used, data.dof) for used in ends]
     names = ("rate", "error", "count", "mean", "spread")
-    rate, error, count, middle, spread = (np.stack([getattr(one, name) for one in lines], axis=1) for name in names)
+    rate, error, count, middle, spread = (np.stack([getattr(line, name) for line in lines], axis=1) for name in names)
     moment, k_r, k_rr = (np.asarray(x)[..., None] for x in model.acting)
     drag, slope = model.balance(rate)
     squares = (drag**2).sum(axis=0)
     factor = (moment * drag).sum(axis=0) / squares
 
     def inertia(more: float) -> Floats:
-        known = factor * (1.0 + more)
-        return np.asarray(inertia_from_velocity_error(error, moment, known * k_r, known * k_rr))
+        scaled = factor * (1.0 + more)
+        return np.asarray(inertia_from_velocity_error(error, moment, scaled * k_r, scaled * k_rr))
 
-    each = inertia(0.0)
-    mean = each.mean(axis=0)
+    inertias = inertia(0.0)
+    mean = inertias.mean(axis=0)
     by_drag = (inertia(STEP).mean(axis=0) / mean - 1.0) / STEP
-    rest = np.sum(data.seen & (time < 0), axis=1, keepdims=True)  # tells the start; without, that is known
-    of_start = np.where(rest > 0, noise**2 / np.maximum(rest, 1), 0.0)
+    resting = np.sum(data.observed & (time < 0), axis=1, keepdims=True)  # tells the start; without, that is known
+    of_start = np.where(resting > 0, noise**2 / np.maximum(resting, 1), 0.0)
     of_error = noise**2 * (1.0 / count + middle**2 / spread) + rate**2 * data.interval[:, None] ** 2 / 12.0 + of_start
     of_rate = noise**2 / spread + (thrust * moment / slope) ** 2
     shared = -(noise**2) * middle / spread
     rate_moves = -drag * slope / squares  # the logarithm of drag
-    error_moves = each / error / (mean * len(time))  # that of inertia
+    error_moves = inertias / error / (mean * len(time))  # that of inertia
     of_drag = np.sum(rate_moves**2 * of_rate, axis=0)
     cross = np.sum(error_moves * rate_moves * shared, axis=0)
     of_inertia = np.sum(error_moves**2 * of_error, axis=0) + 2.0 * by_drag * cross + by_drag**2 * of_drag
@@ -560,8 +560,8 @@ class Feedback:
         total = fit.influence + self.influence @ np.array(slopes)
         stderr, spare = np.sqrt(np.sum(total**2, axis=0)), len(total) - len(values)
         pairs = zip(fit.estimates.items(), stderr)
-        own = {name: Estimate.from_stderr(e.value, error, spare, e.unit) for (name, e), error in pairs}
-        return replace(fit, estimates=own, influence=total)
+        estimates = {name: Estimate.from_stderr(e.value, error, spare, e.unit) for (name, e), error in pairs}
+        return replace(fit, estimates=estimates, influence=total)
 
     def on_inertia(self, moment: Floats, fit: DragFit, table: InertiaTable) -> InertiaTable:
         """Table 2 for the drag of `fit` with an interval that knows of the correction."""
@@ -581,10 +581,10 @@ class Feedback:
 
 
 def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
-    here, influence = model.read(model.steady(raw, time))
+    estimate, influence = model.read(model.steady(raw, time))
     factors = ((1.0 + TAIL_FEEDBACK_STEP, 1.0), (1.0, 1.0 + TAIL_FEEDBACK_STEP))
     moved = tuple(model.moved(*factor).steady(raw, time) for factor in factors)
-    loop = np.stack([(model.read(tails)[0] - here) / TAIL_FEEDBACK_STEP for tails in moved], axis=1)
+    loop = np.stack([(model.read(tails)[0] - estimate) / TAIL_FEEDBACK_STEP for tails in moved], axis=1)
     gain = float(np.abs(np.linalg.eigvals(loop)).max())
     loop *= min(1.0, MOST_GAIN / max(gain, MOST_GAIN))
     return Feedback((moved[0], moved[1]), influence @ np.linalg.inv(np.eye(2) - loop).T)
@@ -599,15 +599,15 @@ SETTLED = 1e-6  # relative change of the correcting model below which it has set
 class VelocityErrorFit:
     """Tables 1 and 2 by the paper's method.
 
-    `tail_from` [rad] turned angle at which the tail starts, `given` whether it was asked for; `expected` what bias and
-    noise were expected of it, `steady` whether any tail has a bias within BIAS_LIMIT. `tails` have the bias
+    `tail_from` [rad] turned angle at which the tail starts, `by_user` whether it was asked for; `expected` what bias
+    and noise were expected of it, `steady` whether any tail has a bias within BIAS_LIMIT. `tails` have the bias
     taken off; `variance` (R,) [rad²/s²] is that of their rates, which scatter by `thrust` (relative, of the
     moment) beside the heading's noise. `inertia["2"]` or
     `drag["2"]` is absent where the moments cannot carry model 2, `inertia["2"]` also where its drag has no steady rate.
     """
 
     tail_from: float
-    given: bool
+    by_user: bool
     expected: Expected
     steady: bool
     tails: TailLines
@@ -617,7 +617,7 @@ class VelocityErrorFit:
     inertia: Mapping[str, InertiaTable]
 
     def tail_because(self, dof: Dof) -> str:
-        return self.expected.told(dof, self.given)
+        return self.expected.told(dof, self.by_user)
 
 
 def fit_velocity_error(
@@ -662,14 +662,14 @@ def _settled(
     """Tails, as they are and with the bias taken off, and the model by which, which follows from them: a few rounds
     settle both. Then noise [rad] of the headings, relative scatter of the thrust, what was expected of each place, and
     which was taken."""
-    dof, seen = data.dof, data.seen
-    ends = np.where(seen, time, -np.inf).max(axis=1, keepdims=True)
-    tails = tail_lines(time, data.heading, start_heading, seen & (time >= 0.7 * ends), dof)
+    dof, observed = data.dof, data.observed
+    ends = np.where(observed, time, -np.inf).max(axis=1, keepdims=True)
+    tails = tail_lines(time, data.heading, start_heading, observed & (time >= 0.7 * ends), dof)
     model = reference(data.moment, tails, 0.0, dof)
-    least = np.abs(np.where(seen, data.heading, 0.0)).max(axis=1).min()
+    least = np.abs(np.where(observed, data.heading, 0.0)).max(axis=1).min()
     places, kinds = SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else least), MODELS
     if tail is not None:
-        checked_tail(tail, data.names, data.heading, seen, dof)
+        checked_tail(tail, data.names, data.heading, observed, dof)
         places = np.append(places, tail)
     for turn in range(ROUNDS):
         exact = model.answer(time)
@@ -680,8 +680,8 @@ def _settled(
             place = grid.best() if tail is None else len(places) - 1
         else:
             kinds = (model.fit.model,)
-        first = first_past(exact, time, seen, places[place : place + 1])
-        used = seen & (np.arange(time.shape[1]) >= first) & (time > 0)
+        first = first_past(exact, time, observed, places[place : place + 1])
+        used = observed & (np.arange(time.shape[1]) >= first) & (time > 0)
         raw = tail_lines(time, data.heading, start_heading, used, dof)
         tails = model.steady(raw, time)
         variance = tails.rate_variance(noise) + model.thrust_variance(thrust)

@@ -68,7 +68,7 @@ class PlanarUse(Judgement):
     def score(self) -> float:
         """Mean logarithm of the errors as shares of what the better constant misses by, over quantities and horizons;
         infinite where predictions run away, zero where there are none."""
-        shares = [one.error / min(one.constant_rate, one.constant) for each in self.worth.values() for one in each]
+        shares = [s.error / min(s.constant_rate, s.constant) for scores in self.worth.values() for s in scores]
         score = float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
         return score if np.isfinite(score) else np.inf
 
@@ -83,19 +83,19 @@ class PlanarUse(Judgement):
 
     def to_json(self) -> dict[str, object]:
         """For the result file: one entry a horizon, errors as root mean squares."""
-        alone = {one.horizon: float(YAW.shown(one.error)) for one in self.yaw_only}
+        alone = {forecast.horizon: float(YAW.shown(forecast.error)) for forecast in self.yaw_only}
         entries = {
-            one.horizon: {**one.to_json(YAW), "yaw_only_rmse_deg": alone.get(one.horizon)}
-            for one in self.worth[HEADING]
+            forecast.horizon: {**forecast.to_json(YAW), "yaw_only_rmse_deg": alone.get(forecast.horizon)}
+            for forecast in self.worth[HEADING]
         }
         for name, (key, unit) in KEYS.items():
-            for one in self.worth.get(name, ()):
+            for forecast in self.worth.get(name, ()):
                 sizes = {
-                    "{}_rmse_{}": one.error,
-                    "constant_rate_{}_{}": one.constant_rate,
-                    "constant_{}_{}": one.constant,
+                    "{}_rmse_{}": forecast.error,
+                    "constant_rate_{}_{}": forecast.constant_rate,
+                    "constant_{}_{}": forecast.constant,
                 }
-                entries.get(one.horizon, {}).update({form.format(key, unit): size for form, size in sizes.items()})
+                entries.get(forecast.horizon, {}).update({form.format(key, unit): size for form, size in sizes.items()})
         return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": list(self.sentences)}
 
 
@@ -103,30 +103,30 @@ def shown(name: str, value: float) -> float:
     return float(YAW.shown(value)) if name == HEADING else value
 
 
-def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = False) -> PlanarUse:
+def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = False) -> PlanarUse:
     """Predictions of each run by the parameters that the other runs give, of all that is judged."""
-    at = {one.quantity: c for c, one in enumerate(problem.course.channels)}
+    at = {channel.quantity: c for c, channel in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
     names = [YAW.position, *(PLACES if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
-    heading, *others = left_out_predictions(problem, found, [at[name] for name in names], thinned=True, alone=alone)
+    heading, *remaining = left_out_predictions(problem, fit, [at[name] for name in names], thinned=True, alone=alone)
     with np.errstate(over="ignore", invalid="ignore"):  # where predictions run away
-        worth = {name: worth_of(one) for name, one in zip(names[1:], others)}
+        worth = {name: worth_of(predicted) for name, predicted in zip(names[1:], remaining)}
         if placed:
             worth = {PLACE: _distances(list(worth.values()))}
         return PlanarUse({HEADING: worth_of(heading), **worth}, len(problem.course.names), heading, problem.course)
 
 
-def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit, use: PlanarUse) -> PlanarUse:
+def planar_use(runs: Sequence[Run], problem: DrivenProblem, fit: InnovationsFit, use: PlanarUse) -> PlanarUse:
     course = problem.course
-    at = {one.quantity: c for c, one in enumerate(course.channels)}
-    model, noises = problem.model, problem.noises(found.theta[None])
+    at = {channel.quantity: c for c, channel in enumerate(course.channels)}
+    model, noises = problem.model, problem.noises(fit.theta[None])
     drawn = [name for name in (YAW.position, *PLACES) if name in at]
-    free = {name: free_run(model, course, found.of_model, noises, at[name]) for name in drawn}
+    free = {name: free_run(model, course, fit.of_model, noises, at[name]) for name in drawn}
     alone = _yaw_only(runs, tuple(name for name in (YAW.position, YAW.velocity) if name in at))
     return replace(use, yaw_only=alone, free=free)
 
 
-def _distances(each: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
+def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
     """Root mean squares of distances on the water, from those along its axes."""
     sizes = ("error", "constant_rate", "constant")
     return tuple(
@@ -135,7 +135,7 @@ def _distances(each: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore
             count=min(north.count, east.count),
             **{name: float(np.hypot(getattr(north, name), getattr(east, name))) for name in sizes},
         )
-        for north, east in zip(*each)
+        for north, east in zip(*by_axis)
     )
 
 
@@ -182,11 +182,11 @@ class Estimated:
         """Values of all parameters of the model by qualified name."""
         return dict(zip(self.model.model.parameter_names, self.model.model.theta.tolist()))
 
-    def estimates(self, runs: int, known: Known = NOTHING_KNOWN) -> dict[str, Estimate]:
+    def estimates(self, runs: int, prior: Known = NOTHING_KNOWN) -> dict[str, Estimate]:
         """Every parameter that was identified in so many `runs` or follows one, by qualified name."""
         spread, model, fit = self.model.spread, self.model.model, self.fit
         deviation = np.sqrt(np.einsum("pf,fg,pg->p", spread, self.covariance, spread))
-        unit, found = units(model), {}
+        unit, estimates = units(model), {}
         for name, value, error, row in zip(model.parameter_names, model.theta.tolist(), deviation.tolist(), spread):
             if not row.any():
                 continue
@@ -194,12 +194,12 @@ class Estimated:
             if fit is not None and runs > 1:
                 freedom = run_dof(fit, np.eye(len(fit.theta))[i])
             if fit is not None and fit.positive[i]:
-                one = Estimate.from_log(value, error / value, freedom, unit[name])
+                estimate = Estimate.from_log(value, error / value, freedom, unit[name])
             else:
-                one = Estimate.from_stderr(value, error, freedom, unit[name])
-            before, stopped = name in known.parameters, fit is not None and i in fit.at_bound
-            found[name] = replace(one, known=before, at_bound=stopped and not before)
-        return found
+                estimate = Estimate.from_stderr(value, error, freedom, unit[name])
+            before, stopped = name in prior.parameters, fit is not None and i in fit.at_bound
+            estimates[name] = replace(estimate, known=before, at_bound=stopped and not before)
+        return estimates
 
     @property
     def criterion(self) -> float:
@@ -210,7 +210,7 @@ class Estimated:
 @dataclass(frozen=True)
 class Tried:
     structure: Structure
-    found: Estimated
+    estimated: Estimated
 
 
 @dataclass(frozen=True)
@@ -224,26 +224,26 @@ class Choice:
     because: str = ""
 
 
-def search(runs: Sequence[Run], seen: Observed, estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
+def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
     """Structures that were tried, the best one first, then in the order of their criterion.
 
     From the simplest one on, those neighbours are fitted briefly that promise most by the slope and curvature of the
     likelihood; the best of them is fitted to the end and taken as long as it is better.
     """
-    simplest, rough = Structure.simplest(seen), rough_sizes(runs)
+    simplest, rough = Structure.simplest(observed), rough_sizes(runs)
     best = Tried(simplest, estimator.estimate(simplest.model(rough)))
     tried = {str(simplest): best}
     while True:
-        new = [one for one in best.structure.neighbours() if str(one) not in tried]
+        new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
         promising = _promising(best, new, rough, estimator)
-        chosen = [Tried(one, estimator.estimate(model, best.found, brief=True)) for one, model in promising]
-        tried |= {str(one.structure): one for one in chosen}
-        better = min(chosen, key=lambda one: one.found.criterion, default=best)
+        chosen = [Tried(step, estimator.estimate(model, best.estimated, brief=True)) for step, model in promising]
+        tried |= {str(trial.structure): trial for trial in chosen}
+        better = min(chosen, key=lambda trial: trial.estimated.criterion, default=best)
         if better is not best:
-            better = replace(better, found=estimator.estimate(better.found.model, better.found))
+            better = replace(better, estimated=estimator.estimate(better.estimated.model, better.estimated))
             tried[str(better.structure)] = better
-        if better.found.criterion >= best.found.criterion:
-            return tuple(sorted(tried.values(), key=lambda one: one.found.criterion))
+        if better.estimated.criterion >= best.estimated.criterion:
+            return tuple(sorted(tried.values(), key=lambda trial: trial.estimated.criterion))
         best = better
 
 
@@ -254,14 +254,14 @@ def _promising(
 
     What a law of drag gains in place of another is at most what it gains beside it.
     """
-    known = best.found.known
-    models = [one.beside(known, rough) for one in new]
-    added = [tuple(name for name in model.free if name not in best.found.model.free) for model in models]
-    promises = estimator.promises(best.structure.widest.beside(known, rough), best.found, added)
-    have, price = len(best.found.model.free), np.log(max(best.found.readings, 2))
+    values = best.estimated.known
+    models = [structure.beside(values, rough) for structure in new]
+    added = [tuple(name for name in model.free if name not in best.estimated.model.free) for model in models]
+    promises = estimator.promises(best.structure.widest.beside(values, rough), best.estimated, added)
+    have, price = len(best.estimated.model.free), np.log(max(best.estimated.readings, 2))
     promised = [
-        2.0 * one.gain - price * (len(model.free) - have) if 2.0 * one.gain > price * len(names) else -np.inf
-        for one, model, names in zip(promises, models, added)
+        2.0 * promise.gain - price * (len(model.free) - have) if 2.0 * promise.gain > price * len(names) else -np.inf
+        for promise, model, names in zip(promises, models, added)
     ]
     order = np.argsort(promised)[::-1][:FULLY]
     return [(new[i], models[i]) for i in order if np.isfinite(promised[i])]
@@ -270,19 +270,19 @@ def _promising(
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
     """The structures that were `tried` on `runs`, the best one first, and what was the `choice`; what was set aside;
-    sentences on what thrusters at their `limits` did not give; what was `known` beforehand."""
+    sentences on what thrusters at their `limits` did not give; the `prior`: what was known beforehand."""
 
     tried: tuple[Tried, ...]
     choice: Choice
     runs: tuple[Run, ...]
-    seen: Observed
+    observed: Observed
     set_aside: tuple[SetAside, ...] = ()
     limits: tuple[str, ...] = ()
-    known: Known = NOTHING_KNOWN
+    prior: Known = NOTHING_KNOWN
 
     @property
     def found(self) -> Estimated:
-        return self.choice.best.found
+        return self.choice.best.estimated
 
     @property
     def structure(self) -> Structure:
@@ -298,7 +298,7 @@ class PlanarFit(Shown):
 
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
-        return self.found.estimates(len(self.runs), self.known)
+        return self.found.estimates(len(self.runs), self.prior)
 
     @property
     def because(self) -> str:
@@ -309,30 +309,30 @@ class PlanarFit(Shown):
         which = "this one" if first.structure == self.structure else f"{first.structure}"
         return (
             f"Of {count} structures {which} has the best evidence (Bayesian information criterion); the next, "
-            f"{second.structure}, is {second.found.criterion - first.found.criterion:.1f} behind."
+            f"{second.structure}, is {second.estimated.criterion - first.estimated.criterion:.1f} behind."
         )
 
     @cached_property
     def valid_range(self) -> dict[str, list[float]]:
         """Smallest and largest velocity and command of the runs, by keys such as surge_m_s and force_X_N."""
-        found: dict[str, list[float]] = {}
+        ranges: dict[str, list[float]] = {}
         rough = [rough_velocities(run) for run in self.runs]
         for dof in PLANAR.dofs:
-            columns = [one[dof.velocity] for one in rough if dof.velocity in one]
+            columns = [rates[dof.velocity] for rates in rough if dof.velocity in rates]
             if columns:
                 velocities = np.concatenate(columns)
-                found[dof.velocity_key] = [float(np.nanmin(velocities)), float(np.nanmax(velocities))]
+                ranges[dof.velocity_key] = [float(np.nanmin(velocities)), float(np.nanmax(velocities))]
             commands = np.concatenate([run.command_of(dof) for run in self.runs])
             column = dof.column(dof.command, dof.units.forces[1])
-            found[column] = [float(commands.min()), float(commands.max())]
-        return found
+            ranges[column] = [float(commands.min()), float(commands.max())]
+        return ranges
 
     def document(self, option: str) -> Document:
         return json_document("planar_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
-        estimates = {name: one.to_json() for name, one in self.estimates.items()}
-        found = self.found
+        estimates = {name: estimate.to_json() for name, estimate in self.estimates.items()}
+        estimated = self.found
         return {
             **planar_json(self.model, estimates),
             "fitted_to": "whole runs",
@@ -340,14 +340,14 @@ class PlanarFit(Shown):
             "structure_because": self.because,
             "estimated": WAYS[self.choice.way],
             "estimated_because": self.choice.because,
-            "assumptions": [asdict(one) for one in self.structure.assumptions],
-            "channels": list(self.seen.channels),
-            "noises": dict(found.noises),
-            "disturbance": {name: dict(one) for name, one in found.disturbance.items()},
-            "random": dict(found.random),
+            "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
+            "channels": list(self.observed.channels),
+            "noises": dict(estimated.noises),
+            "disturbance": {name: dict(sizes) for name, sizes in estimated.disturbance.items()},
+            "random": dict(estimated.random),
             **({"prediction": self.use.to_json()} if self.use else {}),
-            "log_likelihood": found.log_likelihood,
-            "covariance": {"parameters": list(found.model.free), "matrix": found.covariance.tolist()},
+            "log_likelihood": estimated.log_likelihood,
+            "covariance": {"parameters": list(estimated.model.free), "matrix": estimated.covariance.tolist()},
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.runs), self.set_aside, self.runs),
@@ -374,21 +374,21 @@ class PlanarFit(Shown):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        found = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
-        found += self.disturbed
+        sentences = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
+        sentences += self.disturbed
         if not self.found.converged:
-            found.append("The fit did not converge; give more or longer runs.")
+            sentences.append("The fit did not converge; give more or longer runs.")
         loose = [
             name
-            for name, one in self.estimates.items()
-            if name.partition(".")[2] in ("m_u", "m_v", "I_r") and one.stderr > 0.5 * abs(one.value)
+            for name, estimate in self.estimates.items()
+            if name.partition(".")[2] in ("m_u", "m_v", "I_r") and estimate.stderr > 0.5 * abs(estimate.value)
         ]
         if loose:
-            found.append(
+            sentences.append(
                 f"The logs hardly determine {', '.join(loose)}: the standard error is more than half the value. Add "
                 "runs in which the commands change more often."
             )
-        return (*found, *self.limits)
+        return (*sentences, *self.limits)
 
 
 INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit starts
@@ -408,12 +408,12 @@ class Promise:
 
 @dataclass(frozen=True)
 class PlanarLikelihood:
-    """Fits of planar models to `runs`, of which the logs hold what is `seen`; `known` are parameters that are known
-    beforehand, by qualified name."""
+    """Fits of planar models to `runs`, of which the logs hold what is `observed`; `priors` are parameters that are
+    known beforehand, by qualified name."""
 
     runs: tuple[Run, ...]
-    seen: Observed
-    known: Mapping[str, Prior] = field(default_factory=dict)
+    observed: Observed
+    priors: Mapping[str, Prior] = field(default_factory=dict)
 
     @cached_property
     def rough(self) -> dict[str, float]:
@@ -422,21 +422,21 @@ class PlanarLikelihood:
     @cached_property
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
-        return make_course(self.runs, moving, motion=PLANAR, channels=self.seen.channels)
+        return make_course(self.runs, moving, motion=PLANAR, channels=self.observed.channels)
 
     def problem(self, model: Tied) -> DrivenProblem:
         """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
         searched = [_searched(name, self.rough, self.course) for name in model.free]
-        return DrivenProblem.of(model, self.course, model.free, searched, self._random(model)).informed(self.known)
+        return DrivenProblem.of(model, self.course, model.free, searched, self._random(model)).informed(self.priors)
 
-    def starts(self, problem: DrivenProblem, near: Estimated | None) -> Floats:
+    def starts(self, problem: DrivenProblem, neighbour: Estimated | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""
         model = problem.model
         assert isinstance(model, Tied)
-        middle = {one.name: one.median for one in problem.random}
-        if near is not None:
-            rest = [near.random.get(name, value) for name, value in middle.items()]
-            starts = [[*model.theta, *rest]]
+        middle = {chance.name: chance.median for chance in problem.random}
+        if neighbour is not None:
+            chances = [neighbour.random.get(name, value) for name, value in middle.items()]
+            starts = [[*model.theta, *chances]]
         else:
             heavy = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
             starts = []
@@ -448,32 +448,32 @@ class PlanarLikelihood:
                 starts.append([*np.where(heavy, inertia * model.theta, model.theta), *pushed.values()])
         return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
-    def estimate(self, model: Tied, near: Estimated | None = None, brief: bool = False) -> Estimated:
-        """The model fitted, from its own values, or from what was found `near` it; a `brief` fit ends early, and leaves
-        no run out. Raises FitError where no start leads anywhere."""
+    def estimate(self, model: Tied, neighbour: Estimated | None = None, brief: bool = False) -> Estimated:
+        """The model fitted, from its own values, or from what was found of a `neighbour`; a `brief` fit ends early, and
+        leaves no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
         iterations = BRIEF if brief else ITERATIONS
-        return self._estimated(model, fit_innovations(problem, self.starts(problem, near), iterations, brief))
+        return self._estimated(model, fit_innovations(problem, self.starts(problem, neighbour), iterations, brief))
 
-    def by_forecasts(self, near: Estimated) -> Estimated:
-        """The model of an estimate fitted to forecasts over seconds, from states that are smoothed `near` it. Raises
+    def by_forecasts(self, neighbour: Estimated) -> Estimated:
+        """The model of an estimate fitted to forecasts over seconds, from states that are smoothed by it. Raises
         FitError where no run is long enough."""
-        assert near.fit is not None
-        problem = self.problem(near.model)
-        starts = np.concatenate([near.fit.theta[None], self.starts(problem, None)])
-        found = fit_forecasts(problem, near.fit.phi, starts)
-        return self._estimated(near.model, with_chance(problem, found))
+        assert neighbour.fit is not None
+        problem = self.problem(neighbour.model)
+        starts = np.concatenate([neighbour.fit.theta[None], self.starts(problem, None)])
+        fit = fit_forecasts(problem, neighbour.fit.phi, starts)
+        return self._estimated(neighbour.model, with_chance(problem, fit))
 
-    def _estimated(self, model: Tied, found: InnovationsFit) -> Estimated:
+    def _estimated(self, model: Tied, fit: InnovationsFit) -> Estimated:
         """The estimate of a fit, with the run as the unit of its errors."""
-        own = slice(0, found.parameters)
-        slopes = np.where(found.positive[own], found.theta[own], 1.0)
-        random = found.of_chance
-        covariance = run_covariance(found)[own, own] * np.outer(slopes, slopes)
+        of_model = slice(0, fit.parameters)
+        slopes = np.where(fit.positive[of_model], fit.theta[of_model], 1.0)
+        random, dofs = fit.of_chance, [dof.name for dof in self.observed.dofs]
+        covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
         keys = {"size": "disturbance", "time_s": "disturbance-time", "thrust_noise": "thrust-noise"}
-        pushes = {dof.name: {key: random[f"{dof.name}.{name}"] for key, name in keys.items()} for dof in self.seen.dofs}
-        model, likely, readings = model.with_theta(found.of_model), found.log_likelihood, sum(found.read.values())
-        return Estimated(model, covariance, likely, readings, found.noise_of, pushes, found.converged, random, found)
+        pushes = {dof: {key: random[f"{dof}.{name}"] for key, name in keys.items()} for dof in dofs}
+        model, likely, readings = model.with_theta(fit.of_model), fit.log_likelihood, sum(fit.readings.values())
+        return Estimated(model, covariance, likely, readings, fit.noise_of, pushes, fit.converged, random, fit)
 
     def choose(self, tried: Sequence[Tried]) -> Choice:
         """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
@@ -482,83 +482,83 @@ class PlanarLikelihood:
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
-        simplest = Structure.simplest(self.seen)
+        simplest = Structure.simplest(self.observed)
         fitted: list[tuple[Tried, str, PlanarUse]] = []
-        for one in dict.fromkeys((0, next((i for i, t in enumerate(tried) if t.structure == simplest), 0))):
+        for place in dict.fromkeys((0, next((i for i, t in enumerate(tried) if t.structure == simplest), 0))):
             for way in WAYS:
                 with suppress(FitError):
-                    own = tried[one]
-                    found = own.found if way == LIKELIHOOD else self.by_forecasts(own.found)
-                    assert found.fit is not None
-                    judged = forecasts_of(self.problem(found.model), found.fit, way == FORECASTS)
+                    trial = tried[place]
+                    estimated = trial.estimated if way == LIKELIHOOD else self.by_forecasts(trial.estimated)
+                    assert estimated.fit is not None
+                    judged = forecasts_of(self.problem(estimated.model), estimated.fit, way == FORECASTS)
                     if np.isfinite(judged.score) or not fitted:
-                        fitted.append((replace(own, found=found), way, judged))
-        best = min(fitted, key=lambda each: each[2].score)
+                        fitted.append((replace(trial, estimated=estimated), way, judged))
+        best = min(fitted, key=lambda candidate: candidate[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
-        found = chosen[0].found
-        assert found.fit is not None
-        use = planar_use(self.runs, self.problem(found.model), found.fit, chosen[2])
+        estimated = chosen[0].estimated
+        assert estimated.fit is not None
+        use = planar_use(self.runs, self.problem(estimated.model), estimated.fit, chosen[2])
         return Choice(chosen[0], chosen[1], use, _because(chosen, fitted, simplest))
 
-    def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list["Promise"]:
-        """What each group of free parameters of `wide` is to be expected to gain beside those of an estimate `near` it,
-        and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
+    def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list["Promise"]:
+        """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
+        `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
-        (phi,) = problem.search(self.starts(problem, near))
+        (phi,) = problem.search(self.starts(problem, neighbour))
         (slopes,) = problem.slopes(phi[None])
         gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
         hessian = slopes.information.sum(axis=0) + problem.prior_information
         names = [problem.names[i] for i in problem.free]
-        limits, here = problem.limits[problem.free], phi[problem.free]
-        free = {*near.model.free, *near.random}
+        limits, origin = problem.limits[problem.free], phi[problem.free]
+        free = {*neighbour.model.free, *neighbour.random}
 
         def promise(more: tuple[str, ...]) -> Promise:
-            own = np.array([name in free or name in more for name in names])
-            h, g = hessian[np.ix_(own, own)], gradient[own]
-            step = bounded_solution(h, g + h @ here[own], limits[own]) - here[own]
+            chosen = np.array([name in free or name in more for name in names])
+            h, g = hessian[np.ix_(chosen, chosen)], gradient[chosen]
+            step = bounded_solution(h, g + h @ origin[chosen], limits[chosen]) - origin[chosen]
             there = phi.copy()
-            there[problem.free[own]] += step
+            there[problem.free[chosen]] += step
             theta = dict(zip(problem.names, problem.natural(there).tolist()))
             return Promise(float(g @ step - 0.5 * step @ h @ step), theta)
 
         without = promise(()).gain
-        return [replace(one, gain=one.gain - without) for one in map(promise, added)]
+        return [replace(expected, gain=expected.gain - without) for expected in map(promise, added)]
 
-    def toward(self, model: Tied, near: Estimated, promised: "Promise") -> tuple[Tied, Estimated]:
-        """The model, and what is random `near` it, as promised, where that is likelier than as they are."""
+    def toward(self, model: Tied, neighbour: Estimated, promised: "Promise") -> tuple[Tied, Estimated]:
+        """The model, and what is random of a `neighbour`, as promised, where that is likelier than as they are."""
         problem = self.problem(model)
-        (start,) = self.starts(problem, near)
+        (start,) = self.starts(problem, neighbour)
         there = np.array([promised.theta.get(name, value) for name, value in zip(problem.names, start)])
         value, reached = problem.value(problem.search(np.stack([start, there])))
         if not reached > value:
-            return model, near
+            return model, neighbour
         random = dict(zip(problem.names, there.tolist()))
-        return model.with_theta(there[: len(model.free)]), replace(near, random=random)
+        return model.with_theta(there[: len(model.free)]), replace(neighbour, random=random)
 
     def _random(self, model: Tied) -> tuple[Randomness, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.model.inertia.matrix)
         forces = [_usual(self.rough, dof) for dof in PLANAR.dofs]
-        largest = np.abs(self.course.held).max(axis=(1, 2))
+        largest = np.abs(self.course.commanded).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
-        found = randomness(self.course, pushes.tolist(), (), quiet=False)
-        unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.seen.dofs)
-        return tuple(replace(one, upper=one.lower) if one.name.startswith(unread) else one for one in found)
+        chances = randomness(self.course, pushes.tolist(), (), quiet=False)
+        unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.observed.dofs)
+        return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
 
 
 def _because(
     chosen: tuple[Tried, str, PlanarUse], fitted: Sequence[tuple[Tried, str, PlanarUse]], simplest: Structure
 ) -> str:
     more = []
-    for one, way, judged in fitted:
+    for trial, way, judged in fitted:
         share = float(np.expm1(judged.score - chosen[2].score))
         if judged is not chosen[2]:
-            which = "of the simplest structure " if one.structure == simplest != chosen[0].structure else ""
+            which = "of the simplest structure " if trial.structure == simplest != chosen[0].structure else ""
             more.append(f"one {which}{WAYS[way]} by {100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}")
-    own = f"Fitted {WAYS[chosen[1]]}"
+    sentence = f"Fitted {WAYS[chosen[1]]}"
     if not more or not chosen[2].worth[HEADING]:
-        return f"{own}."
-    return f"{own}. Of runs left out, 2 to 15 s ahead, other fits miss: {'; '.join(more)}."
+        return f"{sentence}."
+    return f"{sentence}. Of runs left out, 2 to 15 s ahead, other fits miss: {'; '.join(more)}."
 
 
 def _usual(rough: Mapping[str, float], dof: Dof) -> float:
@@ -578,7 +578,7 @@ def _speed(rough: Mapping[str, float], letter: str) -> float:
 
 def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tuple[float, float], bool, float]:
     """Bounds of a parameter by its qualified name, whether it is searched on a logarithmic scale, a small step."""
-    where, _, own = name.partition(".")
+    where, _, short = name.partition(".")
     if where == "current":
         return (-FASTEST_WATER, FASTEST_WATER), False, 0.05
     if where == PLANAR.name:  # inertia that couples
@@ -587,15 +587,15 @@ def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tu
         return (1e-6, np.inf), True, 1.0
     if name in rough:  # own drag
         return (0.0, np.inf), False, 0.1 * rough[name]
-    if "." in own:  # of an effect of the library
-        effect_name, _, parameter = own.partition(".")
+    if "." in short:  # of an effect of the library
+        effect_name, _, symbol = short.partition(".")
         effect, dof = effects.get(effect_name), DOFS[where]
-        found = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == parameter)
-        largest = float(np.abs(course.held[PLANAR.index(dof)]).max()) or 1.0
-        return (found.lower, found.upper), found.log, max(found.scaled(found.start, largest), 1e-6)
-    if own[0] in FORCES and own[1:2] == "_":  # coupling
-        size = _usual(rough, PLANAR.dofs[FORCES.index(own[0])])
-        for letter in own[2:]:
+        parameter = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == symbol)
+        largest = float(np.abs(course.commanded[PLANAR.index(dof)]).max()) or 1.0
+        return (parameter.lower, parameter.upper), parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)
+    if short[0] in FORCES and short[1:2] == "_":  # coupling
+        size = _usual(rough, PLANAR.dofs[FORCES.index(short[0])])
+        for letter in short[2:]:
             size /= _speed(rough, letter)
         return (-np.inf, np.inf), False, 0.1 * size
     return (-np.inf, np.inf), False, 0.01 * _usual(rough, DOFS[where])

@@ -59,15 +59,15 @@ class Observed:
 
 def observed(runs: Sequence[Run]) -> Observed:
     """The channels of which any run has readings. Raises FitError where nothing but the heading is measured."""
-    found = Observed(tuple(name for name in CHANNELS if any(_read(run, name) for run in runs)))
-    if len(found.dofs) == 1:
+    channels = Observed(tuple(name for name in CHANNELS if any(_read(run, name) for run in runs)))
+    if len(channels.dofs) == 1:
         raise FitError(
             "the logs hold no surge or sway speed (surge_m_s, sway_m_s) and no position on the water (north_m and "
             "east_m): their coupling with yaw cannot be identified. Name the columns with --columns, or give "
             "the logs to "
             "automarine fit-yaw"
         )
-    return found
+    return channels
 
 
 def _read(run: Run, quantity: str) -> bool:
@@ -90,9 +90,9 @@ class Structure:
     current: bool = False
 
     @classmethod
-    def simplest(cls, seen: Observed) -> "Structure":
+    def simplest(cls, observed: Observed) -> "Structure":
         """Quadratic drag of everything that is measured, nothing else."""
-        return cls(seen, {dof.name: LAWS[0] for dof in seen.dofs})
+        return cls(observed, {dof.name: LAWS[0] for dof in observed.dofs})
 
     @property
     def widest(self) -> "Structure":
@@ -111,8 +111,8 @@ class Structure:
     def neighbours(self) -> Iterator["Structure"]:
         """Structures one step away: another law of one drag, one more coupling, a shared inertia, a current."""
         for name, law in self.laws.items():
-            others = (other for other in LAWS if other != law and len(other) >= len(law))
-            yield from (replace(self, laws={**self.laws, name: other}) for other in others)
+            replacements = (other for other in LAWS if other != law and len(other) >= len(law))
+            yield from (replace(self, laws={**self.laws, name: other}) for other in replacements)
         widest = self.widest
         yield from (
             replace(self, couplings=(*self.couplings, name)) for name in widest.couplings if name not in self.couplings
@@ -124,7 +124,7 @@ class Structure:
 
     def __str__(self) -> str:
         drags = (
-            f"{name} drag {' and '.join(one.removesuffix('-drag') for one in law)}" for name, law in self.laws.items()
+            f"{name} drag {' and '.join(term.removesuffix('-drag') for term in law)}" for name, law in self.laws.items()
         )
         more = [*self.couplings, *["m_vr"] * self.skewed, *["current"] * self.current]
         return ", ".join([*drags, *more])
@@ -132,19 +132,19 @@ class Structure:
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
         """What stands in for measurements that the logs lack."""
-        found: list[Assumption] = []
+        lacking: list[Assumption] = []
         for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
             if dof in self.observed.dofs:
                 continue
             why = f"the logs hold no {dof.name} speed and no position on the water"
             mass, its = dof.parameter("inertia"), other.parameter("inertia")
-            found.append(Assumption(mass, its, why))
-            rule = f"{its} / {SETTLES:g} s"
-            found.append(Assumption(dof.parameter("linear"), rule, f"{dof.name} is taken to die out in {SETTLES:g} s"))
+            lacking.append(Assumption(mass, its, why))
+            linear, rule = dof.parameter("linear"), f"{its} / {SETTLES:g} s"
+            lacking.append(Assumption(linear, rule, f"{dof.name} is taken to die out in {SETTLES:g} s"))
         if not self.skewed:
-            found.append(Assumption("planar.m_vr", "0", "sway and yaw are taken about the centre of both masses"))
-        found.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
-        return tuple(found)
+            lacking.append(Assumption("planar.m_vr", "0", "sway and yaw are taken about the centre of both masses"))
+        lacking.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
+        return tuple(lacking)
 
     def model(self, sizes: Mapping[str, float]) -> Tied:
         """The model with start values `sizes` by qualified name: those of `rough_sizes`, and what is known better."""
@@ -165,29 +165,29 @@ class Structure:
         tied = Tied(model, free, ties)
         return tied.with_theta(tied.theta)
 
-    def beside(self, known: Mapping[str, float], rough: Mapping[str, float]) -> Tied:
-        """The model with values `known` of another structure by qualified name: what that lacks is zero, or takes over
+    def beside(self, values: Mapping[str, float], rough: Mapping[str, float]) -> Tied:
+        """The model with `values` of another structure by qualified name: what that lacks is zero, or takes over
         at the usual velocity where one law of drag stands for another."""
-        sizes = {**rough, **known}
+        sizes = {**rough, **values}
         for dof in self.observed.dofs:
             laws = {role: dof.parameter(role) for role in ("linear", "quadratic")}
-            lacking = [role for role, name in laws.items() if name not in known]
+            lacking = [role for role, name in laws.items() if name not in values]
             for role in lacking:
                 (other,) = set(laws) - {role}
                 share = rough[laws[role]] / rough[laws[other]]
                 taken_over = f"{other}-drag" not in self.laws[dof.name]
-                sizes[laws[role]] = share * known[laws[other]] if taken_over else 0.0
+                sizes[laws[role]] = share * values[laws[other]] if taken_over else 0.0
         return self.model(sizes)
 
     @property
     def ties(self) -> dict[str, tuple[str, float]]:
         """What the logs do not tell, and which parameter stands for it times which factor."""
-        found = {}
+        ties = {}
         for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
             if dof not in self.observed.dofs:
-                found[dof.parameter("inertia")] = (other.parameter("inertia"), 1.0)
-                found[dof.parameter("linear")] = (other.parameter("inertia"), 1.0 / SETTLES)
-        return found
+                ties[dof.parameter("inertia")] = (other.parameter("inertia"), 1.0)
+                ties[dof.parameter("linear")] = (other.parameter("inertia"), 1.0 / SETTLES)
+        return ties
 
 
 def _of_force(derivative: str) -> str:
@@ -197,25 +197,25 @@ def _of_force(derivative: str) -> str:
 def rough_velocities(run: Run) -> dict[str, Floats]:
     """Surge, sway [m/s] and yaw rate [rad/s] of a run, each (N,): as read, else from places and heading over
     `WINDOW`; NaN where neither tells."""
-    found: dict[str, Floats] = {}
+    velocities: dict[str, Floats] = {}
     if _read(run, YAW.position):
-        found[YAW.velocity] = _slope(run.time, run.position)
+        velocities[YAW.velocity] = _slope(run.time, run.position)
     if all(_read(run, name) for name in PLACES):
         north, east = (_slope(run.time, np.asarray(run.channel(name))) for name in PLACES)
         cosine, sine = np.cos(run.position), np.sin(run.position)
-        found[SURGE.velocity] = cosine * north + sine * east
-        found[SWAY.velocity] = cosine * east - sine * north
+        velocities[SURGE.velocity] = cosine * north + sine * east
+        velocities[SWAY.velocity] = cosine * east - sine * north
     for dof in PLANAR.dofs:
         if _read(run, dof.velocity):
-            found[dof.velocity] = np.asarray(run.channel(dof.velocity))
-    return found
+            velocities[dof.velocity] = np.asarray(run.channel(dof.velocity))
+    return velocities
 
 
 def _slope(time: Floats, values: Floats) -> Floats:
     """Central difference over `WINDOW`, (N,)."""
-    seen = np.isfinite(values)
+    finite = np.isfinite(values)
     ahead, behind = (np.clip(time + side * WINDOW / 2, time[0], time[-1]) for side in (1, -1))
-    there, back = (np.interp(at, time[seen], values[seen]) for at in (ahead, behind))
+    there, back = (np.interp(at, time[finite], values[finite]) for at in (ahead, behind))
     return np.asarray((there - back) / np.maximum(ahead - behind, 1e-9))
 
 
@@ -228,7 +228,7 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
         columns = [v[dof.velocity] for run in runs if dof.velocity in (v := rough_velocities(run))]
         speeds = np.abs(np.concatenate(columns)) if columns else np.zeros(0)
         speeds = speeds[np.isfinite(speeds)]
-        speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.still)
+        speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.unmoved)
         force = float(np.sqrt(np.mean(forces**2)))
         linear = max(force, 1e-3) / speed
         sizes |= {

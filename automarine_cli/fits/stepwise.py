@@ -69,8 +69,8 @@ class Judge(ABC, Generic[Model, Round]):
         """The model with one effect taken out, fitted again; None where there is no such fit."""
         return None
 
-    def better(self, current: Model, left: Model, look: Round, first: Round) -> Model:
-        """What is best: `current`, what the `look` at `left` (current without one effect) found, or `left` itself."""
+    def better(self, current: Model, reduced: Model, look: Round, first: Round) -> Model:
+        """What is best: `current`, what the `look` at `reduced` (current without one effect) found, or `reduced`."""
         return current
 
 
@@ -101,22 +101,22 @@ def discover(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:
 
 def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Round]]:
     looks: list[Round] = []
-    others: list[Model] = []
+    alternatives: list[Model] = []
     while len(looks) < judge.most and not judge.full(current):
         try:
             look = judge.look(current, len(looks))
         except FitError:
             if not looks:
                 raise
-            if not others:  # neither the last model can be looked at nor any that could stand for it
+            if not alternatives:  # neither the last model can be looked at nor any that could stand for it
                 return looks[-1].before, looks
-            current = others.pop(0)
+            current = alternatives.pop(0)
             continue
         looks.append(look)
-        able = judge.able(look, looks[0])
-        if not able:
+        candidates = judge.able(look, looks[0])
+        if not candidates:
             return look.before, looks
-        current, *others = able
+        current, *alternatives = candidates
     return current, looks
 
 
@@ -130,14 +130,14 @@ def _reconsidered(judge: Judge[Model, Round], current: Model, first: Round) -> t
     while waiting and steps < 3 * judge.most:
         steps += 1
         name = waiting.pop(0)
-        left = judge.without(current, name)
-        if left is None:
+        reduced = judge.without(current, name)
+        if reduced is None:
             continue
         try:
-            look = judge.look(left, judge.most + steps)
+            look = judge.look(reduced, judge.most + steps)
         except FitError:  # this model cannot be asked
             continue
-        best = judge.better(current, left, look, first)
+        best = judge.better(current, reduced, look, first)
         if best is current:
             around[name] = look
         else:

@@ -56,20 +56,20 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
     """
     variances = fit.variances
     runs, count = fit.left_out.shape
-    shown = np.flatnonzero(np.diagonal(fit.covariance) > 0.0)  # what no sample shows stays where it is
-    free = np.setdiff1d(shown, fit.at_bound)
+    identified = np.flatnonzero(np.diagonal(fit.covariance) > 0.0)  # what no sample shows stays where it is
+    free = np.setdiff1d(identified, fit.at_bound)
     moved = np.zeros((runs, count))
     if not len(free):
         return moved
     pull, stiffness = _pull_and_stiffness(problem, fit, variances, free)
-    whole = stiffness.sum(axis=0)
+    total = stiffness.sum(axis=0)
     if problem.prior is not None:
-        whole = whole + problem.prior[1][np.ix_(free, free)]
-    scale = linear_mixed.curvature_scale(whole)
-    if np.linalg.eigvals(whole / np.outer(scale, scale)).real.min() <= LEAST_STIFFNESS:
+        total = total + problem.prior[1][np.ix_(free, free)]
+    scale = linear_mixed.curvature_scale(total)
+    if np.linalg.eigvals(total / np.outer(scale, scale)).real.min() <= LEAST_STIFFNESS:
         return fit.left_out - fit.phi
-    rest = np.linalg.pinv((whole - stiffness) / np.outer(scale, scale), rcond=1e-9)
-    moved[:, free] = -(rest @ (pull / scale)[:, :, None])[:, :, 0] / scale
+    inverse = np.linalg.pinv((total - stiffness) / np.outer(scale, scale), rcond=1e-9)
+    moved[:, free] = -(inverse @ (pull / scale)[:, :, None])[:, :, 0] / scale
     return moved
 
 
@@ -103,18 +103,18 @@ def _pull_and_stiffness(
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
     aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
     aside = np.where(fit.positive[free], np.minimum(aside, FARTHEST), aside)
-    reach = STEP * np.sqrt(np.maximum(weighted.left, 1e-6))  # in prior standard deviations
+    reach = STEP * np.sqrt(np.maximum(weighted.remaining, 1e-6))  # in prior standard deviations
     none = np.zeros_like(scale)
 
     def slope(phi: Floats, b: Floats) -> tuple[Floats, Floats]:
         """Central differences of g and m for a change of phi and of the run effects, (R, free) and (R, acts)."""
         sides = []
         for sign in (1.0, -1.0):
-            near = _about(problem, fit.phi + sign * phi, fit.run_effects + sign * b)
-            pull = linear_mixed.weigh(near, problem.effects, variances).gradient
-            here = near.at(variances)
-            mean = scale * here.vw / np.exp(2.0 * variances[0])
-            mean -= np.divide(here.present, scale, out=np.zeros_like(scale), where=scale > 0)
+            shifted = _about(problem, fit.phi + sign * phi, fit.run_effects + sign * b)
+            pull = linear_mixed.weigh(shifted, problem.effects, variances).gradient
+            pooled = shifted.at(variances)
+            mean = scale * pooled.vw / np.exp(2.0 * variances[0])
+            mean -= np.divide(pooled.present, scale, out=np.zeros_like(scale), where=scale > 0)
             sides.append((pull[:, free], mean[:, acts]))
         return 0.5 * (sides[0][0] - sides[1][0]), 0.5 * (sides[0][1] - sides[1][1])
 
@@ -162,8 +162,8 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
     inertia, switch = names.index(model.dof.parameter("inertia")), names.index(SWITCH)
 
     def readings(theta: Floats, b: Floats) -> Floats:
-        own, common = blocks.of(b, SWITCHES), theta[:, switch, None, None]
-        delay = late * instant(common + own) if within else common * late + own  # a step may run backwards
+        of_run, common = blocks.of(b, SWITCHES), theta[:, switch, None, None]
+        delay = late * instant(common + of_run) if within else common * late + of_run  # a step may run backwards
         accelerations = blocks.of(b, DISTURBANCE)
         start = Start(
             first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
@@ -173,24 +173,24 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
             theta[:, inertia, None, None] * accelerations if accelerations.any() else None,
             {name: blocks.of(b, name) for name in varying},
         )
-        found = simulate(model, batch, theta[:, :switch], start)
+        trajectory = simulate(model, batch, theta[:, :switch], start)
         if len(batch.channels) == 1:
-            return found.position
-        shown = [found.reading(channel) for channel in batch.channels]
+            return trajectory.position
+        predicted = [trajectory.reading(channel) for channel in batch.channels]
         for i, channel in enumerate(batch.channels):
             if channel.velocity:
-                shown[i] = shown[i] + blocks.of(b, bias_of(channel.quantity))
-        return np.concatenate(shown, axis=2)
+                predicted[i] = predicted[i] + blocks.of(b, bias_of(channel.quantity))
+        return np.concatenate(predicted, axis=2)
 
     most = MOST_OFFSET if within else 0.5
-    bounds, both = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
+    bounds, drags = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
     for term in model.terms:
         for parameter in effects.get(term.name).parameters:
-            lower = -np.inf if both and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
+            lower = -np.inf if drags and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
             bounds.append((lower, parameter.upper))
     limits = np.array([*bounds, (-most, most)])
-    measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
-    return Problem(readings, measured, seen, blocks, limits, limits[:, 0] >= 0.0, names, slots_of(batch.channels))
+    measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
+    return Problem(readings, measured, observed, blocks, limits, limits[:, 0] >= 0.0, names, slots_of(batch.channels))
 
 
 def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]) -> tuple[Block, ...]:
@@ -226,8 +226,8 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     """
     rows, sides = [], []
     for i in range(len(batch.names)):
-        seen = batch.seen[i]
-        time, position = batch.time[i][seen], batch.position[i][seen]
+        observed = batch.seen[i]
+        time, position = batch.time[i][observed], batch.position[i][observed]
         clock = np.concatenate([[0.0], np.cumsum(batch.length[i])])
         impulse = np.concatenate([[0.0], np.cumsum(batch.length[i] * batch.force[0, i])])
         window = max(time[-1] / 200.0, min(1.0, time[-1] / 8.0))
@@ -246,8 +246,8 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
     constant = [float(v) for v in values[len(keep) - batch.dof.has_constant :]]
     values = values[: len(keep) - batch.dof.has_constant]
-    left = np.sum((y - x[:, keep] @ [*values, *constant]) ** 2)
-    if np.all(values < 0) and left < (1.0 - AGAINST) * np.sum(y**2):
+    misfit = np.sum((y - x[:, keep] @ [*values, *constant]) ** 2)
+    if np.all(values < 0) and misfit < (1.0 - AGAINST) * np.sum(y**2):
         raise FitError(
             batch.dof.fill(
                 "the {positions} {move} against the {force}: {inertia} and drag would be negative. If the {position} "
@@ -281,30 +281,30 @@ class Ways:
         return self.p_value < LEVEL
 
     def to_json(self) -> dict[str, object]:
-        found = {way: {self.dof.parameters[self.role]: one.to_json()} for way, one in self.drag.items()}
-        for way, one in self.distance.items():
-            found[way][self.dof.ratio_key] = one.to_json()
-        return {"differ": self.differ, "p_value": self.p_value, **found}
+        entries = {way: {self.dof.parameters[self.role]: estimate.to_json()} for way, estimate in self.drag.items()}
+        for way, estimate in self.distance.items():
+            entries[way][self.dof.ratio_key] = estimate.to_json()
+        return {"differ": self.differ, "p_value": self.p_value, **entries}
 
 
-def by_way(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, both: bool) -> "OutputErrorFit":
-    """The fit with drag by way where that differs, else pooled; `fit` takes which, `both` is whether both were gone."""
-    if not (dof.directional and both):
+def by_way(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, two_way: bool) -> "OutputErrorFit":
+    """The fit with drag by way where that differs, else pooled; `fit` takes which, `two_way` whether both were gone."""
+    if not (dof.directional and two_way):
         return fit(False)
     try:
         apart = fit(True)
     except FitError:  # a model that is far off may run away with one way more than with both together
         return fit(False)
-    found = ways_of(apart, dof)
-    return replace(apart if found.differ else fit(False), ways=found)
+    ways = ways_of(apart, dof)
+    return replace(apart if ways.differ else fit(False), ways=ways)
 
 
 def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
     """The drag of each way, and the test, from a fit of both: theta holds their middle and half their difference."""
-    names, own, role = list(fit.estimates), dof.symbols, main_drag(fit.number)
+    names, symbols, role = list(fit.estimates), dof.symbols, main_drag(fit.number)
     main = dof.parameters[role]
-    i, j, of_inertia = (names.index(name) for name in (main, own.difference, own.inertia))
-    middle, half, covariance = fit.estimates[main].value, fit.estimates[own.difference].value, fit.covariance
+    i, j, of_inertia = (names.index(name) for name in (main, symbols.difference, symbols.inertia))
+    middle, half, covariance = fit.estimates[main].value, fit.estimates[symbols.difference].value, fit.covariance
     runs, axes = len(fit.mixed.left_out), np.eye(len(fit.mixed.theta))
 
     def freedom(direction: np.ndarray) -> float:
@@ -317,7 +317,7 @@ def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
         deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         drag[way] = Estimate.from_log(value, deviation / size, freedom(slope), fit.estimates[main].unit)
         if role == "quadratic":
-            ratio, inertia = axes[of_inertia] - slope / size, fit.estimates[own.inertia].value
+            ratio, inertia = axes[of_inertia] - slope / size, fit.estimates[symbols.inertia].value
             spread = float(np.sqrt(max(ratio @ covariance @ ratio, 0.0)))
             distance[way] = Estimate.from_log(inertia / size, spread, freedom(ratio), dof.unit_of("ratio"))
     error = float(np.sqrt(max(covariance[j, j], 1e-300)))
@@ -368,7 +368,7 @@ def fit_half_turns(
     number: str,
     start: tuple[float, float, float],
     moment_unit: str,
-    known: Known,
+    prior: Known,
     constant: float = 0.0,
     sided: bool = False,
 ) -> OutputErrorFit:
@@ -378,14 +378,14 @@ def fit_half_turns(
     """
     begins = {**dict(zip(("inertia", "linear", "quadratic"), start)), "constant": constant, "difference": 0.0}
     begin = np.array([*(begins[role] for role in base_roles(number, data.dof, sided)), 0.0])
-    problem = step_problem(data, number, known, sided=sided)
+    problem = step_problem(data, number, prior, sided=sided)
     mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
     model = YawModel.base(number, begin[0], begin[1:-1], moment_unit, data.dof)
     return _simulated_fit(number, model, problem, mixed, begin, sided, of_half_turns=True)
 
 
 def fit_whole_runs(
-    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, known: Known = NOTHING_KNOWN
+    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, prior: Known = NOTHING_KNOWN
 ) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
@@ -394,7 +394,7 @@ def fit_whole_runs(
     """
     alone = len(batch.names) == 1
     rough = rough_model(number, batch, sided)
-    problem = whole_run_problem(rough, batch, at_rest).informed(known.parameters)
+    problem = whole_run_problem(rough, batch, at_rest).informed(prior.parameters)
     pooled = replace(problem, effects=problem.effects.with_scale(gain=0.0))
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
@@ -403,7 +403,7 @@ def fit_whole_runs(
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
         return _simulated_fit(number, rough, pooled, only, begin, sided, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
-    little = 0.2 if known.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
+    little = 0.2 if prior.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
         problem,
         first.theta,
@@ -445,14 +445,14 @@ def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: floa
     """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
-    found = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
-    known = mixed.names[i] in mixed.known
-    return replace(found, known=known, at_bound=i in mixed.at_bound and not known)
+    estimate = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+    assumed = mixed.names[i] in mixed.priors
+    return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
 
 
 def spare(mixed: Outcome) -> float | None:
     """Degrees of freedom of a fit to one run, its readings less its parameters; None where runs tell of each other."""
-    return float(sum(mixed.read.values()) - len(mixed.theta)) if len(mixed.left_out) == 1 else None
+    return float(sum(mixed.readings.values()) - len(mixed.theta)) if len(mixed.left_out) == 1 else None
 
 
 def ratio_of(mixed: Outcome, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
@@ -477,7 +477,7 @@ def motion_fit(
         dof.parameters[role]: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
         for role in roles
     }
-    turn, stuck = None, at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.known
+    turn, stuck = None, at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.priors
     if "quadratic" in roles and mixed.theta[at["quadratic"]] > 0 and not stuck:
         turn = ratio_of(mixed, covariance, at["inertia"], at["quadratic"], dof.unit_of("ratio"), alone)
     size, (low, high) = (mixed.factor(GAIN), mixed.factor_interval(GAIN)) if scatters else (0.0, (0.0, 0.0))
@@ -538,13 +538,13 @@ def _prefer_in_one_run(fits: Mapping[str, OutputErrorFit], parameters: Mapping[s
     """Akaike's criterion: with one run there is none to predict."""
     cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in fits.items()}
     best = min(sorted(fits), key=lambda number: cost[number])
-    others = [
+    rivals = [
         f"model {number}'s is higher by {cost[number] - cost[best]:.1f}" for number in sorted(fits) if number != best
     ]
     return Preference(
         best,
         f"With one run there is no cross-validation; by Akaike's criterion model {best} is best, "
-        f"{' and '.join(others)}.",
+        f"{' and '.join(rivals)}.",
     )
 
 

@@ -55,5 +55,5 @@ class Bound:
 
 def actuators(terms: Sequence[Bound]) -> list[Bound]:
     """The terms that act on commands, in the order in which they do."""
-    found = [term for term in terms if term.effect.place is Place.ACTUATOR]
-    return sorted(found, key=lambda term: term.effect.stage)
+    acting = [term for term in terms if term.effect.place is Place.ACTUATOR]
+    return sorted(acting, key=lambda term: term.effect.stage)

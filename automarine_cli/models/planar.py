@@ -150,22 +150,22 @@ class PlanarModel:
 
     def with_theta(self, theta: ArrayLike) -> "PlanarModel":
         """The same terms with other values. Raises ModelError unless there is one for each parameter."""
-        rest = values_for(self.parameter_names, theta)
-        inertia = Inertia(*(next(rest) for _ in PLACES))
-        surge, sway, yaw, cross = (with_values(one, rest) for one in (self.surge, self.sway, self.yaw, self.cross))
-        water = None if self.water is None else (next(rest), next(rest))
+        values = values_for(self.parameter_names, theta)
+        inertia = Inertia(*(next(values) for _ in PLACES))
+        surge, sway, yaw, cross = (with_values(x, values) for x in (self.surge, self.sway, self.yaw, self.cross))
+        water = None if self.water is None else (next(values), next(values))
         return PlanarModel(inertia, surge, sway, yaw, cross, water)
 
     def inertia_matrix(self, theta: Floats) -> Floats:
         return _matrices(theta)
 
     def forces(self, theta: Floats) -> list[Bound]:
-        column, found = len(PLACES), []
+        column, bound = len(PLACES), []
         for place, effect, term in self._effects():
             count = len(term.values)
-            found.append(Bound(place, effect, tuple(theta[:, column + i, None] for i in range(count))))
+            bound.append(Bound(place, effect, tuple(theta[:, column + i, None] for i in range(count))))
             column += count
-        return found
+        return bound
 
     def current(self, theta: Floats) -> Floats | None:
         return None if self.water is None else theta[:, -2:].T[..., None]
@@ -266,12 +266,12 @@ def parameters_of(dof: Dof, term: Term) -> Iterator[str]:
 
 def derivative(name: str) -> tuple[int, CrossDrag]:
     """What a derivative such as N_v or N_vr acts on, and the drag that it is. Raises ModelError."""
-    found = _DERIVATIVE.fullmatch(name)
-    place = FORCES.index(found[1]) if found else 0
-    if found is None or set(found[2]) == {VELOCITIES[place]}:
+    match = _DERIVATIVE.fullmatch(name)
+    place = FORCES.index(match[1]) if match else 0
+    if match is None or set(match[2]) == {VELOCITIES[place]}:
         raise ModelError(
             f"cross drag {name!r}: expected X, Y or N by the velocities of other degrees of freedom, such as Y_r, N_v, "
             "N_vr or Y_rr; drag by a degree of freedom's own velocity is one of its terms, such as quadratic-drag"
         )
-    *size, along = (VELOCITIES.index(letter) for letter in found[2])
+    *size, along = (VELOCITIES.index(letter) for letter in match[2])
     return place, CrossDrag(along, size[0] if size else None)

@@ -127,9 +127,9 @@ class ModelFile(ResultRecord):
 
     def main_parameters(self) -> Iterator[tuple[str, Given]]:
         """Drag and inertia of the preferred model that it has, in letters for print."""
-        own, entry = self.dof.symbols, self.chosen
-        found = {own.quadratic_print: entry.quadratic, own.linear: entry.linear, own.inertia: entry.inertia}
-        return ((name, given) for name, given in found.items() if given is not None)
+        names, entry = self.dof.symbols, self.chosen
+        estimates = {names.quadratic_print: entry.quadratic, names.linear: entry.linear, names.inertia: entry.inertia}
+        return ((name, estimate) for name, estimate in estimates.items() if estimate is not None)
 
 
 MODELS = {
@@ -194,9 +194,9 @@ class DiagnosisFile(ResultRecord):
 DIAGNOSIS = ResultKind("diagnosis.json", "diagnosis", DiagnosisFile, "diagnose")
 
 
-def number_at(given: Given, codec: Codec, place: Place) -> float:
+def number_at(number: Given, codec: Codec, place: Place) -> float:
     """Return the value of a number that must be there. Raises ModelError with its `place`."""
-    value = given.value
+    value = number.value
     if value is None:
         raise codec.refusal(place, "found nothing, expected a number")
     if value and not SMALLEST <= abs(value) <= LARGEST:
@@ -240,7 +240,7 @@ def file_and_models(data: Mapping[str, object], where: str) -> tuple[ModelFile, 
 
 def motion_of(data: Mapping[str, object]) -> Dof:
     """The motion that a model file's schema names; yaw where it names none."""
-    return next((DOFS[name] for name, one in MODELS.items() if one.schema == data.get("schema")), YAW)
+    return next((DOFS[name] for name, kind in MODELS.items() if kind.schema == data.get("schema")), YAW)
 
 
 def model_head(dof: Dof, unit: str) -> dict[str, object]:
@@ -252,7 +252,7 @@ def model_head(dof: Dof, unit: str) -> dict[str, object]:
 def effects_json(estimates: Mapping[str, Mapping[str, Estimate]]) -> list[dict[str, object]]:
     """The effects beside drag as files hold them, by effect and parameter."""
     return [
-        {"name": name, "parameters": {parameter: one.to_json() for parameter, one in of_effect.items()}}
+        {"name": name, "parameters": {parameter: estimate.to_json() for parameter, estimate in of_effect.items()}}
         for name, of_effect in estimates.items()
     ]
 
@@ -265,10 +265,10 @@ def _models(file: ModelFile, codec: Codec) -> StoredModels:
         if number not in BASE_TERMS:
             raise codec.refusal(place, f"unknown model; known are {', '.join(BASE_TERMS)}")
         if entry is not None:  # null: a model that could not be fitted
-            own = entry.effects  # its own values of the same effects
-            values = added if own is None else _effects(own, codec, (*place, "effects"), file.dof)
+            entries = entry.effects  # its values of the same effects
+            values = added if entries is None else _effects(entries, codec, (*place, "effects"), file.dof)
             model = _base(number, entry, unit, codec, place, file.dof)
-            models[number] = reduce(lambda one, term: one.with_effect(*term), values, model)
+            models[number] = reduce(lambda built, term: built.with_effect(*term), values, model)
     offset = ("switch_offset",)
     late = 0.0 if file.switch_offset is None else number_at(file.switch_offset, codec, offset)
     if abs(late) > LATEST_SWITCH:
@@ -282,31 +282,31 @@ def _models(file: ModelFile, codec: Codec) -> StoredModels:
 def _force_unit(file: ModelFile, codec: Codec) -> str:
     dof, unit = file.dof, file.force_unit
     if unit is None:
-        units = (one.inertia.unit for one in file.models.values() if one is not None and one.inertia is not None)
+        units = (m.inertia.unit for m in file.models.values() if m is not None and m.inertia is not None)
         unit = next(filter(None, units), None)
         unit = {dof.unit_of("inertia", force): force for force in dof.units.forces}.get(str(unit), unit)
     if unit not in dof.units.forces:
-        expected = " or ".join(told(one) for one in dof.units.forces)
+        expected = " or ".join(told(force) for force in dof.units.forces)
         raise codec.refusal((key_of(file, "force_unit"),), f"found {told(unit)}, expected {expected}")
     return str(unit)
 
 
 def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place, dof: Dof) -> YawModel:
     """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
-    given: dict[str, Given | None] = {role: getattr(entry, role) for role in ROLES}
+    numbers: dict[str, Given | None] = {role: getattr(entry, role) for role in ROLES}
     roles = base_roles(number, dof, dof.directional and entry.difference is not None)
-    for role, one in given.items():
-        if one is not None and role not in roles:
-            drags = [dof.parameters[one] for one in ("quadratic", "linear") if one in roles]
+    for role, stored in numbers.items():
+        if stored is not None and role not in roles:
+            drags = [dof.parameters[drag] for drag in ("quadratic", "linear") if drag in roles]
             raise codec.refusal(
                 (*place, dof.parameters[role]), f"model {number} has no such term; it has {', '.join(drags)}"
             )
     values = {}
     for role in roles:
         at = (*place, dof.parameters[role])
-        if (one := given[role]) is None:
+        if (stored := numbers[role]) is None:
             raise codec.missing(place, dof.parameters[role])
-        value = values[role] = number_at(one, codec, at)
+        value = values[role] = number_at(stored, codec, at)
         if role == "inertia" and value <= 0:
             raise codec.refusal(at, f"found {value:g}, expected {dof.words.an_inertia} above zero")
         may_drive = role == "linear" and "quadratic" in roles
@@ -319,14 +319,14 @@ def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place,
 def _effects(
     entries: Sequence[AddedEffect], codec: Codec, place: Place, dof: Dof
 ) -> list[tuple[str, tuple[float, ...]]]:
-    found = []
+    added = []
     for i, entry in enumerate(entries):
         at = (*place, i)
         if not effects.known(entry.name):
             expected = ", ".join(effects.names())
             raise codec.refusal((*at, "name"), f"found {told(entry.name)}, expected one of {expected}")
-        found.append((entry.name, _parameters(entry, codec, (*at, "parameters"), dof)))
-    return found
+        added.append((entry.name, _parameters(entry, codec, (*at, "parameters"), dof)))
+    return added
 
 
 def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tuple[float, ...]:
@@ -335,24 +335,24 @@ def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tup
     for key in entry.parameters:
         if key not in keys:
             raise codec.refusal(place, f"unknown key {told(key)}; {entry.name} takes {', '.join(keys) or 'none'}")
-    given = {key: number_at(one, codec, (*place, key)) for key, one in entry.parameters.items()}
-    values = values_of(effect, keys, given, codec, place)
-    if lacking := effect.lacking(given, values, dof):
+    numbers = {key: number_at(number, codec, (*place, key)) for key, number in entry.parameters.items()}
+    values = values_of(effect, keys, numbers, codec, place)
+    if lacking := effect.lacking(numbers, values, dof):
         raise codec.missing(place, lacking)
     return values
 
 
 def values_of(
-    effect: Effect, keys: Sequence[str], given: Mapping[str, float], codec: Codec, place: Place, free: str = ""
+    effect: Effect, keys: Sequence[str], numbers: Mapping[str, float], codec: Codec, place: Place, free: str = ""
 ) -> tuple[float, ...]:
     """The values of an effect's parameters, which a file calls `keys`, those of laws it does not use at their start.
     Raises ModelError for one that is missing, or outside its bounds, unless its name is `free`."""
     values = []
     for key, parameter in zip(keys, effect.parameters):
-        if key not in given and not parameter.optional:
+        if key not in numbers and not parameter.optional:
             raise codec.missing(place, key)
-        value = given.get(key, parameter.start)
-        if key in given and parameter.name != free and not parameter.lower <= value <= parameter.upper:
+        value = numbers.get(key, parameter.start)
+        if key in numbers and parameter.name != free and not parameter.lower <= value <= parameter.upper:
             raise codec.refusal((*place, key), f"found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}")
         values.append(value)
     return tuple(values)
@@ -401,12 +401,12 @@ def load_planar_model(path: Source) -> StoredPlanar:
 
 def planar_json(model: planar.PlanarModel, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
-    known = estimates or {}
+    entries = estimates or {}
     values = zip(model.parameter_names, model.theta.tolist())
     return {
         "schema": PLANAR_MODEL.schema,
         **UNITS,
-        "parameters": {name: known.get(name, value) for name, value in values},
+        "parameters": {name: entries.get(name, value) for name, value in values},
     }
 
 
@@ -414,34 +414,34 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
     """The model in the content of a `planar_model.json`; `where` names it for messages. Raises ModelError."""
     file, codec = PLANAR_MODEL.of(data, where), PLANAR_MODEL.codec(data, where)
     for key, unit in UNITS.items():
-        if (found := getattr(file, key)) != unit:
-            raise codec.refusal((key,), f"found {told(found)}, expected {told(unit)}: coupled motions are in newtons")
-    values = {name: number_at(one, codec, (*PARAMETERS, name)) for name, one in file.parameters.items()}
+        if (stated := getattr(file, key)) != unit:
+            raise codec.refusal((key,), f"found {told(stated)}, expected {told(unit)}: coupled motions are in newtons")
+    values = {name: number_at(number, codec, (*PARAMETERS, name)) for name, number in file.parameters.items()}
     free = file.covariance.parameters if file.covariance else ()
     return StoredPlanar(_model(values, codec), where, free, file.random)
 
 
 def units(model: planar.PlanarModel) -> dict[str, str]:
-    found = [dof.unit_of("inertia", dof.units.forces[1]) for dof in PLANAR.dofs] + ["kg m", "kg m", "kg"]
+    texts = [dof.unit_of("inertia", dof.units.forces[1]) for dof in PLANAR.dofs] + ["kg m", "kg m", "kg"]
     for dof, terms in zip(PLANAR.dofs, (model.surge, model.sway, model.yaw)):
         for term in terms:
-            found += [dof.unit_in(one.unit, dof.units.forces[1]) for one in effects.get(term.name).parameters]
-    found += [_derivative_unit(term.name) for term in model.cross]
-    return dict(zip(model.parameter_names, [*found, *(["m/s"] * 2 if model.water else [])], strict=True))
+            texts += [dof.unit_in(p.unit, dof.units.forces[1]) for p in effects.get(term.name).parameters]
+    texts += [_derivative_unit(term.name) for term in model.cross]
+    return dict(zip(model.parameter_names, [*texts, *(["m/s"] * 2 if model.water else [])], strict=True))
 
 
 def _derivative_unit(name: str) -> str:
     letter, _, along = name.partition("_")
-    metres = (letter == "N") - sum(one != "r" for one in along)
+    metres = (letter == "N") - sum(axis != "r" for axis in along)
     of_seconds = "s" if len(along) == 1 else "s²"
     of_metres = {1: " m", 0: "", -1: "/m", -2: "/m²"}[metres]
     return f"N m {of_seconds}" if metres == 1 else f"N {of_seconds}{of_metres}"
 
 
 def _model(values: Mapping[str, float], codec: Codec) -> planar.PlanarModel:
-    left = dict(values)
-    inertia = _inertia(left, codec)
-    water = [left.pop(name) for name in CURRENT if name in left]
+    unread = dict(values)
+    inertia = _inertia(unread, codec)
+    water = [unread.pop(name) for name in CURRENT if name in unread]
     if len(water) == 1:
         lacking = next(name for name in CURRENT if name not in values)
         raise codec.refusal(
@@ -449,79 +449,79 @@ def _model(values: Mapping[str, float], codec: Codec) -> planar.PlanarModel:
         )
     terms: dict[str, list[Term]] = {dof.name: [] for dof in PLANAR.dofs}
     cross: list[Term] = []
-    while left:
-        name = next(iter(left))
-        motion, _, rest = name.partition(".")
-        if motion not in terms or not rest:
+    while unread:
+        name = next(iter(unread))
+        motion, _, short = name.partition(".")
+        if motion not in terms or not short:
             raise codec.refusal(PARAMETERS, _unknown(name))
         dof = DOFS[motion]
-        if (term := _own(dof, rest, left, codec)) is not None:
+        if (term := _own(dof, short, unread, codec)) is not None:
             terms[motion].append(term)
         else:
-            cross.append(Term(_cross(dof, rest, name, codec), (left.pop(name),)))
+            cross.append(Term(_cross(dof, short, name, codec), (unread.pop(name),)))
     for dof in PLANAR.dofs:
         drags = {term.name: term.values[0] for term in terms[dof.name] if term.values}
         if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:
             name, value = dof.parameter("linear"), drags["linear-drag"]
             raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")
-    both = (water[0], water[1]) if water else None
+    current = (water[0], water[1]) if water else None
     surge, sway, yaw = (tuple(terms[dof.name]) for dof in PLANAR.dofs)
-    return planar.PlanarModel(inertia, surge, sway, yaw, tuple(cross), both)
+    return planar.PlanarModel(inertia, surge, sway, yaw, tuple(cross), current)
 
 
-def _inertia(left: dict[str, float], codec: Codec) -> planar.Inertia:
+def _inertia(unread: dict[str, float], codec: Codec) -> planar.Inertia:
     sizes = [dof.parameter("inertia") for dof in PLANAR.dofs]
     for name in sizes:
-        if name not in left:
+        if name not in unread:
             raise codec.missing(PARAMETERS, name)
-        if (value := left[name]) <= 0:
+        if (value := unread[name]) <= 0:
             raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected an inertia above zero")
     couplings = [f"{PLANAR.name}.{name}" for name in planar.inertia_names()[len(sizes) :]]
-    inertia = planar.Inertia(*(left.pop(name) for name in sizes), *(left.pop(name, 0.0) for name in couplings))
+    inertia = planar.Inertia(*(unread.pop(name) for name in sizes), *(unread.pop(name, 0.0) for name in couplings))
     inertia.refuse_unless_positive(f"{codec.name}: {PARAMETERS[0]}")
     return inertia
 
 
-def _own(dof: Dof, rest: str, left: dict[str, float], codec: Codec) -> Term | None:
+def _own(dof: Dof, short: str, unread: dict[str, float], codec: Codec) -> Term | None:
     """The term of the library that a parameter belongs to, its parameters taken out of what is left; None for none."""
-    role = {symbol: role for role, symbol in dof.parameters.items()}.get(rest)
-    name = planar.OF_ROLE.get(role or "", rest.partition(".")[0])
+    role = {symbol: role for role, symbol in dof.parameters.items()}.get(short)
+    name = planar.OF_ROLE.get(role or "", short.partition(".")[0])
     if name not in effects.names():
         return None
     effect = effects.get(name)
     if not effect.acts_in(dof):
-        raise codec.refusal((*PARAMETERS, f"{dof.name}.{rest}"), f"{name} does not act in {dof.name}; leave it out")
+        raise codec.refusal((*PARAMETERS, f"{dof.name}.{short}"), f"{name} does not act in {dof.name}; leave it out")
     keys = tuple(planar.parameters_of(dof, Term(name, ())))
-    given = left.keys() & set(keys)
-    if f"{dof.name}.{rest}" not in keys:
-        raise codec.refusal(PARAMETERS, f"unknown key {told(f'{dof.name}.{rest}')}; did you mean {told(keys[0])}?")
+    present = unread.keys() & set(keys)
+    if f"{dof.name}.{short}" not in keys:
+        raise codec.refusal(PARAMETERS, f"unknown key {told(f'{dof.name}.{short}')}; did you mean {told(keys[0])}?")
     free = "{linear}"  # beside quadratic drag it may come out below zero
-    values = values_of(effect, keys, left, codec, PARAMETERS, free)
+    values = values_of(effect, keys, unread, codec, PARAMETERS, free)
     for key in keys:
-        left.pop(key, None)
-    found = {key.partition(".")[2].removeprefix(f"{name}.") for key in given}
-    if not effect.role and (lacking := effect.lacking(found, values, dof)):
+        unread.pop(key, None)
+    symbols = {key.partition(".")[2].removeprefix(f"{name}.") for key in present}
+    if not effect.role and (lacking := effect.lacking(symbols, values, dof)):
         raise codec.missing(PARAMETERS, f"{dof.name}.{name}.{lacking}")
     return Term(name, values)
 
 
-def _cross(dof: Dof, rest: str, name: str, codec: Codec) -> str:
+def _cross(dof: Dof, short: str, name: str, codec: Codec) -> str:
     letter = planar.FORCES[PLANAR.index(dof)]
     try:
-        planar.derivative(rest)
+        planar.derivative(short)
     except ModelError:
         raise codec.refusal(PARAMETERS, _unknown(name)) from None
-    if not rest.startswith(letter):
-        raise codec.refusal((*PARAMETERS, name), f"{rest} is no derivative of {letter}, the force of {dof.name}")
-    return rest
+    if not short.startswith(letter):
+        raise codec.refusal((*PARAMETERS, name), f"{short} is no derivative of {letter}, the force of {dof.name}")
+    return short
 
 
 def _unknown(name: str) -> str:
-    own = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
-    known = [*own, *(f"{PLANAR.name}.{one}" for one in planar.inertia_names()[3:]), *CURRENT]
-    close = difflib.get_close_matches(name[:LONGEST], known, n=1, cutoff=0.8)
+    parameters = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
+    names = [*parameters, *(f"{PLANAR.name}.{coupling}" for coupling in planar.inertia_names()[3:]), *CURRENT]
+    close = difflib.get_close_matches(name[:LONGEST], names, n=1, cutoff=0.8)
     hint = f"did you mean {told(close[0])}?" if close else (
-        f"known are {', '.join(known)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
+        f"known are {', '.join(names)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
         f"{', '.join(planar.VELOCITIES)} of others, such as sway.Y_r"
     )  # fmt: skip
     return f"unknown key {told(name)}; {hint}"

@@ -54,12 +54,12 @@ def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Term:
-    """One effect with the values of its parameters, in the effect's order; `own` where it belongs to the motion's own
+    """One effect with the values of its parameters, in the effect's order; `base` where it belongs to the motion's own
     equation, and was not added to it."""
 
     name: str
     values: tuple[float, ...]
-    own: bool = False
+    base: bool = False
 
 
 def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
@@ -70,8 +70,8 @@ def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
     return iter(values)
 
 
-def with_values(terms: tuple[Term, ...], rest: Iterator[float]) -> tuple[Term, ...]:
-    return tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in terms)
+def with_values(terms: tuple[Term, ...], values: Iterator[float]) -> tuple[Term, ...]:
+    return tuple(replace(term, values=tuple(next(values) for _ in term.values)) for term in terms)
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class YawModel:
         """Model "1", "2" or "3" of the paper; `values` in the order of `base_terms`, sided if there is one more."""
         sided = len(values) > len(base_terms(number, dof))
         names = base_terms(number, dof, sided)
-        terms = tuple(Term(name, (float(value),), own=True) for name, value in zip(names, values, strict=True))
+        terms = tuple(Term(name, (float(value),), base=True) for name, value in zip(names, values, strict=True))
         return cls(float(inertia), terms, moment_unit, dof)
 
     @property
@@ -102,7 +102,7 @@ class YawModel:
         names = [self.dof.parameter("inertia")]
         for term in self.terms:
             effect = effects.get(term.name)
-            if term.own:
+            if term.base:
                 names.append(self.dof.parameter(effect.role))
             else:
                 names += [f"{term.name}.{name}" for name in effect.names_in(self.dof)]
@@ -111,11 +111,11 @@ class YawModel:
     @property
     def short_names(self) -> tuple[str, ...]:
         """The same as files have them: without motion or effect, unless an earlier one is called so."""
-        found: list[str] = []
+        names: list[str] = []
         for name in self.parameter_names:
             short = name.partition(".")[2]
-            found.append(name if short in found else short)
-        return tuple(found)
+            names.append(name if short in names else short)
+        return tuple(names)
 
     def index(self, name: str) -> int:
         """Place in theta of a parameter by its qualified name; ModelError says what there is."""
@@ -128,16 +128,16 @@ class YawModel:
         return np.array([self.inertia, *(value for term in self.terms for value in term.values)])
 
     def with_theta(self, theta: ArrayLike) -> "YawModel":
-        rest = values_for(self.parameter_names, theta)
-        return replace(self, inertia=next(rest), terms=with_values(self.terms, rest))
+        values = values_for(self.parameter_names, theta)
+        return replace(self, inertia=next(values), terms=with_values(self.terms, values))
 
     def with_effect(self, name: str, values: Sequence[float] | Floats) -> "YawModel":
         """The same model with one more effect; laws, and what only they use, may be left out at the end."""
-        own = effects.get(name).parameters
-        count, given = len(own), len(values)
-        values = [*values, *(p.start for p in own[given:] if p.optional)]
+        parameters = effects.get(name).parameters
+        count, size = len(parameters), len(values)
+        values = [*values, *(p.start for p in parameters[size:] if p.optional)]
         if len(values) != count:
-            raise ModelError(f"effect {name!r} has {count} parameters, {given} values were given; give one for each")
+            raise ModelError(f"effect {name!r} has {count} parameters, {size} values were given; give one for each")
         return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
 
     @property
@@ -148,13 +148,13 @@ class YawModel:
         return theta[:, :1, None]
 
     def forces(self, theta: Floats) -> list[Bound]:
-        column, found = 1, []
+        column, bound = 1, []
         for term in self.terms:
             count = len(term.values)
             values = tuple(theta[:, column + i, None] for i in range(count))
-            found.append(Bound(0, effects.get(term.name), values))
+            bound.append(Bound(0, effects.get(term.name), values))
             column += count
-        return found
+        return bound
 
     def current(self, theta: Floats) -> None:
         """Still water: one degree of freedom alone cannot tell a current from its start velocity."""

@@ -135,7 +135,7 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
         target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
         phi, b = other.phi(problem), np.zeros_like(problem.effects.scale)
         headings, by_phi, by_run = derivatives(problem, phi, b)
-        residual = np.where(problem.seen, target - headings, 0.0)
+        residual = np.where(problem.observed, target - headings, 0.0)
         gram = problem.inner(by_phi, by_run, residual).keep(free)
         weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
         square[places] = other.fitted * weighted.square

@@ -271,7 +271,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
     assert isinstance(mixed, MixedFit)
     reading = mixed.reading(dof.position)
     for i, turn in enumerate(fit.turns):
-        off = dof.shown((data.heading[i] - reading[i])[data.seen[i]])
+        off = dof.shown((data.heading[i] - reading[i])[data.observed[i]])
         rows.append({
             "run": turn.name, "file": turn.step.run.source, words.force: turn.moment,
             "time_from_s": float(turn.time[0]), "time_to_s": float(turn.time[-1]), "samples": len(turn.time),
@@ -306,10 +306,10 @@ def _(fit: PlanarFit) -> Sections:
 
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
-    yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
+    yield from fit.prior.sentences(units(fit.model), fit.model.parameter_names)
     yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
     noises = fit.found.noises
-    channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
+    channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
     above = (*(() if fit.use is None else fit.use.sentences), *fit.disturbed)
     yield from (warning for warning in fit.warnings if warning not in above)
@@ -347,9 +347,9 @@ def parameter_table(fit: PlanarFit) -> Table:
 
 
 def structure_table(fit: PlanarFit) -> Table:
-    best = fit.tried[0].found.criterion
+    best = fit.tried[0].estimated.criterion
     return Table.of("Structures", [
-        {"structure": str(tried.structure), "parameters": len(tried.found.model.free),
-         "log likelihood": number(tried.found.log_likelihood, 7), "BIC less the best": tried.found.criterion - best}
-        for tried in fit.tried
+        {"structure": str(t.structure), "parameters": len(t.estimated.model.free),
+         "log likelihood": number(t.estimated.log_likelihood, 7), "BIC less the best": t.estimated.criterion - best}
+        for t in fit.tried
     ])  # fmt: skip

@@ -191,7 +191,7 @@ def _stuck_at(run: Run, quantity: str) -> float | None:
     readings = run.channel(quantity)
     assert readings is not None
     good = np.isfinite(readings)
-    if good.sum() < MIN_SAMPLES or np.ptp(run.position) < max(run.dof.limits.still, 5.0 * run.noise):
+    if good.sum() < MIN_SAMPLES or np.ptp(run.position) < max(run.dof.limits.unmoved, 5.0 * run.noise):
         return None
     values, counts = np.unique(readings[good], return_counts=True)
     if counts.max() < REPEATS * good.sum():

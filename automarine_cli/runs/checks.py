@@ -172,7 +172,7 @@ def _moved(run: Run) -> bool:
     """Whether the mean positions of its pieces differ by more than noise would make them."""
     count = max(1, min(len(run) // 3, int((run.time[-1] - run.time[0]) / STILL_PIECE_S)))
     means = [float(piece.mean()) for piece in np.array_split(run.position, count)]
-    return max(means) - min(means) >= max(run.dof.limits.still, 5 * run.noise)
+    return max(means) - min(means) >= max(run.dof.limits.unmoved, 5 * run.noise)
 
 
 def _push(run: Run) -> float:

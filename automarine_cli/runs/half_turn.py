@@ -240,7 +240,7 @@ class HalfTurn:
     @property
     def moved(self) -> bool:
         """Whether the vehicle went further than standing still looks like."""
-        return abs(self.turned) >= max(self.step.run.dof.limits.still, 5 * self.noise)
+        return abs(self.turned) >= max(self.step.run.dof.limits.unmoved, 5 * self.noise)
 
     @property
     def name(self) -> str:

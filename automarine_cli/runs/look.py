@@ -189,7 +189,7 @@ def kind_of(run: Run) -> RunKind:
     levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
     steps = [step for step in find_steps(driven) if step.from_rest]
     ways = [(step.moment, driven.position[step.stop - 1] - driven.position[step.first]) for step in steps]
-    moved = [float(moment * way) for moment, way in ways if abs(way) > run.dof.limits.still]
+    moved = [float(moment * way) for moment, way in ways if abs(way) > run.dof.limits.unmoved]
     kind: Literal["step", "manoeuvre", "idle"] = ("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre"
     low, high = float(driven.command.min()), float(driven.command.max())
     followed, against = sum(way > 0 for way in moved), sum(way < 0 for way in moved)

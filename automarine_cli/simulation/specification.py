@@ -403,7 +403,7 @@ class Vehicle(Settings):
 
     @property
     def model(self) -> YawModel:
-        terms = tuple(Term(name, (value,), own=True) for name, value in self.terms if value)
+        terms = tuple(Term(name, (value,), base=True) for name, value in self.terms if value)
         return YawModel(self.inertia, terms, self.force_unit, self.dof)
 
 

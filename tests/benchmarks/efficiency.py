@@ -75,10 +75,10 @@ def _fit(data: StepData, known: Known) -> OutputErrorFit:
 
 def _bounds(known: StepData, unknown: StepData, middle: Floats) -> dict[str, Floats]:
     information = partial(fisher_information, truth=TRUTH, noise=NOISE, interval=PERIOD)
-    first = information(known.time, known.seen, known.moment)
+    first = information(known.time, known.observed, known.moment)
     since = unknown.time + middle[:, None]  # the true switch is at 0
-    uniform = information(since, unknown.seen, unknown.moment, instants="uniform")
-    normal = information(since, unknown.seen, unknown.moment, instants="gaussian")
+    uniform = information(since, unknown.observed, unknown.moment, instants="uniform")
+    normal = information(since, unknown.observed, unknown.moment, instants="gaussian")
     variances = (bound(first), bound(uniform, offset_known=True), bound(normal, offset_known=True), bound(uniform))
     return {name: variance / np.square(TRUTH) for name, variance in zip(BOUNDS, variances)}
 

@@ -209,7 +209,7 @@ def judged(item: tuple[RealSet, str]) -> Row:
 
 def row_of(name: str, half: str, fit: PlanarFit, own: Sequence[Run], kept: Sequence[Run]) -> Row:
     """What a fit to one half misses by on the other, beside least squares of its structure."""
-    seen, learned, tried = fit.seen, states_of(own), states_of(kept)
+    seen, learned, tried = fit.observed, states_of(own), states_of(kept)
     start = {one.partition(".")[2]: value for one, value in zip(fit.found.model.free, fit.found.model.theta.tolist())}
     squares = {h: fit_plain(learned, start, h) for h in HORIZONS}
     least = np.stack(

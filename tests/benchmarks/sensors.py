@@ -61,8 +61,8 @@ def run_trial(index: int) -> Trial:
     middle = np.array([turn.step.switch_mid for turn in turns])
     since = unknown.time + middle[:, None]  # the true switch is at 0
     both = {"truth": TRUTH, "noise": NOISE, "rate_noise": RATE_NOISE, "interval": PERIOD}
-    uniform = fisher_information(since, unknown.seen, unknown.moment, instants="uniform", **both)
-    first = fisher_information(known.time, known.seen, known.moment, **both)
+    uniform = fisher_information(since, unknown.observed, unknown.moment, instants="uniform", **both)
+    first = fisher_information(known.time, known.observed, known.moment, **both)
     variances = {BOTH: bound(uniform, offset_known=True), INSTANT_KNOWN: bound(first)}
     return Trial(
         {name: fit.mixed.theta[:2] / TRUTH - 1.0 for name, fit in ((BOTH, nothing), (INSTANT_KNOWN, instant))},

@@ -124,7 +124,7 @@ def fit(repeats: int, progress: Progress) -> Result:
 def _plain_residuals(theta: Floats, data: StepData) -> Floats:
     """Heading errors [rad] of every sample, each run solved by itself."""
     parts = []
-    for time_row, heading, seen, moment in zip(data.time, data.heading, data.seen, data.moment):
+    for time_row, heading, seen, moment in zip(data.time, data.heading, data.observed, data.moment):
         parts.append(_solved(time_row[seen], 0.0, moment, theta) - heading[seen])
     return np.concatenate(parts)
 

@@ -132,7 +132,7 @@ def test_a_learned_curve_over_the_rate_is_flown(tmp_path: Path) -> None:
     extended = written(tmp_path / "extended_model.json", model("nu", 1.0, [{"name": name, "parameters": parameters}]))
     found = written(tmp_path / "diagnosis.json", diagnosis(name, parameters, "learned:stbd_cmd"))
     known = read_knowledge(extended, found, None, (0.9, 1.1))
-    assert [term.name for term in known.model.terms if not term.own] == [name]
+    assert [term.name for term in known.model.terms if not term.base] == [name]
 
 
 def test_a_rival_is_as_unsure_as_what_it_stands_for(tmp_path: Path) -> None:

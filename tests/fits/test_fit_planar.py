@@ -122,7 +122,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     assert tried[0].structure == replace(
         Structure.simplest(seen), laws={**Structure.simplest(seen).laws, "surge": LAWS[1]}, couplings=("Y_r",)
     )  # linear drag explains as much as both together
-    assert [one.found.criterion for one in tried] == sorted(one.found.criterion for one in tried)
+    assert [one.estimated.criterion for one in tried] == sorted(one.estimated.criterion for one in tried)
     assert len({str(one.structure) for one in tried}) == len(tried)
     found = PlanarFit(tried, Choice(tried[0]), runs, seen)
     assert found.because.startswith(f"Of {len(tried)} structures this one has the best evidence")
@@ -261,7 +261,7 @@ def mirrored(run: Run) -> Run:
 def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
     runs = tuple(made(seed, channels, 12.0) for seed in range(2))
     likelihood = PlanarLikelihood(runs, observed(runs))
-    structure = replace(Structure.simplest(likelihood.seen), couplings=("Y_r",))
+    structure = replace(Structure.simplest(likelihood.observed), couplings=("Y_r",))
     found = likelihood.estimate(structure.model(rough_sizes(runs)))
     truth = dict(zip(found.model.free, (20.0, 32.0, 2.6, 18.0, 60.0, 4.0, 4.0)))
     deviations = np.sqrt(np.diagonal(found.covariance))
@@ -277,7 +277,7 @@ def test_the_mirrored_campaign_gives_the_mirrored_model() -> None:
     found = []
     for own in (runs, tuple(mirrored(run) for run in runs)):
         likelihood = PlanarLikelihood(own, observed(own))
-        structure = replace(Structure.simplest(likelihood.seen), couplings=("Y_r",), current=True)
+        structure = replace(Structure.simplest(likelihood.observed), couplings=("Y_r",), current=True)
         model = structure.model({**rough_sizes(own), "current.east": 0.0})
         problem = likelihood.problem(model)
         (start,) = problem.search(likelihood.starts(problem, None)[:1])
@@ -292,7 +292,7 @@ def test_the_mirrored_campaign_gives_the_mirrored_model() -> None:
 def test_gradients_are_those_of_differences(channels: Sequence[str]) -> None:
     runs = tuple(made(seed, channels, 8.0) for seed in range(2))
     likelihood = PlanarLikelihood(runs, observed(runs))
-    model = Structure.simplest(likelihood.seen).widest.beside({}, rough_sizes(runs))
+    model = Structure.simplest(likelihood.observed).widest.beside({}, rough_sizes(runs))
     problem = likelihood.problem(model)
     (phi,) = problem.search(likelihood.starts(problem, None)[:1])
     phi[problem.names.index("switch-instant")] = -0.1  # at zero nodes lie on edges of commands, where slopes jump
@@ -312,7 +312,7 @@ def test_a_promise_is_the_gain_of_the_fit() -> None:
     """Y_r, which is there, promises much; what is not there promises no more than chance."""
     runs = (made(0, ("heading", "surge", "sway")),)
     likelihood = PlanarLikelihood(runs, observed(runs))
-    simplest, rough = Structure.simplest(likelihood.seen), rough_sizes(runs)
+    simplest, rough = Structure.simplest(likelihood.observed), rough_sizes(runs)
     found = likelihood.estimate(replace(simplest, couplings=("Y_r",)).model(rough))
     wide = simplest.widest.beside(found.known, rough)
     added = [("surge.X_u",), ("yaw.N_v",), ("planar.m_vr",)]

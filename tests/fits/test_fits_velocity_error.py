@@ -81,7 +81,7 @@ def test_without_noise_and_with_linear_drag_the_same_holds() -> None:
 def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: float) -> None:
     data = noise_free()
     fit = fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(tail))
-    assert fit.given and np.degrees(fit.tail_from) == pytest.approx(tail)
+    assert fit.by_user and np.degrees(fit.tail_from) == pytest.approx(tail)
     assert fit.tail_because(YAW).startswith(f"Tails start at {tail:.0f} deg, as asked; errors to be expected there: ")
     assert fit.expected.bias[0] < -0.002 and abs(fit.expected.bias[0]) > abs(fit.expected.bias[1]) > 2e-4
     assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-3)
@@ -276,7 +276,7 @@ def identify_seed(seed: int) -> VelocityErrorFit:
 def noisy(seed: int, noise_deg: float, vehicle: Vehicle = PAPER) -> VelocityErrorFit:
     """The paper's method alone on one campaign with noise; instants of the steps known."""
     data, rng = noise_free(vehicle, samples=60), np.random.default_rng(seed)
-    noisy = data.heading + data.seen * np.radians(noise_deg) * rng.standard_normal(data.heading.shape)
+    noisy = data.heading + data.observed * np.radians(noise_deg) * rng.standard_normal(data.heading.shape)
     return fit_velocity_error(
         step_data(data.names, list(data.time), list(noisy), list(data.moment), list(data.interval), YAW),
         np.zeros(len(data.moment)),

@@ -78,9 +78,9 @@ def fitted(runs: list[Run], kind: str, known: Known) -> OutputErrorFit:
         turns, _ = half_turns(runs)
         return fit_half_turns(half_turn_data(turns), "3", (1.2, 1.0, 1.0), "nu", known)
     if kind == "whole-runs":
-        return fit_whole_runs(make_batch(runs, 0.1), "3", rest, known=known)
+        return fit_whole_runs(make_batch(runs, 0.1), "3", rest, prior=known)
     course = make_course(runs, rest)
-    return fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3", known=known.parameters)
+    return fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3", priors=known.parameters)
 
 
 @pytest.mark.parametrize(("kind", "within"), [("half-turns", 0.03), ("whole-runs", 0.06)])

@@ -325,7 +325,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     points, runs = [], len(data.moment)
     for i in np.unique(np.linspace(0, runs - 1, min(runs, MOST_COLLAPSED)).round().astype(int)):
         moment = data.moment[i]
-        used = data.seen[i] & (data.time[i] >= 0)
+        used = data.observed[i] & (data.time[i] >= 0)
         acting, share = _acting(model, float(moment))
         scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
         turned = np.sign(acting) * data.heading[i][used] * share
