@@ -35,7 +35,7 @@ from automarine_cli.diagnosis.residual_regions import (
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
-from automarine_cli.diagnosis.study import HORIZON, shortest
+from automarine_cli.diagnosis.study import HORIZON, missing_push, shortest
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -464,7 +464,7 @@ class PlanarDiagnosis(Shown):
         return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": before.horizon}
 
 
-STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
+STRETCH = 4.0  # length [s] of a stretch: twice the horizon; what predictions miss is independent beyond that
 
 
 def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
@@ -484,7 +484,12 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     places, states = followed.places, followed.states[:, 0]
     command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])
     sign: Floats = np.where(observed, last_side(command[-1]), 0.0)
+    (inertia,) = before.model.inertia_matrix(fit.of_model[None])
+    pushes = missing_push(followed, problem.noises(fit.theta[None]), course, observed)
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
+    for dof, force in zip(PLANAR.dofs, np.einsum("ij,jrk->irk", inertia, pushes)):
+        if dof in every.observed.dofs:
+            kinds[dof.words.full_force] = (dof.units.forces[1], np.where(observed, force, 0.0))
     floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, observed)
     gap = ResidualGrid(
         names=course.names, residual=residual, raw=residual, sign=sign, observed=observed,

@@ -390,19 +390,19 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
     batch, dof, fit = study.batch, study.base.dof, base.fit
     side = last_side(np.nan_to_num(at_samples(study, [run.command for run in study.runs])))
     if isinstance(fit, InnovationsFit):  # what is known as a prediction begins is independent of its error by chance
-        residual = raw = missed(study, base.model, fit, begun=True)
+        residual = missed(study, base.model, fit, begun=True)
         ahead = shortest(study.predictions(base.model, fit)).horizon
-        variables = columns(study, *filtered(study, base.model, fit))
-        kinds = {dof.words.position: (dof.units.shown, dof.shown(residual))}
+        fitted, rate, moment = filtered(study, base.model, fit)
+        raw, variables = residual, columns(study, fitted, rate)
     else:
         (residual, moment), ahead = gaps(study, base), 0.0
         raw = without_gains(study, base)
         variables = columns(study, np.where(batch.seen, batch.position - residual, 0.0))
-        kinds = {
-            dof.words.position: (dof.units.shown, dof.shown(residual)),
-            THRUST: (dof.units.shown, dof.shown(raw)),
-            dof.words.force: (study.base.moment_unit, moment),
-        }
+    kinds = {
+        dof.words.position: (dof.units.shown, dof.shown(residual)),
+        THRUST: (dof.units.shown, dof.shown(raw)),
+        dof.words.force: (study.base.moment_unit, moment),
+    }
     gap = ResidualGrid(
         names=batch.names, residual=residual, raw=raw, sign=np.where(batch.seen, side, 0.0), observed=batch.seen,
         gain=100.0 * base.fit.own(GAIN)[:, 0], floor=study.floor, convert=dof.shown,

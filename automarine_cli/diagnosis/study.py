@@ -14,7 +14,7 @@ from automarine_cli.effects.learned import DRAG, FIRST, KNOTS, MOMENT, PREFIX, L
 from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.filters.kalman import Followed, Noises, Predicted, predict
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.half_turns import MOST_OFFSET
@@ -428,15 +428,34 @@ def shortest(predictions: Sequence[Predicted]) -> Predicted:
     return next((prediction for prediction in predictions if len(prediction.error)), predictions[0])
 
 
-def filtered(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> tuple[Floats, Floats]:
-    """Positions and velocities (R, N) of driven runs, as the filter knows them from the readings until each sample."""
-    followed = study.driven_problem(model).follow(fit.phi[None], keep=True)
+def missing_push(followed: Followed, noises: Noises, course: Course, reading: NDArray[np.bool_]) -> Floats:
+    """Accelerations (D, R, K + 1) of the steady pushes that correct the filter from each node with a `reading` to the
+    next. By chance that is independent of all that was known at the node, whatever a controller answers."""
     assert followed.states is not None
-    places, out = followed.places, np.zeros((2, *study.batch.seen.shape))
+    pushed = followed.states[list(followed.places.pushed), 0]
+    out, time_constant = np.zeros_like(pushed), noises.time[:, :1]
+    for r, row in enumerate(reading):
+        at = np.flatnonzero(row)
+        lasting = np.exp(-np.diff(course.time[r, at]) / time_constant)
+        news = pushed[:, r, at[1:]] - lasting * pushed[:, r, at[:-1]]
+        out[:, r, at[:-1]] = news / np.maximum(1.0 - lasting, 1e-9)
+    return out
+
+
+def filtered(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> Floats:
+    """Positions and velocities of driven runs as the filter knows them from the readings until each sample, and the
+    moment or force that is missing then: (3, R, N)."""
+    problem = study.driven_problem(model)
+    followed = problem.follow(fit.phi[None], keep=True)
+    assert followed.states is not None
+    places, out = followed.places, np.zeros((3, *study.batch.seen.shape))
+    reading, noises = study.course.channels[0].seen, problem.noises(fit.theta[None])
+    missing = fit.theta[0] * missing_push(followed, noises, study.course, reading)
+    nodes = np.stack([*followed.states[[places.position[0], places.velocity[0]], 0], missing[0]])
     for r, run in enumerate(study.runs):
         at = np.searchsorted(study.course.time[r], run.time - run.time[0] + 1e-9, side="right") - 1
-        out[:, r, : len(run)] = followed.states[[places.position[0], places.velocity[0]], 0, r][:, at]
-    return out[0], out[1]
+        out[:, r, : len(run)] = nodes[:, r, at]
+    return out
 
 
 def log_density(study: DiagnosisProblem, model: YawModel, fit: Fit) -> Floats:
