@@ -44,6 +44,7 @@ def pool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     @option("--least", type=int, default=0, help="Leave out runs with fewer rows.")
     @options.ending(options.jobs)
     def count_rows(logs: Any, columns: Any, least: int) -> RowCount:
+        """Count the rows of every run."""
         from automarine_cli.dofs import YAW
         from automarine_cli.logs import given_columns
         from automarine_cli.runs.load import load_runs

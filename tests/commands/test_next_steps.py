@@ -25,7 +25,7 @@ PASSED_ON = {
     "{name}: {problem}", "{f'{section}.{key}'.removeprefix('.')}: {str(problem)}",  # with the place in front
     "{problem.format_message()}", "{name} is {value}; {problem.message}",  # those of click, and of our types
     "the vehicle refuses: {printable(str(data.get('error')))[:600]}",
-    "{found.sentence}",  # of a misfit, which ends: write a rule under [columns], or give another map
+    "{misfit.sentence}",  # of a misfit, which ends: write a rule under [columns], or give another map
     "{self.silenced}",  # which ends: start `automarine serve` again
     "no usable run in {files} log{'s' * (files != 1)}: {reasons}{more}",
 }  # fmt: skip
@@ -177,7 +177,7 @@ def says_what_to_do(sentence: str, kind: str, place: str) -> bool:
 
 
 UNCLEAR = {"": ELSE, " ": FETCH}
-TABLES = {"{ELSE}": UNCLEAR, "{FETCH}": UNCLEAR, "{table.origin.why_not}": UNCLEAR, "{what}": SIGNATURES}
+TABLES = {"ELSE}": UNCLEAR, "FETCH}": UNCLEAR, "{table.origin.why_not}": UNCLEAR, "{what}": SIGNATURES}
 """Ends of sentences that are looked up in a table, which is read instead."""
 
 

@@ -104,8 +104,8 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
     assert find_where(study, fitted(study, TRUTH), 0).regions == ()
 
 
-def driven_regions(seed: int, sea: Sea) -> Where:
-    study = study_of(steered(10, seed, sea, length=40.0), YawModel.base("3", 1.0, [1.2], "nu", YAW))
+def driven_regions(seed: int, sea: Sea, count: int = 8, length: float = 30.0) -> Where:
+    study = study_of(steered(count, seed, sea, length=length), YawModel.base("3", 1.0, [1.2], "nu", YAW))
     assert study.driven
     return find_where(study, candidate_fit(study, study.base, (), study.fit(study.base)), 0)
 
@@ -117,7 +117,7 @@ def test_what_a_controller_answers_stands_out_nowhere(seed: int) -> None:
 
 
 def test_a_delay_stands_out_after_changes_of_the_command_in_a_loop() -> None:
-    found = driven_regions(1, Sea(delay=0.5))
+    found = driven_regions(1, Sea(delay=0.5), 10, 40.0)
     assert "time-since-command-change" in {region.variable for region in found.regions}
     assert found.ahead == 2.0
 
