@@ -35,7 +35,7 @@ from automarine_cli.diagnosis.residual_regions import (
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
-from automarine_cli.diagnosis.study import HORIZON, missing_push, shortest
+from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
@@ -464,7 +464,7 @@ class PlanarDiagnosis(Shown):
         return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": before.horizon}
 
 
-STRETCH = 4.0  # length [s] of a stretch: twice the horizon; what predictions miss is independent beyond that
+STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
 
 
 def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
@@ -472,12 +472,11 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     all runs are too short for predictions."""
     every, before = search.every, search.before
     course, runs, fit = every.course, every.runs, fit_of(before)
-    prediction = shortest(search.forecasts[0][YAW.position])
+    prediction = judged(search.forecasts[0][YAW.position])
     if not len(prediction.error):
         return None
     residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
-    begun = (prediction.run, prediction.origin)  # what is known then is independent of the error by chance
-    residual[begun], observed[begun] = prediction.error, True
+    residual[prediction.run, prediction.target], observed[prediction.run, prediction.target] = prediction.error, True
     problem = every.problem(before.model)
     followed = problem.follow(problem.search(fit.theta)[None], keep=True)
     assert followed.states is not None
@@ -485,7 +484,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])
     sign: Floats = np.where(observed, last_side(command[-1]), 0.0)
     (inertia,) = before.model.inertia_matrix(fit.of_model[None])
-    pushes = missing_push(followed, problem.noises(fit.theta[None]), course, observed)
+    pushes = states[list(places.pushed)]
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
     for dof, force in zip(PLANAR.dofs, np.einsum("ij,jrk->irk", inertia, pushes)):
         if dof in every.observed.dofs:

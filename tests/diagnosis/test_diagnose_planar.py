@@ -96,26 +96,25 @@ def test_the_mirrored_campaign_has_the_mirrored_verdict() -> None:
 
 @pytest.mark.slow
 def test_a_missing_moment_stands_out_against_sway() -> None:
-    """From reading to reading the filter needs more of -N_v v beside a model without it, and what is late of that."""
-    every = PlanarLikelihood(tuple(campaign(HIDDEN["N_v"], 3, 12, 30.0, SPEEDS)), Observed(SPEEDS))
+    """The filter needs -N_v v beside a model without it."""
+    every = PlanarLikelihood(tuple(campaign(HIDDEN["N_v"], 3, 6, 30.0, SPEEDS)), Observed(SPEEDS))
     bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
     near = Estimated(base_of(bare, every.observed), np.zeros((0, 0)), 0.0, 0, random={"yaw.disturbance": 0.5})
     before = every.estimate(near.model, near, brief=True)
-    search = PlanarSearch(before, (), every, 12, (forecasts(every, before),) * 2, (np.zeros(12),) * 2)
+    search = PlanarSearch(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)
     assert where is not None
     best = min(where.variables, key=lambda one: one.p_value)
     assert best.name == "sway" and best.telling.kind == "yaw moment"
     slope = np.polyfit(best.middle, best.telling.mean, 1)[0]
-    assert slope == pytest.approx(-4.0, rel=0.5)
+    assert slope == pytest.approx(-4.0, rel=0.25)
     assert where.regions
     for region in where.regions:
         told = region.to_json("deg")
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(told)
         assert region.p_value < 0.05 and set(region.runs) <= set(where.names)
-    first, second, *_ = where_figure(where, "nothing added").axes  # surge times yaw rate changes sway
-    panels = [(panel.get_xlabel(), panel.get_ylabel()) for panel in (first, second)]
-    assert ("sway [m/s]", "missing yaw moment [N m]") in panels
+    panel = where_figure(where, "nothing added").axes[0]
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "missing yaw moment [N m]")
 
 
 def test_the_evidence_shows_every_candidate() -> None:
