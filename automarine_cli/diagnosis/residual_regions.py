@@ -350,8 +350,8 @@ class ResidualRegions:
 
 @dataclass(frozen=True, kw_only=True)
 class Where(ResidualGrid, ResidualRegions):
-    """Everything that the figure and the result need; the gap is that of predictions so many seconds `ahead` of the
-    times at which they began, or of whole simulated runs where that is 0."""
+    """Everything that the figure and the result need; the gap is that of predictions so many seconds `ahead`, or of
+    whole simulated runs where that is 0."""
 
     ahead: float
     mean_moment: Floats

@@ -16,6 +16,7 @@ from repository import ROOT
 from small_campaign import make_small_campaign
 
 from automarine_cli.commands import automarine
+from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import ordered_map
@@ -120,15 +121,15 @@ def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(cluster:
     run = partial(CliRunner().invoke, automarine, catch_exceptions=False)
     fitted = run(["fit-yaw", logs, "--fit-to", "whole-runs", "-o", str(tmp_path / "model"), "-q"])
     assert fitted.exit_code == 0, fitted.output
-    asked = ["diagnose", logs, "--model", str(tmp_path / "model/yaw_model.json"), "-q"]
-    assert run([*asked, "-o", str(tmp_path / "here")]).exit_code == 0
-    struck = subprocess.Popen(
-        [sys.executable, "-c", f"import os, time; time.sleep(3); os.kill({cluster.workers[1].pid}, 9)"]
-    )
-    there = run([*asked, "-o", str(tmp_path / "there"), "--cluster", cluster.address])
-    struck.wait()
-    assert there.exit_code == 0, there.output
-    assert cluster.workers[1].poll() == -signal.SIGKILL, "the diagnosis was over before the worker was killed"
+    model = str(tmp_path / "model/yaw_model.json")
+
+    def struck(stage: str, now: int, total: int) -> None:
+        if stage == "trying effects" and now == 1:
+            cluster.workers[1].send_signal(signal.SIGKILL)
+
+    diagnose([logs], model=model, out=tmp_path / "here")
+    diagnose([logs], model=model, out=tmp_path / "there", cluster=cluster.address, progress=struck)
+    assert cluster.workers[1].wait(10) == -signal.SIGKILL
     cluster.workers[1] = cluster.worker()
     for file in sorted((tmp_path / "here").iterdir()):
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
