@@ -236,7 +236,10 @@ def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood
     while True:
         new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
         promising = _promising(best, new, rough, estimator)
-        chosen = [Tried(step, estimator.estimate(model, best.estimated, brief=True)) for step, model in promising]
+        chosen = []
+        for structure, model, promise in promising:
+            begun = estimator.toward(model, best.estimated, promise)
+            chosen.append(Tried(structure, estimator.estimate(*begun, brief=True)))
         tried |= {str(trial.structure): trial for trial in chosen}
         better = min(chosen, key=lambda trial: trial.estimated.criterion, default=best)
         if better is not best:
@@ -249,8 +252,8 @@ def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood
 
 def _promising(
     best: Tried, new: Sequence[Structure], rough: Mapping[str, float], estimator: "PlanarLikelihood"
-) -> list[tuple[Structure, Tied]]:
-    """The neighbours of the best structure that promise to be better, with where their fits begin.
+) -> list[tuple[Structure, Tied, "Promise"]]:
+    """The neighbours of the best structure that promise to be better, with their models and what they promise.
 
     What a law of drag gains in place of another is at most what it gains beside it.
     """
@@ -264,7 +267,7 @@ def _promising(
         for promise, model, names in zip(promises, models, added)
     ]
     order = np.argsort(promised)[::-1][:FULLY]
-    return [(new[i], models[i]) for i in order if np.isfinite(promised[i])]
+    return [(new[i], models[i], promises[i]) for i in order if np.isfinite(promised[i])]
 
 
 @dataclass(frozen=True, repr=False)
@@ -393,7 +396,7 @@ class PlanarFit(Shown):
 
 INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit starts
 SIZES = (0.02, 0.2)  # disturbances, as shares of the acceleration of the largest command, to start from
-BRIEF = 6  # iterations of a brief fit
+BRIEF = 4  # iterations of a brief fit
 WORTH_IT = 0.02  # share of the errors of predictions that is worth another estimator or structure
 FASTEST_WATER = 5.0  # m/s; no tidal current of a place where vehicles are tested is faster
 

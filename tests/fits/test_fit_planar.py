@@ -81,6 +81,9 @@ class Scripted:
     def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         return [Promise(sum(worth(names)), {}) for names in added]
 
+    def toward(self, model: Tied, near: Estimated, promised: Promise) -> tuple[Tied, Estimated]:
+        return model, near
+
     def choose(self, tried: Sequence[Tried]) -> Choice:
         return Choice(tried[0])
 
