@@ -109,7 +109,7 @@ def _of_the_plane(
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
     from dataclasses import replace
 
-    from automarine_cli.diagnosis.diagnose import split_off
+    from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
     from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
     from automarine_cli.models.store import load_planar_model
@@ -121,6 +121,7 @@ def _of_the_plane(
     runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, FEWEST_RUNS)
     if not held_out:
         raise SettingError(f"no run is held out: expected at least {FEWEST_RUNS} logs, or some given with --hold-out")
+    foretell(settings["progress"], "the diagnosis", expected_seconds(runs, planar=True))
     search = find_missing(stored, runs, held_out, observed(campaign.runs))
     search = replace(search, where=find_planar_where(search, seed))
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))

@@ -469,10 +469,8 @@ def split_by(name: str, rival: str, dof: Dof) -> str:
     return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by
 
 
-DRIVEN_S, STEPPED_S = (
-    3e-4,
-    1e-4,
-)  # for each reading and effect, of driven runs and others, on a machine of 2020; roughly
+DRIVEN_S, STEPPED_S, PLANAR_S = 3e-4, 1e-4, 0.025
+"""For each reading (and effect of one motion): driven runs, other runs, the plane; roughly, on a machine of 2020."""
 FEWEST_RUNS = 4
 FEWEST_TO_HOLD_OUT = 8
 SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
@@ -578,11 +576,13 @@ def diagnose_runs(
     )  # fmt: skip
 
 
-def expected_seconds(runs: Sequence[Run]) -> float:
-    """Estimate how long a diagnosis takes one process: it fits every effect of the library to all runs."""
-    readings = sum(min(len(run), (run.time[-1] - run.time[0]) / LEAST_STEP) for run in runs)
+def expected_seconds(runs: Sequence[Run], planar: bool = False) -> float:
+    """Estimate how long a diagnosis takes one process; that of one motion fits every effect to all runs."""
+    readings = float(sum(min(len(run), (run.time[-1] - run.time[0]) / LEAST_STEP) for run in runs))
+    if planar:
+        return readings * PLANAR_S
     driven = 2 * sum(stepped(run) for run in runs) < len(runs)
-    return float(readings) * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
+    return readings * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
 
 
 @dataclass(frozen=True, repr=False)

@@ -199,7 +199,7 @@ def _logs(look: Survey, entries: Entries) -> Iterator[str]:
     unused += [f"{run.file}, run {run.run}: {run.why}" for run in look.set_aside]
     unused += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
     yield from [f"# Not used: {len(unused)}"] * bool(unused)
-    yield from (f"#   {printable(line)[:200]}" for line in unused[:MOST_LISTED])
+    yield from (f"#   {printable(line)}" for line in unused[:MOST_LISTED])
     yield from [f"#   and {len(unused) - MOST_LISTED} more"] * (len(unused) > MOST_LISTED)
     yield ""
 
