@@ -21,6 +21,7 @@ from automarine_cli.planning.candidates import (
     costs,
     drive_of,
     in_order,
+    in_words,
     scheduled,
 )
 from automarine_cli.thrusters.bollard_data import Series
@@ -98,6 +99,8 @@ def test_a_command_file_holds_each_moment_until_the_next() -> None:
     rows = [tuple(row.items()) for row in command_rows(coast, 3.0, "nu", None, ColumnMap())]
     expected = (("0", "0"), ("3", "-1.2"), ("5.5", "0"), ("10.5", "0"))
     assert rows == [(("time_s", time), ("tau", moment)) for time, moment in expected]
+    rest = Candidate("rest", "rest", ((0.0, 60.0),))
+    assert in_words(rest, "nu") == "nothing for 60 s, thrusters idle"  # in no golden output
     step = Candidate("step", "s", ((0.1, 4.0),))
     row = command_rows(step, 3.0, "N m", drive_of(MAP, 0.11, 150.0, True, 1.0), ColumnMap())[1]
     thrust = float(MAP.force(float(row["n_port"])) - MAP.force(float(row["n_stbd"])))
