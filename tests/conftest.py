@@ -16,8 +16,7 @@ import figures
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import HealthCheck, settings
-from once import made_once
-from small_campaign import make_small_campaign
+from small_campaign import made_once, make_small_campaign
 
 from automarine_cli.commands import automarine
 from automarine_cli.commands.run import run_campaign

@@ -4,27 +4,14 @@ from collections.abc import Sequence
 
 from automarine_cli.errors import RunError
 from automarine_cli.fits.identify import YawFit, identify_turns
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim, half_turns
 from automarine_cli.runs.run import Run
 
 
-def identify(
-    runs: Sequence[Run],
-    fit_to: str = "auto",
-    known: Known = NOTHING_KNOWN,
-    each: Each = alone,
-    trim: Trim = UNTRIMMED,
-    channels: str = AUTO,
-    tail: float | None = None,
-    with_effects: Sequence[str] = (),
-) -> YawFit:
+def identify(runs: Sequence[Run], fit_to: str = "auto", trim: Trim = UNTRIMMED, channels: str = AUTO) -> YawFit:
     """`identify_turns` of the steps of `runs`, which are followed as far as `trim` says."""
     if not runs:
         raise RunError("there are no runs to fit; give at least one")
     turns, set_aside = half_turns(runs, trim)
-    return identify_turns(
-        runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels, tail, with_effects
-    )
+    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, channels=channels)

@@ -25,7 +25,6 @@ def step_run(
     *,
     rest: float = 2.0,
     length: float | None = None,
-    period: float = 0.1,
     noise_deg: float = 1.0,
     phase: float = 0.37,
     rate0: float = 0.0,
@@ -36,6 +35,7 @@ def step_run(
 
     The command switches at `clock`, `phase` of a sample period before the first sample that shows it.
     """
+    period = 0.1
     length = 5.2 * INERTIA / np.sqrt(abs(moment) * K_RR) if length is None else length
     time = period * (np.arange(-round(rest / period), round(length / period)) + phase)
     noise = np.deg2rad(noise_deg) * np.random.default_rng(seed).standard_normal(len(time))

@@ -24,7 +24,6 @@ TOLERANCES = {
     "optimiser": Tolerance(1e-5, 1e-8, "a minimum found by steps: flat to the square root of round-off"),
     "solve_ivp": Tolerance(1e-6, 1e-7, "scipy's solver at rtol 1e-9, over some hundred steps"),
     "rollout": Tolerance(1e-4, 1e-5, "fixed steps of fourth order, sub-stepped to the dynamics, over one run [rad]"),
-    "fine rollout": Tolerance(0.0, 2e-7, "the same with steps of 10 ms: fourth order, against DOP853 at 1e-11"),
     "corners": Tolerance(
         0.0, 5e-6, "steps of 10 ms where velocities change sign: |v| v has a corner there, which no step ends at"
     ),

@@ -34,13 +34,10 @@ LIMITS = Limits(pool=Pool(minutes=10, runs=6, wait_s=57), battery=Battery(charge
 MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
 
 
-def test_charge_is_current_by_time() -> None:
+def test_costs_are_minutes_runs_motion_and_charge() -> None:
     """4 s at full moment and 60 s in all: (0.3·64 + 6·4)/3600 Ah; a quarter of the moment takes an eighth more."""
     assert SUPPLY.drawn(STEP, at_rest=60.0) == pytest.approx((0.3 * 64 + 6.0 * 4) / 3600.0, rel=1e-12)
     assert SUPPLY.drawn(SOFT, at_rest=0.0) == pytest.approx((0.3 * 8 + 6.0 / 8.0 * 8) / 3600.0, rel=1e-12)
-
-
-def test_costs_are_minutes_runs_motion_and_charge() -> None:
     row = costs([STEP], LIMITS, SUPPLY)[0]
     assert row == pytest.approx([64.0 / 60.0, 1.0, 4.0, SUPPLY.drawn(STEP, 60.0)], rel=1e-12)
     assert allowance(LIMITS) == pytest.approx([10 + 57 / 60, 6, np.inf, 1.5])
@@ -48,20 +45,17 @@ def test_costs_are_minutes_runs_motion_and_charge() -> None:
 
 def test_the_battery_after_each_run_is_what_was_drawn_until_then() -> None:
     slots = scheduled([STEP, SOFT, STEP], LIMITS, SUPPLY)
-    spent = [SUPPLY.drawn(one, 3.0) for one in (STEP, SOFT, STEP)]
-    waits = 0.3 * 57 / 3600.0
-    assert [slot.left for slot in slots] == pytest.approx(
-        [2.0 - spent[0], 2.0 - sum(spent[:2]) - waits, 2.0 - sum(spent) - 2 * waits], rel=1e-12
-    )
-    assert [slot.begins for slot in slots] == [0.0, 64.0, 132.0]
-    assert slots[-1].ends(3.0) / 60.0 == pytest.approx(139.0 / 60.0)
+    spent = np.cumsum([SUPPLY.drawn(run, 3.0) for run in (STEP, SOFT, STEP)])
+    waits = 0.3 * 57 / 3600.0 * np.arange(3)
+    assert [slot.left for slot in slots] == pytest.approx(2.0 - spent - waits, rel=1e-12)
+    assert [slot.begins for slot in slots] == [0.0, 64.0, 132.0] and slots[-1].ends(3.0) == pytest.approx(139.0)
     assert [slot.candidate.start_heading for slot in slots] == [0.0, 90.0, 180.0]
 
 
 def test_the_check_comes_first_and_last_and_another_voltage_late() -> None:
     weak = Candidate("other-voltage", "weak", ((1.0, 4.0),), voltage=20.0)
     order = in_order([weak, STEP, SOFT, SOFT, STEP], STEP, seed=3)
-    assert [one.label for one in order] == ["step", "soft", "soft", "weak", "step"]
+    assert [run.label for run in order] == ["step", "soft", "soft", "weak", "step"]
 
 
 @pytest.mark.parametrize("equal_thrust", [True, False])
@@ -90,35 +84,27 @@ def test_a_map_of_one_direction_and_an_unknown_end_are_refused() -> None:
 def test_consumption_is_recovered_from_a_current() -> None:
     force = np.linspace(-6.0, 12.0, 40)
     power = 2.0 * (4.0 + np.where(force > 0, 1.5, 2.5) * np.abs(force / 2.0) ** 1.5)
-    one = Series("bollard.csv", "", force, force, voltage=np.full(40, 23.0), extras={"current_A": power / 23.0})
-    found = consumption([one], per_test=2, volts=24.0)
-    assert found == pytest.approx((4.0, 1.5, 2.5), rel=1e-9)
-
-
-def test_tests_without_a_current_are_refused() -> None:
-    force = np.linspace(-1.0, 1.0, 9)
+    record = Series("bollard.csv", "", force, force, voltage=np.full(40, 23.0), extras={"current_A": power / 23.0})
+    assert consumption([record], per_test=2, volts=24.0) == pytest.approx((4.0, 1.5, 2.5), rel=1e-9)
     with pytest.raises(RunError, match=r"0 rows .* name the column power_W or current_A"):
         consumption([Series("bollard.csv", "", force, force)], 1, 24.0)
 
 
+def command_rows(*arguments: object) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(command_file(*arguments))))  # type: ignore[arg-type]
+
+
 def test_a_command_file_holds_each_moment_until_the_next() -> None:
     coast = Candidate("coast-down", "coast", ((-1.2, 2.5), (0.0, 5.0)))
-    rows = list(csv.reader(io.StringIO(command_file(coast, 3.0, "nu", None, ColumnMap()))))
-    assert rows == [["time_s", "tau"], ["0", "0"], ["3", "-1.2"], ["5.5", "0"], ["10.5", "0"]]
-    drive = drive_of(MAP, 0.11, 150.0, True, 1.0)
-    rows = list(
-        csv.reader(io.StringIO(command_file(Candidate("step", "s", ((0.1, 4.0),)), 3.0, "N m", drive, ColumnMap())))
-    )
-    assert rows[0] == ["time_s", "n_port", "n_stbd"]
-    port, starboard = (float(cell) for cell in rows[2][1:])
-    assert 0.11 * float(MAP.force(port) - MAP.force(starboard)) == pytest.approx(0.1, rel=1e-4)
-
-
-def test_what_a_person_reads() -> None:
-    ramp = Candidate("slow-ramp", "ramp", tuple((0.1 * (i - 2), 2.0) for i in range(5)))
-    assert in_words(STEP, "nu") == "+1 nu for 4 s"
-    assert in_words(ramp, "nu") == "-0.2 to +0.2 nu in 5 equal stairs over 10 s"
-    assert in_words(Candidate("rest", "rest", ((0.0, 60.0),)), "nu") == "nothing for 60 s, thrusters idle"
+    rows = [tuple(row.items()) for row in command_rows(coast, 3.0, "nu", None, ColumnMap())]
+    expected = (("0", "0"), ("3", "-1.2"), ("5.5", "0"), ("10.5", "0"))
+    assert rows == [(("time_s", time), ("tau", moment)) for time, moment in expected]
+    rest = Candidate("rest", "rest", ((0.0, 60.0),))
+    assert in_words(rest, "nu") == "nothing for 60 s, thrusters idle"  # in no golden output
+    step = Candidate("step", "s", ((0.1, 4.0),))
+    row = command_rows(step, 3.0, "N m", drive_of(MAP, 0.11, 150.0, True, 1.0), ColumnMap())[1]
+    thrust = float(MAP.force(float(row["n_port"])) - MAP.force(float(row["n_stbd"])))
+    assert 0.11 * thrust == pytest.approx(0.1, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -147,11 +133,11 @@ def test_commands_are_written_as_the_logs_hold_them(way: int) -> None:
         "tau": ColumnRule("moment", offset=0.05, sign_from=None),
     })  # fmt: skip
     drive = drive_of(ThrusterMap("square", Curve(1e-3), Curve(1e-3)), 0.2, 100.0, True, 1.0)
-    plain = list(csv.DictReader(io.StringIO(command_file(step, 3.0, "nu", drive, ColumnMap()))))
-    own = list(csv.DictReader(io.StringIO(command_file(step, 3.0, "nu", drive, names))))
-    assert own[0] == {"time_s": "0", "port_us": "1500", "stbd %": "0"}
-    for one, other in zip(own, plain):
-        assert float(one["port_us"]) - 1500 == pytest.approx(float(other["n_port"]), abs=0.01)
-        assert -1.5 * float(one["stbd %"]) == pytest.approx(float(other["n_stbd"]), rel=1e-5)
-    (_, pushed, _) = csv.DictReader(io.StringIO(command_file(step, 3.0, "nu", None, names)))
+    plain = command_rows(step, 3.0, "nu", drive, ColumnMap())
+    renamed = command_rows(step, 3.0, "nu", drive, names)
+    assert renamed[0] == {"time_s": "0", "port_us": "1500", "stbd %": "0"}
+    for row, other in zip(renamed, plain):
+        assert float(row["port_us"]) - 1500 == pytest.approx(float(other["n_port"]), abs=0.01)
+        assert -1.5 * float(row["stbd %"]) == pytest.approx(float(other["n_stbd"]), rel=1e-5)
+    pushed = command_rows(step, 3.0, "nu", None, names)[1]
     assert float(pushed["moment"]) + 0.05 == pytest.approx(way * 0.1)

@@ -1,4 +1,4 @@
-"""Which runs are chosen: designs known from theory, budgets kept to the last run, goals, and sides kept even."""
+"""A whole choice: sides even, start headings and voltages where they tell, turns of the tether, what is not reached."""
 
 from dataclasses import replace
 
@@ -6,11 +6,119 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from automarine_cli.planning.campaign import PlanBudget, choose
-from automarine_cli.planning.information import Intervals
+from automarine_cli.dofs import YAW
+from automarine_cli.models.store import StoredModels
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.planning.campaign import (
+    DRIFT,
+    NARROW,
+    Campaign,
+    PlanBudget,
+    choose,
+    headings_of,
+    plan_campaign,
+    ways_back,
+)
+from automarine_cli.planning.candidates import Candidate, Limits, Logger, Moments, Pool, Runs, Supply
+from automarine_cli.planning.information import Doubt, Intervals, PriorResults
+from automarine_cli.planning.information import Logger as Sampling
 from automarine_cli.planning.rivals import Contest, Splitting
 
 Floats = NDArray[np.float64]
+
+MODEL = YawModel.base("3", 1.018, [1.257], "nu", YAW)
+LIMITS = Limits(
+    pool=Pool(minutes=25, runs=12), moments=Moments(levels=3), logger=Logger(gain_scatter=0.03, noise_deg=1.0)
+)
+
+
+def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Doubt, ...] = ()) -> Campaign:
+    prior = PriorResults(StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts)
+    return plan_campaign(prior, limits, 1.2, Supply(0.3, 6.0, 1.2))
+
+
+def test_a_plain_plan() -> None:
+    """Both sides alike, start headings in turn, no run turns far; less of the pool than the grid for the same inertia,
+    and no run more of any kind would widen an interval."""
+    campaign = planned()
+    sides = [np.sign(slot.candidate.commands[0][0]) for slot in campaign.slots if slot.why == NARROW]
+    assert abs(sum(sides)) <= 1
+    assert campaign.slots[0].why == campaign.slots[-1].why == DRIFT
+    assert campaign.candidates[0].label == campaign.candidates[-1].label
+    headings = [run.start_heading for run in campaign.candidates]
+    assert headings == [90.0 * (i % 4) for i in range(len(campaign.slots))]
+    assert not any(run.turns for run in campaign.candidates)
+    plan, grid = campaign.plan, campaign.grid
+    reached = [
+        m for m, e in zip(plan.minutes, plan.stderr_percent["I_r"]) if e <= grid.stderr_percent["I_r"][23]
+    ]  # fmt: skip
+    assert reached and reached[0] < grid.minutes[23]
+    for curve in campaign.more:
+        for name, (value,) in curve.stderr_percent.items():
+            assert value <= plan.stderr_percent[name][-1] * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("percent", [50.0, 34.0])
+def test_not_all_runs_are_of_one_size(percent: float) -> None:
+    """Quadratic drag alone is best known from the largest moment; how drag grows is told by other sizes only."""
+    campaign = planned(replace(LIMITS, pool=Pool(minutes=25, runs=16), runs=Runs(of_one_size_percent=percent)))
+    largest = [max(abs(moment) for moment, _ in run.commands) for run in campaign.candidates if run.kind != "rest"]
+    times = np.unique(largest, return_counts=True)[1]
+    assert len(largest) >= 12 and times.max() <= np.ceil(16 * percent / 100)
+    assert len(times) >= (2 if percent == 50 else 3)
+
+
+def test_runs_of_one_size_are_few_whatever_is_wanted() -> None:
+    """Only the inertia asked for, of steps to be fitted as half-turns: still several sizes."""
+    runs = Runs(kinds=("step",), fit="half-turns", most_alike=100)
+    campaigns = [planned(replace(LIMITS, runs=replace(runs, of_one_size_percent=share))) for share in (100.0, 50.0)]
+    sizes = [[abs(run.commands[0][0]) for run in campaign.candidates] for campaign in campaigns]
+    most = [np.unique(size, return_counts=True)[1].max() for size in sizes]
+    assert most[0] > 6 >= most[1], "what the limit is for"
+
+
+@pytest.mark.slow
+def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> None:
+    limits = replace(LIMITS, runs=Runs(voltages_V=(19.0,), kinds=("step", "other-voltage")))
+    model = MODEL.with_effect("voltage-exponent", (1.2, 24.0))
+    campaign = planned(limits, model, (Doubt("voltage-exponent", "battery-sag"),))
+    assert any(run.kind == "other-voltage" for run in campaign.candidates)
+    assert campaign.splits[0].evidence > 20.0 > campaign.grid_splits[0].evidence
+    assert campaign.notes == ()
+
+
+def test_what_the_limits_do_not_split_is_said() -> None:
+    limits = replace(LIMITS, pool=Pool(minutes=4, runs=3), runs=Runs(kinds=("step", "coast-down")))
+    campaign = planned(limits, MODEL.with_effect("thruster-lag", (0.06,)), (Doubt("thruster-lag", "input-delay"),))
+    assert campaign.splits[0].evidence < 20.0
+    assert campaign.notes[0].startswith("Not split within these limits: thruster-lag from input-delay")
+
+
+def test_a_run_turns_as_the_closed_form_says() -> None:
+    """I r' = tau - k r|r|, so psi = I / k log cosh(sqrt(k tau) t / I); half a sample passes before a command shows."""
+    runs = [Candidate("step", str(m), ((m, 8.0),)) for m in (0.5, -0.5, 1.0)]
+    runs.append(Candidate("reversal", "r", ((0.5, 4.0), (-0.5, 4.0))))
+    model, sampling = YawModel.base("3", 1.0, [1.25], "nu", YAW), Sampling(YAW, "nu", 10.0, 2.0, None, None)
+    turned = np.rad2deg([heading[-1] for heading in headings_of(model, sampling, runs)])
+    exact = [np.sign(m) * np.log(np.cosh(np.sqrt(1.25 * abs(m)) * 7.95)) / 1.25 for m in (0.5, -0.5, 1.0)]
+    assert turned[:3] == pytest.approx(np.rad2deg(exact), rel=1e-3)
+    assert turned[0] == pytest.approx(-turned[1]) and abs(turned[3]) < turned[0]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_whole_turns_of_the_tether_are_turned_back(sign: float) -> None:
+    turned, headings = sign * np.array([1000.0, 400.0, -100.0, 30.0]), [0.0, 90.0, 180.0, 270.0]
+    back = ways_back(turned, headings)
+    twist = np.cumsum(back) + np.concatenate([[0.0], np.cumsum(turned[:-1])])
+    assert back[0] == 0.0 and back[1] == 90.0 - sign * 1000.0 and np.abs(twist).max() <= 180.0
+    assert np.allclose((twist - headings) % 360.0, 0.0)  # and each run starts where it should
+    assert list(ways_back(sign * np.array([10.0, 0.0]), [0.0, 180.0])) == [
+        0.0,
+        sign * 170.0,
+    ]  # either half turn will do
+
+
+# Choices among nine places of a straight line
 
 PLACES = np.linspace(-1.0, 1.0, 9)
 LINE = np.stack([np.ones(9), PLACES], axis=1)
@@ -29,16 +137,12 @@ def intervals(wanted: Floats, goal: float | None = None) -> Intervals:
 
 
 def test_a_line_is_best_known_from_its_two_ends() -> None:
-    """The D-optimal design of a straight line: half of the runs at each end (Fedorov 1972, section 2.3)."""
+    """The D-optimal design of a straight line: half of the runs at each end (Fedorov 1972, section 2.3). For the
+    intercept alone the places must only balance."""
     counts = choose(intervals(np.eye(2)), shop((10, 10, 10, 10)))
-    assert counts[[0, -1]].tolist() == [5, 5]
-    assert counts.sum() == 10
-
-
-def test_for_the_intercept_alone_the_places_must_only_balance() -> None:
+    assert counts.tolist() == [5, *[0] * 7, 5]
     counts = choose(intervals(np.eye(2)[:, :1]), shop((10, 10, 10, 10)))
-    assert counts.sum() == 10
-    assert counts @ PLACES == pytest.approx(0.0, abs=0.3)
+    assert counts.sum() == 10 and counts @ PLACES == pytest.approx(0.0, abs=0.3)
 
 
 @pytest.mark.parametrize("column", range(4))
@@ -64,14 +168,7 @@ def test_a_goal_stops_the_choice_and_nothing_needless_is_kept() -> None:
 def test_fixed_runs_stay_and_no_run_is_repeated_more_than_allowed() -> None:
     market = replace(shop((10, 10, 10, 10), most=3.0), fixed=np.eye(9)[4] * 2.0)
     counts = choose(intervals(np.eye(2)), market)
-    assert counts[4] >= 2
-    assert counts.max() <= 3
-    assert counts.sum() == 10
-
-
-def test_the_choice_is_the_same_each_time() -> None:
-    found = [choose(intervals(np.eye(2)), shop((17, 17, 17, 17))) for _ in range(2)]
-    assert found[0].tolist() == found[1].tolist()
+    assert counts[4] >= 2 and counts.max() <= 3 and counts.sum() == 10
 
 
 def test_a_dear_run_is_chosen_only_for_its_worth() -> None:
@@ -79,8 +176,7 @@ def test_a_dear_run_is_chosen_only_for_its_worth() -> None:
     costs = np.ones((9, 4))
     costs[[0, -1]] = 3.0
     counts = choose(intervals(np.eye(2)[:, :1]), shop((12, 12, 12, 12), costs))
-    assert counts[[0, -1]].sum() == 0
-    assert counts.sum() == 12
+    assert counts[[0, -1]].sum() == 0 and counts.sum() == 12
 
 
 def test_a_line_and_a_parabola_are_split_where_they_differ() -> None:

@@ -20,49 +20,45 @@ from automarine_cli.simulation.specification import Specification
 
 def test_noise_is_white_and_as_large_as_asked() -> None:
     settings = {"scatter": {"start_heading_deg": 180.0}, "runs": [{"kind": "rest", "duration_s": 600}]}
-    (made,) = make_campaign(pool_specification(noise_deg=1.5, **settings), 2)
-    off = made.columns["heading_deg"] - 180.0
+    (run,) = make_campaign(pool_specification(noise_deg=1.5, **settings), 2)
+    off = run.columns["heading_deg"] - 180.0
     assert off.std() == pytest.approx(1.5, rel=4 / np.sqrt(2 * len(off)))
     assert abs(np.corrcoef(off[1:], off[:-1])[0, 1]) < 4 / np.sqrt(len(off))
 
 
 @pytest.mark.parametrize(("wrap", "low", "high"), [("0..360", 0, 360), ("-180..180", -180, 180), ("none", -1e6, 1e6)])
 def test_quantised_and_wrapped(wrap: str, low: float, high: float) -> None:
-    logger = {"quantisation_deg": 0.5, "wrap": wrap}
-    for made in make_campaign(pool_specification(moments=[1.0, -1.0], logger=logger), 3):
-        degrees = made.columns["heading_deg"]
+    rounded, wrapped, unwrapped = (
+        [run.columns["heading_deg"] for run in make_campaign(pool_specification(moments=[1.0, -1.0], logger=logger), 3)]
+        for logger in ({"quantisation_deg": 0.5, "wrap": wrap}, {"wrap": wrap}, {"wrap": "none"})
+    )
+    for degrees in rounded:
         np.testing.assert_array_equal(degrees, np.round(degrees * 2) / 2)
-        assert degrees.min() >= low
-        assert degrees.max() < high
-    whole = pool_specification(moments=[1.0, -1.0], logger={"wrap": wrap})
-    unwrapped = pool_specification(moments=[1.0, -1.0], logger={"wrap": "none"})
-    for one, other in zip(make_campaign(whole, 3), make_campaign(unwrapped, 3)):
-        turns = (one.columns["heading_deg"] - other.columns["heading_deg"]) / 360
+        assert low <= degrees.min() and degrees.max() < high
+    for inside, degrees in zip(wrapped, unwrapped):
+        turns = (inside - degrees) / 360
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
 
 
 def test_lost_samples_glitches_and_jitter_are_counted() -> None:
     quiet = make_campaign(pool_specification(), 4)
-    logger = {"dropout": 0.1, "glitch": 0.03, "glitch_deg": 120.0}
-    found = make_campaign(pool_specification(logger=logger), 4)
-    whole = sum(made.plan.samples for made in found)
-    lost = sum(made.lost for made in found)
-    assert lost == whole - sum(len(made.columns["time_s"]) for made in found)
-    assert lost / whole == pytest.approx(0.1, abs=4 * np.sqrt(0.09 / whole))
+    lossy = make_campaign(pool_specification(logger={"dropout": 0.1, "glitch": 0.03, "glitch_deg": 120.0}), 4)
+    count = sum(run.plan.samples for run in lossy)
+    lost = sum(run.lost for run in lossy)
+    assert lost == count - sum(len(run.columns["time_s"]) for run in lossy)
+    assert lost / count == pytest.approx(0.1, abs=4 * np.sqrt(0.09 / count))
     glitches = 0
-    for made, clean in zip(found, quiet):
-        kept = np.isin(clean.columns["time_s"], made.columns["time_s"])
-        off = (made.columns["heading_deg"] - clean.columns["heading_deg"][kept] + 180) % 360 - 180
+    for run, clean in zip(lossy, quiet):
+        left = np.isin(clean.columns["time_s"], run.columns["time_s"])
+        off = (run.columns["heading_deg"] - clean.columns["heading_deg"][left] + 180) % 360 - 180
         assert set(np.round(np.abs(off), 2)) <= {0.0, 120.0}  # losses change no other number
-        assert np.count_nonzero(np.abs(off) > 1) == made.glitches
-        glitches += made.glitches
-    assert glitches / (whole - lost) == pytest.approx(0.03, abs=0.01)
-
+        assert np.count_nonzero(np.abs(off) > 1) == run.glitches
+        glitches += run.glitches
+    assert glitches / (count - lost) == pytest.approx(0.03, abs=0.01)
     uneven = make_campaign(pool_specification(logger={"clock_jitter_s": 0.01}), 4)
-    steps = np.concatenate([np.diff(made.columns["time_s"]) for made in uneven])
-    assert steps.min() > 0
+    steps = np.concatenate([np.diff(run.columns["time_s"]) for run in uneven])
+    assert steps.min() > 0 and steps.mean() == pytest.approx(0.1, rel=1e-3)
     assert steps.std() == pytest.approx(0.01 * np.sqrt(2), rel=0.05)
-    assert steps.mean() == pytest.approx(0.1, rel=1e-3)
 
 
 def formats(**logger: object) -> Specification:
@@ -82,49 +78,32 @@ def formats(**logger: object) -> Specification:
     )
 
 
-def test_files_read_back_as_the_runs_made_in_memory(tmp_path: Path) -> None:
+def test_files_read_back_and_are_the_same_bytes_by_any_jobs(tmp_path: Path) -> None:
     specification = formats(clock_jitter_s=0.01, dropout=0.02, glitch=0.01, rate_noise_deg_s=0.3)
-    simulate(specification, out=tmp_path / "c", seed=5)
-    loaded = {run.name: run for run in load_runs([tmp_path / "c" / "steps"], dof=YAW).runs}
-    made = make_runs(specification, 5)
-    assert sorted(loaded) == sorted(run.name for run in made)
-    for run in made:
+    first, second, other = (tmp_path / name for name in ("first", "second", "other"))
+    for out, seed, jobs in ((first, 5, 1), (second, 5, 2), (other, 6, 1)):
+        simulate(specification, out=out, seed=seed, jobs=jobs)
+    loaded = {run.name: run for run in load_runs([first / "steps"], dof=YAW).runs}
+    runs = make_runs(specification, 5)
+    assert sorted(loaded) == sorted(run.name for run in runs)
+    for run in runs:
         read = loaded[run.name]
-        for one, other in (
-            (run.time, read.time),
-            (run.position, read.position),
-            (run.command, read.command),
-            (run.extras["yaw_rate"], read.extras["yaw_rate"]),
-        ):
-            np.testing.assert_array_equal(one, other)
+        for field in ("time", "position", "command"):
+            np.testing.assert_array_equal(getattr(run, field), getattr(read, field))
+        np.testing.assert_array_equal(run.extras["yaw_rate"], read.extras["yaw_rate"])
         assert run.counts == read.counts
-
-
-def test_same_seed_same_bytes(tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        simulate(formats(), out=tmp_path / name, jobs=1 if name == "one" else 2)
-    files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.*"))
+    files = sorted(path.relative_to(first) for path in first.rglob("*.*"))
     assert len(files) == 12
     for file in files:
-        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes(), file
-    simulate(formats(), out=tmp_path / "other", seed=1)
-    assert (tmp_path / "one/steps/tau_+0.9.parquet").read_bytes() != (
-        tmp_path / "other/steps/tau_+0.9.parquet"
-    ).read_bytes()
-
-
-def test_every_file_says_that_it_is_simulated(tmp_path: Path) -> None:
-    simulate(formats(), out=tmp_path / "c", seed=5)
-    says = "Simulated by automarine from specification, seed 5: no measurement."
-    for path in sorted((tmp_path / "c").rglob("*")):
-        if path.suffix == ".csv":
-            assert path.read_text().splitlines()[0] == f"# {says}"
-        elif path.suffix == ".gz":
-            assert gzip.decompress(path.read_bytes()).decode().splitlines()[0] == f"# {says}"
-        elif path.suffix == ".parquet":
-            assert pq.read_schema(path).metadata[b"comment"].decode() == says
-    table = read_log(find_logs([tmp_path / "c/steps/tau_+0.7.csv.gz"])[0], dof=YAW)
-    assert table.names == ("time_s", "heading_deg", "tau")
+        assert (first / file).read_bytes() == (second / file).read_bytes(), file
+    parquet = "steps/tau_+0.9.parquet"
+    assert (first / parquet).read_bytes() != (other / parquet).read_bytes()
+    says = "Simulated by automarine from specification, seed 5: no measurement."  # in every file
+    assert pq.read_schema(first / parquet).metadata[b"comment"].decode() == says
+    for path in sorted(first.rglob("*.csv*")):
+        data = path.read_bytes()
+        text = (gzip.decompress(data) if path.suffix == ".gz" else data).decode()
+        assert text.splitlines()[0] == f"# {says}"
 
 
 def test_newton_metres_are_named_so(tmp_path: Path) -> None:
@@ -133,22 +112,17 @@ def test_newton_metres_are_named_so(tmp_path: Path) -> None:
     assert {run.moment_unit for run in load_runs([tmp_path / "c"], dof=YAW).runs} == {"N m"}
 
 
-@pytest.mark.parametrize(
-    ("fault", "why"),
-    [("never-moves", "never moved"), ("stuck-compass", "stuck"), ("ends-early", "ended before steady")],
-)
-def test_faulty_runs_are_set_aside(tmp_path: Path, fault: str, why: str) -> None:
-    runs = [
-        {"kind": "step", "moments": [0.6, -0.6], "turn_deg": 220},
-        {"kind": "step", "moments": [0.8, -0.8], "turn_deg": 220, "suffix": "bad", "fault": fault},
-    ]
+def test_faulty_runs_are_set_aside(tmp_path: Path) -> None:
+    faults = {"never-moves": "never moved", "stuck-compass": "stuck", "ends-early": "ended before steady"}
+    step = {"kind": "step", "moments": [0.6, -0.6], "turn_deg": 220}
+    runs = [step, *(step | {"suffix": fault, "fault": fault} for fault in faults)]
     simulate(pool_specification(runs=runs), out=tmp_path / "c")
     loaded = load_runs([tmp_path / "c"], dof=YAW)
     good, aside = half_turns(loaded.runs)
     assert [turn.name for turn in good] == ["tau_+0.6", "tau_-0.6"]
-    reasons = {one.run: one.why for one in (*loaded.set_aside, *aside)}
-    assert set(reasons) == {"tau_+0.8_bad", "tau_-0.8_bad"}
-    assert all(why in reason for reason in reasons.values()), reasons
+    reasons = {each.run: each.why for each in (*loaded.set_aside, *aside)}
+    assert set(reasons) == {f"tau_{side}0.6_{fault}" for side in "+-" for fault in faults}
+    assert all(faults[run.split("_")[2]] in reason for run, reason in reasons.items()), reasons
 
 
 def test_bollard_test_is_the_square_law_with_noise(tmp_path: Path) -> None:
@@ -159,11 +133,9 @@ def test_bollard_test_is_the_square_law_with_noise(tmp_path: Path) -> None:
     simulate(pool_specification(runs=[], bollard=bollard), out=tmp_path / "c")
     table = read_log(find_logs([tmp_path / "c/thrusters/bollard.csv"])[0], dof=YAW)
     n, force = table.columns["n"], table.columns["force"]
-    assert (len(n), len(set(n))) == (600, 30)
+    assert (len(n), len(set(n))) == (600, 30) and np.any(np.diff(n) < 0)
     off = force - 2 * np.where(n > 0, 2e-4, -1e-4) * n**2
-    assert off.std() == pytest.approx(0.2, rel=0.12)
-    assert abs(off.mean()) < 4 * 0.2 / np.sqrt(len(n))
-    assert np.any(np.diff(n) < 0)
+    assert off.std() == pytest.approx(0.2, rel=0.12) and abs(off.mean()) < 4 * 0.2 / np.sqrt(len(n))
 
 
 def test_stored_gzip_is_read_by_gzip() -> None:

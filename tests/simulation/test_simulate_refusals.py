@@ -29,17 +29,6 @@ turn_deg = 200
 """
 
 
-def refused(tmp_path: Path, old: str, new: str) -> str:
-    """What is said to the good specification with one thing changed."""
-    assert old in GOOD
-    path = tmp_path / "spec.toml"
-    path.write_text(GOOD.replace(old, new))
-    with pytest.raises(SettingError) as problem:
-        specification = read_specification(path)
-        make_plans(specification, specification.seed)
-    return str(problem.value)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
@@ -47,7 +36,6 @@ def refused(tmp_path: Path, old: str, new: str) -> str:
         ("seed = 3", "sed = 3", 'spec.toml: unknown key "sed"; did you mean "seed"?'),
         ("turn_deg", "turns_deg", 'spec.toml: runs[0]: unknown key "turns_deg"; did you mean "turn_deg"?'),
         ("noise_deg = 1", "rate_hz = -10", "spec.toml: logger: rate_hz is -10; expected more than 0"),
-        ("noise_deg = 1", "noise_deg = -1", "spec.toml: logger: noise_deg is -1; expected 0 or more"),
         ("noise_deg = 1", "dropout = 1.0", "spec.toml: logger: dropout is 1; expected 0 to 0.9"),
         ("noise_deg = 1", "clock_jitter_s = 0.2",
          "spec.toml: logger: clock_jitter_s is 0.2; expected at most 0.3 of the sample period, 0.03 s"),
@@ -67,7 +55,6 @@ def refused(tmp_path: Path, old: str, new: str) -> str:
         ("[0.5, -0.5]", "[0.5, 0]", "spec.toml: runs[0]: moments has a zero; expected other values"),
         ("[0.5, -0.5]", "[]", "spec.toml: runs[0]: no values are left in the list or range of levels"),
         ("turn_deg = 200", 'turn_deg = 200\nfolder = "../x"', "spec.toml: runs[0]: folder is '../x'; expected a name"),
-        ("turn_deg = 200", 'turn_deg = 200\nfolder = "/x"', "spec.toml: runs[0]: folder is '/x'; expected a name"),
         ("turn_deg = 200", "duration_s = 1e9", "spec.toml: 2e+10 samples would be made; expected at most 5e+08"),
         ("[0.5, -0.5]", "[0.5, 0.5]", "spec.toml: two runs would be written as 'tau_+0.5' in runs/tau_+0.5.csv"),
         ("k_rr = 1.2", "", "spec.toml: vehicle: k_rr and k_r are both 0; expected a drag"),
@@ -75,7 +62,14 @@ def refused(tmp_path: Path, old: str, new: str) -> str:
     ],
 )  # fmt: skip
 def test_refused_with_the_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:
-    assert sentence in refused(tmp_path, old, new)
+    """What is said to the good specification with one thing changed."""
+    assert old in GOOD
+    path = tmp_path / "spec.toml"
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(SettingError) as problem:
+        specification = read_specification(path)
+        make_plans(specification, specification.seed)
+    assert sentence in str(problem.value)
 
 
 def test_nothing_to_simulate() -> None:
@@ -87,7 +81,6 @@ def test_an_effect_added_in_python_is_checked_too(tmp_path: Path) -> None:
     path = tmp_path / "spec.toml"
     path.write_text(GOOD)
     specification = read_specification(path).with_effect("bias-moment", b=-0.0275)
-    assert [term.name for term in specification.model().terms] == ["quadratic-drag", "bias-moment", "bias-moment"]
     assert specification.model().theta.tolist() == [1.0, 1.2, 0.02, -0.0275]
     with pytest.raises(SettingError, match="has no parameter 'x'"):
         specification.with_effect("bias-moment", x=1.0)
@@ -99,35 +92,20 @@ def test_ranges_are_round_and_without_zero() -> None:
     assert [moment_text(m) for m in (0.3, -1.0, 1.25, 30.0)] == ["+0.3", "-1.0", "+1.25", "+30.0"]
 
 
-def test_the_command_writes_logs_truth_and_manifest(run: Callable[..., Result], tmp_path: Path) -> None:
+def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
     spec, out = tmp_path / "spec.toml", tmp_path / "out"
     spec.write_text(GOOD)
-    found = run("simulate", spec, "-o", out)
-    assert found.exit_code == 0, found.output
-    assert "runs    step     2      2" in found.stdout
-    names = sorted(path.relative_to(out).as_posix() for path in out.rglob("*.*"))
-    assert names == ["manifest.json", "runs/tau_+0.5.csv", "runs/tau_-0.5.csv", "truth.json"]
+    assert run("simulate", spec, "-o", out).exit_code == 0
     truth = json.loads((out / "truth.json").read_text())
-    assert truth["schema"] == "automarine/simulation-truth/1"
     assert truth["vehicle"] == {"I_r": 1.0, "k_rr": 1.2, "k_r": 0.0, "moment_unit": "nu"}
-    assert truth["effects"] == [{"name": "bias-moment", "b": 0.02}]
-    assert truth["seed"] == 3
-    assert {one["file"] for one in truth["made"]} == {"runs/tau_+0.5.csv", "runs/tau_-0.5.csv"}
+    assert (truth["effects"], truth["seed"]) == ([{"name": "bias-moment", "b": 0.02}], 3)
+    assert {each["file"] for each in truth["made"]} == {"runs/tau_+0.5.csv", "runs/tau_-0.5.csv"}
     again = run("simulate", spec, "-o", out)
-    assert again.exit_code == 1
-    assert "--overwrite" in again.stderr
+    assert again.exit_code == 1 and "--overwrite" in again.stderr
     other = run("simulate", spec, "-o", out, "--overwrite", "--seed", "4", "--json")
-    assert other.exit_code == 0
-    assert json.loads(other.stdout) == json.loads((out / "truth.json").read_text())
-    assert json.loads(other.stdout)["seed"] == 4
-
-
-def test_the_command_refuses_with_one_line(run: Callable[..., Result], tmp_path: Path) -> None:
-    spec = tmp_path / "spec.toml"
+    assert json.loads(other.stdout) == json.loads((out / "truth.json").read_text()) != truth
     spec.write_text(GOOD.replace("noise_deg = 1", "noise_deg = -1"))
-    found = run("simulate", spec, "-o", tmp_path / "out")
-    assert (found.exit_code, found.stderr) == (
-        1, "Error: spec.toml: logger: noise_deg is -1; expected 0 or more\n",
-    )  # fmt: skip
-    assert not (tmp_path / "out").exists()
+    refused = run("simulate", spec, "-o", tmp_path / "none")
+    assert refused.stderr == "Error: spec.toml: logger: noise_deg is -1; expected 0 or more\n"
+    assert refused.exit_code == 1 and not (tmp_path / "none").exists()
     assert run("simulate", spec).exit_code == 2

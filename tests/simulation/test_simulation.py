@@ -38,14 +38,14 @@ def headings(number: str, run: Run, step: float = 0.02, **start: object) -> Floa
 
 @pytest.mark.parametrize("number", tuple(BASE_TERMS))
 @pytest.mark.parametrize("moment", [-1.2, -0.1, 0.4])
-@pytest.mark.parametrize("rate0", [-0.6, 0.0, 0.6])
-def test_constant_moment_against_the_closed_form(number: str, moment: float, rate0: float) -> None:
-    run = run_of(np.arange(0, 9, 0.1), moment)
-    step = step_for(model(number), moment)
-    found = simulate(model(number), make_batch([run], step), start=Start(0.3, rate0))
-    heading, rate = response(run.time, moment, INERTIA, **drags(number), heading0=0.3, rate0=rate0)
-    assert_close(found.position[0, 0], heading, "rollout")
-    assert_close(found.velocity[0, 0], rate, "rollout")
+def test_constant_moment_against_the_closed_form(number: str, moment: float) -> None:
+    run, rates = run_of(np.arange(0, 9, 0.1), moment), np.array([[-0.6], [0.0], [0.6]])
+    batch = make_batch([run], step_for(model(number), moment))
+    trajectory = simulate(model(number), batch, start=Start(0.3, rates))
+    for p, (rate0,) in enumerate(rates):
+        heading, rate = response(run.time, moment, INERTIA, **drags(number), heading0=0.3, rate0=rate0)
+        assert_close(trajectory.position[p, 0], heading, "rollout")
+        assert_close(trajectory.velocity[p, 0], rate, "rollout")
 
 
 @pytest.mark.parametrize("number", tuple(BASE_TERMS))
@@ -63,41 +63,37 @@ def test_order_of_convergence_is_four(number: str) -> None:
     assert np.all((orders > 3.6) & (orders < 4.6)), orders
 
 
-def test_step_for_keeps_a_hundredth_of_a_degree() -> None:
-    for number in BASE_TERMS:
-        for moment in (0.05, 0.5, 5.0):
-            run = run_of(np.arange(0, 8, 0.5), moment)
-            exact = response(run.time, moment, INERTIA, **drags(number))[0]
-            found = headings(number, run, step_for(model(number), moment))
-            assert np.rad2deg(np.abs(found - exact)).max() < 0.01
+@pytest.mark.parametrize("number", tuple(BASE_TERMS))
+def test_step_for_keeps_a_hundredth_of_a_degree(number: str) -> None:
+    for moment in (0.05, 0.5, 5.0):
+        run = run_of(np.arange(0, 8, 0.5), moment)
+        exact = response(run.time, moment, INERTIA, **drags(number))[0]
+        off = headings(number, run, step_for(model(number), moment)) - exact
+        assert np.rad2deg(np.abs(off)).max() < 0.01
 
 
-def test_uneven_clock_and_gap() -> None:
+def test_uneven_clock_gap_and_shift() -> None:
     rng = np.random.default_rng(3)
-    time = np.cumsum(rng.uniform(0.02, 0.25, 60))
+    time = np.cumsum(rng.uniform(0.02, 0.25, 60)) + 1e5
     time[30:] += 3.0
+    run = run_of(time, 0.7)
     exact = response(time - time[0], 0.7, INERTIA, 0.0, K_RR)[0]
-    assert_close(headings("3", run_of(time, 0.7)), exact, "rollout")
-
-
-def test_batch_time_is_the_logs_time() -> None:
-    time = np.cumsum(np.random.default_rng(1).uniform(0.02, 0.4, 40)) + 1e5
-    moment = np.where(np.arange(40) > 17, 0.5, 0.0)
-    batch = make_batch([run_of(time, moment)], 0.05)
+    assert_close(headings("3", run), exact, "rollout")
+    later = replace(run, time=run.time + 1000.0)
+    np.testing.assert_allclose(headings("3", later), headings("3", run), rtol=0, atol=1e-9)
+    batch = make_batch([run], 0.05)
     np.testing.assert_allclose(batch.time[0], time - time[0], atol=1e-9)
     assert batch.length.max() <= 0.05 + 1e-9
 
 
-@pytest.mark.parametrize("share", [-0.5, -0.2, 0.0, 0.31, 0.5])
+@pytest.mark.parametrize("share", [-0.5, 0.0, 0.31, 0.5])
 def test_the_instant_of_a_switch_moves(share: float) -> None:
     """By default the command changes in the middle of the interval; a shift moves it, the samples stay."""
     run = run_of(0.4 * np.arange(25), np.where(np.arange(25) > 4, 0.8, 0.0))
-    switch = 0.4 * 4.5 + 0.4 * share
-    shift = np.full((1, 1, 1), 0.4 * share)
-    exact = response(run.time - switch, 0.8, INERTIA, 0.0, K_RR)[0]
-    assert_close(headings("3", run, switch_delay=shift), exact, "rollout")
-    opposite = headings("3", mirrored(run), switch_delay=shift)
-    np.testing.assert_array_equal(opposite, -headings("3", run, switch_delay=shift))
+    switch, shift = 0.4 * (4.5 + share), np.full((1, 1, 1), 0.4 * share)
+    moved = headings("3", run, switch_delay=shift)
+    assert_close(moved, response(run.time - switch, 0.8, INERTIA, 0.0, K_RR)[0], "rollout")
+    np.testing.assert_array_equal(headings("3", mirrored(run), switch_delay=shift), -moved)
 
 
 def test_each_switch_has_a_shift_of_its_own() -> None:
@@ -117,20 +113,6 @@ def test_many_switches_move_together() -> None:
     np.testing.assert_allclose(batch.interval, 0.1)
 
 
-def test_shapes_are_parameter_sets_by_runs_by_samples() -> None:
-    runs = [step_run(0.5), step_run(-0.9), sequence_run()]
-    theta = np.array([[1.0, 1.2], [1.1, 1.3], [0.5, 0.4], [2.0, 1.0]])
-    batch = make_batch(runs, 0.05)
-    found = simulate(model(), batch, theta, Start(position=np.array([0.1, 0.2, 0.3])))
-    assert found.position.shape == found.velocity.shape == (4, 3, max(len(run) for run in runs))
-    for p, values in enumerate(theta):
-        for r, run in enumerate(runs):  # each as if alone: neither padding nor company changes anything
-            alone = simulate(model().with_theta(values), make_batch([run], 0.05), start=Start(0.1 + 0.1 * r))
-            np.testing.assert_allclose(found.position[p, r, : len(run)], alone.position[0, 0], rtol=0, atol=1e-14)
-    starts = simulate(model(), batch, start=Start(position=np.zeros((5, 3)), velocity=np.linspace(-1, 1, 5)[:, None]))
-    assert starts.position.shape[:2] == (5, 3)
-
-
 def test_mirrored_runs_turn_the_other_way() -> None:
     runs = [step_run(0.5), sequence_run()]
     there = simulate(model(), make_batch(runs, 0.05), start=Start(0.2, -0.1)).position
@@ -140,17 +122,11 @@ def test_mirrored_runs_turn_the_other_way() -> None:
 
 def test_gain_and_disturbance_act_on_the_moment() -> None:
     time = np.arange(0, 5, 0.1)
-    found = headings("3", run_of(time, 0.4), log_gain=np.full((1, 1), np.log(2.0)))
-    np.testing.assert_allclose(found, headings("3", run_of(time, 0.8)), rtol=0, atol=1e-12)
+    stronger = headings("3", run_of(time, 0.4), log_gain=np.full((1, 1), np.log(2.0)))
+    np.testing.assert_allclose(stronger, headings("3", run_of(time, 0.8)), rtol=0, atol=1e-12)
     batch = make_batch([run_of(time, 0.4)], 0.02)
     pushed = simulate(model(), batch, start=Start(disturbance=np.full((1, 1, batch.windows), 0.3)))
     np.testing.assert_allclose(pushed.position[0, 0], headings("3", run_of(time, 0.7)), rtol=0, atol=1e-12)
-
-
-def test_a_shifted_clock_changes_nothing() -> None:
-    run = sequence_run()
-    later = replace(run, time=run.time + 1000.0)
-    np.testing.assert_allclose(headings("3", later), headings("3", run), rtol=0, atol=1e-10)
 
 
 def test_refusals() -> None:

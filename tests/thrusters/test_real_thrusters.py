@@ -1,34 +1,26 @@
 """Bollard tests that others made (T200, VideoRay M5, Kingfisher boat): the numbers known for them."""
 
+import csv
+import json
 from pathlib import Path
 
 import pytest
 from repository import DATA
 
+from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.logs import read_column_map
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 from automarine_cli.thrusters.result import ThrusterFit
 
 TESTS = DATA / "thrusters"
 pytestmark = pytest.mark.real_data(TESTS)
 
-SPEED = """
-[columns]
-n = { from = "n_rev_s", unit = "rev/s" }
-force_N = "force_n"
-voltage_V = "nominal_voltage_V"
-"""
-COMMAND_AND_VOLTAGE = """
-[columns]
-n = "cmd"
-force_N = { from = "Force_kgf", unit = "kgf" }
-voltage_V = "nominal_voltage_V"
-"""
-COMMAND = """
-[columns]
-n = "cmd"
-force_N = "force_n"
-"""
+T200, KINGFISHER = "t200_br2019_10-20V.csv", "kingfisher_heron_bollard_{}.csv"
+COMMAND = '[columns]\nn = "cmd"\nforce_N = "force_n"\n'
+SPEED = '[columns]\nn = { from = "n_rev_s", unit = "rev/s" }\nforce_N = "force_n"\n'
+VOLTAGE = 'voltage_V = "nominal_voltage_V"\n'
+KILOGRAMS = '[columns]\nn = "cmd"\nforce_N = { from = "Force_kgf", unit = "kgf" }\n'
 TWO_TOGETHER = """
 [columns]
 n = "cmd"
@@ -51,7 +43,7 @@ def percent(result: ThrusterFit, form: str) -> float:
 
 
 def test_t200_against_speed(tmp_path: Path) -> None:
-    result = fit(tmp_path, "t200_br2019_10-20V.csv", SPEED)
+    result = fit(tmp_path, T200, SPEED + VOLTAGE)
     analysis = result.analysis
     assert analysis.square["forward"].value == pytest.approx(0.01471, abs=5e-6)
     assert analysis.square["backward"].value == pytest.approx(0.01169, abs=5e-6)
@@ -68,18 +60,17 @@ def test_t200_against_speed(tmp_path: Path) -> None:
 
 
 def test_t200_against_command(tmp_path: Path) -> None:
-    result = fit(tmp_path, "t200_br2019_10-20V.csv", COMMAND_AND_VOLTAGE)
+    result = fit(tmp_path, T200, KILOGRAMS + VOLTAGE)
     assert [volts for volts, _ in result.voltages] == [10.0, 12.0, 14.0, 16.0, 18.0, 20.0]
     twelve = result.voltages[1][1]
     assert twelve.percent(twelve.law.rmse) == pytest.approx(4.3, abs=0.05)
     assert twelve.chosen.form.name == "dead-band-power"
     assert twelve.percent(twelve.chosen.rmse) == pytest.approx(0.4, abs=0.05)
-    for found in result.exponents.values():
-        assert found is not None
-        steps = {(low, high): p for low, high, p in found.between}
-        full = max(found.places)[1]
+    for exponent in result.exponents.values():
+        assert exponent is not None
+        steps = {(low, high): p for low, high, p in exponent.between}
         assert 1.1 < steps[14.0, 16.0] < 1.3 and 1.2 < steps[12.0, 14.0] < 1.4
-        assert 1.0 < full < 1.3  # at full command; far from the V² of a speed that follows the voltage
+        assert 1.0 < max(exponent.places)[1] < 1.3  # at full command; far from the V² of a speed that follows it
     assert any("set to zero" in note for note in result.notes)
 
 
@@ -98,22 +89,44 @@ def test_videoray_m5(tmp_path: Path, name: str, square: float, chosen: str, erro
     assert percent(result, chosen) < error
 
 
-def test_kingfisher_raw_series_saturates_ahead(tmp_path: Path) -> None:
-    result = fit(tmp_path, "kingfisher_heron_bollard_raw.csv", TWO_TOGETHER)
-    assert result.thrusters_per_test == 2 and result.reduction.plateaus == 20
-    assert result.tare.readings == 1 and abs(result.tare.value) < 0.02
-    assert result.points.force.max() == pytest.approx(20.67, abs=0.1)
-    assert result.analysis.chosen.form.name == "power-saturation"
-    forward, backward = result.map.forward, result.map.backward
-    assert forward is not None and forward.n_sat == pytest.approx(0.717, abs=0.01)
-    assert backward is not None and backward.n_sat is None
-    assert not (result.points.flag != "").any()
-
-
-def test_kingfisher_raw_and_mean_agree(tmp_path: Path) -> None:
-    raw = fit(tmp_path, "kingfisher_heron_bollard_raw.csv", TWO_TOGETHER)
-    mean = fit(tmp_path, "kingfisher_heron_bollard_mean.csv", COMMAND)
+def test_kingfisher_saturates_ahead_raw_and_mean(tmp_path: Path) -> None:
+    raw, mean = (fit(tmp_path, KINGFISHER.format(of), by) for of, by in (("raw", TWO_TOGETHER), ("mean", COMMAND)))
+    assert raw.thrusters_per_test == 2 and raw.reduction.plateaus == 20
+    assert raw.tare.readings == 1 and abs(raw.tare.value) < 0.02
+    assert raw.points.force.max() == pytest.approx(20.67, abs=0.1)
+    assert raw.analysis.chosen.form.name == "power-saturation"
+    assert raw.map.forward is not None and raw.map.backward is not None and mean.map.forward is not None
+    assert raw.map.forward.n_sat == pytest.approx(0.717, abs=0.01)
+    assert raw.map.backward.n_sat is None and not (raw.points.flag != "").any()
     for side in ("forward", "backward"):
         assert raw.analysis.square[side].value == pytest.approx(mean.analysis.square[side].value, rel=0.005)
-    assert raw.map.forward is not None and mean.map.forward is not None
     assert raw.map.forward.n_sat == pytest.approx(mean.map.forward.n_sat, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "volts", "expected", "before", "after"),
+    [
+        (T200, COMMAND, 12.0, ["dead-band", "thrust-exponent"], 4.3, 0.6),
+        (T200, SPEED, 12.0, ["thrust-exponent"], 0.9, 0.5),
+        ("videoray_m5_nezprop.csv", COMMAND, None, ["dead-band", "saturation", "thrust-exponent"], 13.4, 3.0),
+        ("videoray_m5_vrprop.csv", COMMAND, None, ["thrust-exponent"], 23.4, 1.6),
+        (KINGFISHER.format("mean"), COMMAND, None, ["saturation"], 13.5, 4.6),
+    ],
+)
+def test_what_the_square_law_lacks(
+    tmp_path: Path, name: str, columns: str, volts: float | None, expected: list[str], before: float, after: float
+) -> None:
+    """Against a command an exponent and often more; against speed hardly anything."""
+    with (TESTS / name).open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    with (tmp_path / "table.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([head, *(row for row in rows if volts is None or float(row[0]) == volts)])
+    square = ThrusterMap("square", Curve(30.0), Curve(30.0 / 1.3))
+    (tmp_path / "map.json").write_text(json.dumps(square.to_json()), encoding="utf-8")
+    (tmp_path / "columns.toml").write_text(columns, encoding="utf-8")
+    result = diagnose([tmp_path / "table.csv"], model=tmp_path / "map.json", columns=tmp_path / "columns.toml")
+    assert result.verdict == "named" and sorted(effect.name for effect in result.effects) == expected
+    assert result.percent(result.gap.before) == pytest.approx(before, rel=0.03)
+    assert result.percent(result.cross.after) < after
+    assert result.held_out_gap is not None and result.held_out_gap.after < 0.5 * result.held_out_gap.before
+    assert any(fault.kind == "computed" for fault in result.faults) == ("vrprop" in name)
