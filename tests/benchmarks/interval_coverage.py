@@ -6,8 +6,7 @@ Usage: python tests/benchmarks/interval_coverage.py [--effects | --thrusters] [-
 """
 
 import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,53 +50,38 @@ def outcome(estimate: Estimate, truth: float) -> tuple[float, float, bool]:
     return (estimate.value - truth) / size, estimate.stderr / size, low <= truth <= high
 
 
-@dataclass(frozen=True)
-class MotionCase:
-    """Number of runs, true model, noise of the heading [degrees], scatter of the runs' gains."""
-
-    runs: int
-    model: str
-    noise: float
-    scatter: float
-
-    def __str__(self) -> str:
-        return f"model {self.model}, {self.runs} runs, {self.noise:g} degrees, {self.scatter:.0%} scatter"
-
-
 LAYOUTS = {48: LARGE, 24: BOTH_SIDES}
 DRAGS = {"1": (1.2, 0.0), "2": (0.4, 0.9), "3": (0.0, K_RR)}
 """(k_r, k_rr) of the vehicle of each model."""
-MOTIONS = [
-    MotionCase(runs, model, noise, scatter)
+MOTIONS = {
+    f"model {model}, {runs} runs, {noise:g} degrees, {scatter:.0%} scatter": (runs, model, noise, scatter)
     for runs in LAYOUTS
     for model, noise, tried in (("3", 1.0, 4), ("3", 0.5, 2), ("3", 2.0, 2), ("1", 1.0, 4), ("2", 1.0, 4))
     for scatter in SCATTERS[:tried]
-]
+}
+"""Number of runs, true model, noise of the heading [degrees], scatter of the runs' gains."""
 
 
-def motion_trial(item: tuple[int, MotionCase]) -> Trial:
+def motion_trial(index: int, runs: int, model: str, noise: float, scatter: float) -> Trial:
     """Simulate one campaign and compare every interval of its fits with the truth."""
-    index, case = item
-    k_r, k_rr = DRAGS[case.model]
-    key = [2, list(LAYOUTS).index(case.runs), int(case.model), round(1000 * case.scatter), round(1000 * case.noise)]
-    campaign = make_campaign(
-        [*key, index], LAYOUTS[case.runs], k_r=k_r, k_rr=k_rr, scatter=case.scatter, noise=np.deg2rad(case.noise)
-    )
+    k_r, k_rr = DRAGS[model]
+    key = [2, list(LAYOUTS).index(runs), int(model), round(1000 * scatter), round(1000 * noise), index]
+    campaign = make_campaign(key, LAYOUTS[runs], k_r=k_r, k_rr=k_rr, scatter=scatter, noise=np.deg2rad(noise))
     data = half_turn_data(half_turns(campaign.runs)[0])
     truth = {"I_r": INERTIA, "k_rr": k_rr, "k_r": k_r}
     rough = fit_velocity_error(data, np.zeros(len(data.moment)))
     drag = rough.drag["1"].drag[0]  # the start is that of `fits.identify`
-    begin = (rough.inertia["3"].overall.value, drag if case.model == "1" else 0.02 * drag, rough.drag["3"].drag[1])
-    fit = fit_half_turns(data, case.model, begin, "nu", Known())
+    begin = (rough.inertia["3"].overall.value, drag if model == "1" else 0.02 * drag, rough.drag["3"].drag[1])
+    fit = fit_half_turns(data, model, begin, "nu", Known())
     out = {f"ML {name}": outcome(estimate, truth[name]) for name, estimate in fit.estimates.items()}
     if fit.inertial_turn_angle is not None:
         out["ML I/k"] = outcome(fit.inertial_turn_angle, INERTIA / k_rr)
     out["offset"] = outcome(fit.offset, 0.0)  # this and the next are at a bound of their range where there is none
-    out["gain scatter"] = outcome(fit.gain_scatter, case.scatter)
-    for name, estimate in rough.drag[case.model].estimates.items():
+    out["gain scatter"] = outcome(fit.gain_scatter, scatter)
+    for name, estimate in rough.drag[model].estimates.items():
         out[f"Table 1 {name}"] = outcome(estimate, truth[name])
-    if case.model in rough.inertia:
-        out["Table 2 I_r"] = outcome(rough.inertia[case.model].overall, INERTIA)
+    if model in rough.inertia:
+        out["Table 2 I_r"] = outcome(rough.inertia[model].overall, INERTIA)
     return out, fit.mixed.converged
 
 
@@ -128,9 +112,8 @@ def effect_specification(name: str) -> dict[str, Any]:
     }
 
 
-def effect_trial(item: tuple[int, str]) -> Trial:
+def effect_trial(index: int, name: str) -> Trial:
     """Simulate one campaign, fit the base model with the effect, and compare every interval with the truth."""
-    index, name = item
     base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
     study = study_of(make_runs(specified(effect_specification(name)), 1000 + index), base, driven=False)
     values = tuple(
@@ -149,45 +132,28 @@ def effect_trial(item: tuple[int, str]) -> Trial:
     return out, fit.converged
 
 
-@dataclass(frozen=True)
-class BollardCase:
-    """Levels a direction, records (times that all levels are run through), noise of a reading in per cent of full scale
-    ahead, scatter of the gain from reading to reading, and of each record's own gain."""
-
-    levels: int
-    records: int
-    noise: float
-    scatter: float
-    drift: float = 0.0
-
-    def __str__(self) -> str:
-        text = f"{self.levels} levels, {self.noise:g} % noise, {self.scatter:.0%} scatter"
-        return text + (f", {self.records} records, {self.drift:.0%} between them" if self.records > 1 else "")
-
-
 AHEAD, ASTERN = 2.6165e-4, 0.6640e-4  # N per count squared: equation 3 for two thrusters, halved
 TOP = 150.0  # counts
-BOLLARDS = (
-    *(BollardCase(15, 1, 0.5, scatter) for scatter in SCATTERS),
-    *(BollardCase(8, 1, 2.0, scatter) for scatter in SCATTERS),
-    BollardCase(15, 4, 0.5, 0.03, 0.05),
-)
+BOLLARDS = {
+    f"{levels} levels, {noise:g} % noise, {scatter:.0%} scatter": (levels, noise, scatter)
+    for levels, noise in ((15, 0.5), (8, 2.0))
+    for scatter in SCATTERS
+} | {"15 levels, 0.5 % noise, 3% scatter, 4 records, 5% between them": (15, 0.5, 0.03, 4, 0.05)}
+"""Levels a direction, noise of a reading in per cent of full scale ahead, scatter of the gain from reading to reading,
+records (times that all levels are run through), scatter of each record's gain."""
 
 
-def bollard_trial(item: tuple[int, BollardCase]) -> Trial:
+def bollard_trial(index: int, levels: int, noise: float, scatter: float, records: int = 1, drift: float = 0.0) -> Trial:
     """Simulate one bollard test, fit it by the tool's own workflow, and compare both intervals with the truth."""
-    index, case = item
-    random = np.random.default_rng(
-        [3, case.levels, case.records, *(round(1000 * x) for x in (case.noise, case.scatter, case.drift)), index]
-    )
-    steps = np.linspace(TOP / case.levels, TOP, case.levels)
+    random = np.random.default_rng([3, levels, records, *(round(1000 * x) for x in (noise, scatter, drift)), index])
+    steps = np.linspace(TOP / levels, TOP, levels)
     with tempfile.TemporaryDirectory() as folder:
-        for record in range(case.records):
+        for record in range(records):
             n = random.permutation(np.concatenate([-steps, steps]))
-            logs = case.scatter * random.standard_normal(len(n)) + case.drift * random.standard_normal()
-            gain = np.exp(logs - 0.5 * (case.scatter**2 + case.drift**2))  # of mean one
+            logs = scatter * random.standard_normal(len(n)) + drift * random.standard_normal()
+            gain = np.exp(logs - 0.5 * (scatter**2 + drift**2))  # of mean one
             force = gain * np.where(n > 0, AHEAD, ASTERN) * np.abs(n) * n
-            force += 0.01 * case.noise * AHEAD * TOP**2 * random.standard_normal(len(n))
+            force += 0.01 * noise * AHEAD * TOP**2 * random.standard_normal(len(n))
             rows = "".join(f"{a:.6f},{b:.9f}\n" for a, b in zip(n, force))
             Path(folder, f"record_{record}.csv").write_text("n,force_N\n" + rows)
         # equation 2 and its intervals do not depend on the form chosen, and choosing one takes the time
@@ -196,25 +162,28 @@ def bollard_trial(item: tuple[int, BollardCase]) -> Trial:
     return {f"a, {side}": outcome(estimate, truth[side]) for side, estimate in square.items()}, True
 
 
-PARTS: dict[str, tuple[Callable[[Any], Trial], Sequence[Any]]] = {
-    "coverage": (motion_trial, MOTIONS), "thrusters": (bollard_trial, BOLLARDS), "effects": (effect_trial, [*PLANTED]),
-}  # fmt: skip
+PARTS: dict[str, tuple[Callable[..., Trial], Mapping[str, tuple[Any, ...]]]] = {
+    "coverage": (motion_trial, MOTIONS),
+    "thrusters": (bollard_trial, BOLLARDS),
+    "effects": (effect_trial, {name: (name,) for name in PLANTED}),
+}
 UNJUDGED = ("Table", "offset", "gain scatter")
 
 
-def attempt(item: tuple[Callable[[Any], Trial], Any]) -> Trial | str:
-    """The trial of one campaign, or the sentence with which a fit refused it."""
-    trial, work = item
+def attempt(item: tuple[str, int, str]) -> Trial | str:
+    """The trial of one campaign of a case of a part, or the sentence with which a fit refused it."""
+    part, index, case = item
+    trial, cases = PARTS[part]
     try:
-        return trial(work)
+        return trial(index, *cases[case])
     except AutomarineError as refusal:
         return str(refusal)
 
 
 def coverage(name: str, count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:
     """Table and plain results of `count` campaigns a case of a part."""
-    trial, cases = PARTS[name]
-    work = [(trial, (i, case)) for case in cases for i in range(count)]
+    cases = PARTS[name][1]
+    work = [(name, i, case) for case in cases for i in range(count)]
     every = ordered_map(attempt, work, jobs, progress=progress, stage=name)
     rows, rules, remarks = list[dict[str, Any]](), list[int](), list[str]()
     for i, case in enumerate(cases):
@@ -227,7 +196,7 @@ def coverage(name: str, count: int, jobs: int, progress: Progress) -> tuple[list
             remarks.append(f"Did not converge: {astray} ({case}).")
         for interval in dict.fromkeys(key for intervals, _ in trials for key in intervals):
             outcomes = [intervals[interval] for intervals, _ in trials if interval in intervals]
-            rows.append({"case": str(case), "interval": interval, **summary(outcomes)})
+            rows.append({"case": case, "interval": interval, **summary(outcomes)})
     outside = [
         f"{row['coverage %']:.1f} % of {row['interval']} ({row['case']})"
         for row in rows

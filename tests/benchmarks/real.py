@@ -59,7 +59,7 @@ def judged(item: tuple[RealSet, str, str, bool]) -> Row:
             }
             row["preferred"] = preferred
             if real_set.measured and not quick:  # of who simulated a vehicle nobody here knows what is missing
-                row["named"] = named(models[preferred], fitted, held_out)
+                row["named"] = library.tool_diagnosis(models[preferred], fitted, held_out)
         except AutomarineError as refusal:
             row["refused"] = str(refusal)
         row["seconds"] = round(time.perf_counter() - begun, 1)
@@ -105,14 +105,6 @@ def scored(fitted: library.Fitted, held_out: Sequence[Run]) -> Row:
         "free_run": shown(dof, [library.tool_free_run(fitted, held_out)])[0],
         "log_likelihood": library.tool_log_likelihood(fitted, held_out),
     }
-
-
-def named(fitted: library.Fitted, runs: Sequence[Run], held_out: Sequence[Run]) -> str:
-    """What is named on one half, or the refusal."""
-    try:
-        return library.tool_diagnosis(fitted, runs, held_out)
-    except AutomarineError as refusal:
-        return f"refused: {refusal}"
 
 
 def main_table(rows: Sequence[Row], before: Sequence[Row]) -> Table:

@@ -12,6 +12,7 @@ from real_baseline import HORIZONS, Anchors
 
 from automarine_cli.comparison.simulated_runs import free_runs, roll
 from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.errors import AutomarineError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import carried, follow, shown_channel
 from automarine_cli.fits.driven import driven_problem
@@ -116,6 +117,9 @@ def tool_log_likelihood(fitted: Fitted, runs: Sequence[Run]) -> float | None:
 
 
 def tool_diagnosis(fitted: Fitted, runs: Sequence[Run], held_out: Sequence[Run]) -> str:
-    """What `diagnose` says of the model and one half: a verdict and names. Raises FitError, RunError."""
-    result = diagnose_runs(runs, fitted.model, hold_out=held_out)
+    """What `diagnose` says of the model and one half: a verdict and names, or the refusal."""
+    try:
+        result = diagnose_runs(runs, fitted.model, hold_out=held_out)
+    except AutomarineError as refusal:
+        return f"refused: {refusal}"
     return f"{result.verdict}: {', '.join(effect.name for effect in result.effects)}".removesuffix(": ")

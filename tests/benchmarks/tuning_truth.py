@@ -116,7 +116,7 @@ class Vehicle:
         return (moment - drag - truth.size("spring") * heading) / truth.inertia
 
 
-Plans = list[tuple[str, float, Callable[[Floats], Floats]]]
+Plans = list[tuple[str, float, Callable[..., Floats]]]
 
 
 def write_logs(
