@@ -106,7 +106,7 @@ paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 pictures: $(READY) ## The figures of README and guide, from sample_runs
 	$(BENCHMARK)/pictures.py
 
-bench: $(READY) ## Accuracy against the Cramer-Rao bound, and speed
+bench: $(READY) ## Accuracy against the Cramer-Rao bound, coverage of intervals, speed of commands
 	$(BENCHMARK)/bench.py --out $(OUT)/bench.json
 
 blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known truth made without the library; hours, goes on

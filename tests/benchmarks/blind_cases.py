@@ -1,12 +1,13 @@
 """Cases of the blind benchmark: what is hidden, how large, in which layout, and the logs that come of it.
 
-Sizes are told by how well the campaign shows them: `visible` is the length of an effect's signature, in standard
+Sizes go by how well the campaign shows them: `visible` is the length of an effect's signature, in standard
 deviations, after inertia, drag, start headings, thrust gains and switch instants have absorbed what they can. A small
 effect has about SMALL, a large one at least LARGE and at least the size that pool vehicles usually have.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from blind_truth import LARGEST, SMALLEST, Chance, Floats, Plan, Vehicle, headings, surge
@@ -20,67 +21,37 @@ SMALL, LARGE = 2 * JUST, 5 * JUST
 COARSE = 0.05  # s, integrator step where only the length of a signature is wanted
 
 LAWS: dict[str, tuple[str, float, float]] = {
-    "linear": ("linear-drag", 0.08, 0.6),
-    "quadratic": ("quadratic-drag", 0.3, 2.5),
-    "cubic": ("cubic-drag", 0.15, 1.5),
-    "bias": ("bias-moment", 0.03, 0.08),
-    "spring": ("tether-spring", 0.01, 0.03),
-    "dead-band": ("dead-band", 0.03, 0.09),
-    "cut": ("dead-band", 0.16, 0.25),
-    "saturation": ("saturation", 0.25, 0.6),
-    "soft-saturation": ("saturation", 0.25, 0.5),
-    "thrust-asymmetry": ("thrust-asymmetry", 0.05, 0.3),
-    "drag-asymmetry": ("drag-asymmetry", 0.08, 0.5),
-    "propeller-lag": ("thruster-lag", 0.15, 0.8),
-    "delay": ("input-delay", 0.15, 0.8),
-    "thrust-loss": ("thrust-loss", 0.1, 0.5),
-    "sag-load": ("battery-sag", 0.1, 0.4),
-    "sag-charge": ("battery-sag", 0.15, 0.4),
-    "swirl": ("water-swirl", 0.02, 0.15),
-    "coulomb": ("coulomb-drag", 0.03, 0.09),
-    "hard-iron": ("compass-deviation", 0.05, 0.2),
-    "soft-iron": ("compass-deviation", 0.04, 0.2),
-    "sensor-lag": ("sensor-lag", 0.15, 0.8),
-    "gyro-drift": ("gyro-drift", 0.004, 0.03),
-    "waves": ("periodic-disturbance", 0.03, 0.2),
-    "heading-moment": ("heading-moment", 0.03, 0.08),
-    "surge": ("cross-coupling", 0.3, 1.5),
-    "exponent": ("thrust-exponent", 0.1, 0.35),
-    "thrust-lag": ("thruster-lag", 0.2, 0.8),
-    "loaded-lag": ("thruster-lag", 0.15, 0.8),
-    "slew": ("thruster-lag", 0.4, 1.5),
-    "lag-down": ("thruster-lag", 0.12, 0.5),
-    "swirl-passing": ("water-swirl", 0.03, 0.2),
-    "swirl-jets": ("water-swirl", 0.02, 0.1),
-    "swirl-settling": ("water-swirl", 0.02, 0.1),
-    "smooth-saturation": ("saturation", 0.6, 1.2),
-    "stribeck": ("coulomb-drag", 0.04, 0.1),
-    "slack-spring": ("tether-spring", 0.02, 0.08),
-    "hard-spring": ("tether-spring", 0.001, 0.01),
-    "advance-loss": ("thrust-loss", 0.15, 0.6),
-    "sag-slow": ("battery-sag", 0.15, 0.4),
-    "delay-off": ("input-delay", 0.3, 1.0),
-    "stall": ("dead-band", 0.3, 0.5),
-    "current-pull": ("current-deviation", 0.05, 0.2),
-    "hysteresis": ("backlash", 0.08, 0.2),
-    "wall": ("wall", 0.1, 0.5),
-    "history": ("history-force", 0.1, 0.6),
-}
+    "linear": ("linear-drag", 0.08, 0.6), "quadratic": ("quadratic-drag", 0.3, 2.5),
+    "cubic": ("cubic-drag", 0.15, 1.5), "bias": ("bias-moment", 0.03, 0.08), "spring": ("tether-spring", 0.01, 0.03),
+    "dead-band": ("dead-band", 0.03, 0.09), "cut": ("dead-band", 0.16, 0.25), "saturation": ("saturation", 0.25, 0.6),
+    "soft-saturation": ("saturation", 0.25, 0.5), "thrust-asymmetry": ("thrust-asymmetry", 0.05, 0.3),
+    "drag-asymmetry": ("drag-asymmetry", 0.08, 0.5), "propeller-lag": ("thruster-lag", 0.15, 0.8),
+    "delay": ("input-delay", 0.15, 0.8), "thrust-loss": ("thrust-loss", 0.1, 0.5),
+    "sag-load": ("battery-sag", 0.1, 0.4), "sag-charge": ("battery-sag", 0.15, 0.4),
+    "swirl": ("water-swirl", 0.02, 0.15), "coulomb": ("coulomb-drag", 0.03, 0.09),
+    "hard-iron": ("compass-deviation", 0.05, 0.2), "soft-iron": ("compass-deviation", 0.04, 0.2),
+    "sensor-lag": ("sensor-lag", 0.15, 0.8), "gyro-drift": ("gyro-drift", 0.004, 0.03),
+    "waves": ("periodic-disturbance", 0.03, 0.2), "heading-moment": ("heading-moment", 0.03, 0.08),
+    "surge": ("cross-coupling", 0.3, 1.5), "exponent": ("thrust-exponent", 0.1, 0.35),
+    "thrust-lag": ("thruster-lag", 0.2, 0.8), "loaded-lag": ("thruster-lag", 0.15, 0.8),
+    "slew": ("thruster-lag", 0.4, 1.5), "lag-down": ("thruster-lag", 0.12, 0.5),
+    "swirl-passing": ("water-swirl", 0.03, 0.2), "swirl-jets": ("water-swirl", 0.02, 0.1),
+    "swirl-settling": ("water-swirl", 0.02, 0.1), "smooth-saturation": ("saturation", 0.6, 1.2),
+    "stribeck": ("coulomb-drag", 0.04, 0.1), "slack-spring": ("tether-spring", 0.02, 0.08),
+    "hard-spring": ("tether-spring", 0.001, 0.01), "advance-loss": ("thrust-loss", 0.15, 0.6),
+    "sag-slow": ("battery-sag", 0.15, 0.4), "delay-off": ("input-delay", 0.3, 1.0), "stall": ("dead-band", 0.3, 0.5),
+    "current-pull": ("current-deviation", 0.05, 0.2), "hysteresis": ("backlash", 0.08, 0.2),
+    "wall": ("wall", 0.1, 0.5), "history": ("history-force", 0.1, 0.6),
+}  # fmt: skip
 """The truth's laws: the library's name, a usual size, and the largest that leaves a vehicle that turns."""
 
 STRANGE: dict[str, tuple[float, float]] = {"temperature": (0.1, 0.3), "snags": (0.15, 0.6), "clock-drift": (0.3, 1.0)}
 """Laws that are not in the library, with a usual and a largest size."""
 
 PAIRS = (
-    ("dead-band", "propeller-lag"),
-    ("bias", "swirl"),
-    ("hard-iron", "linear"),
-    ("sag-charge", "delay"),
-    ("spring", "cubic"),
-    ("thrust-asymmetry", "sensor-lag"),
-    ("coulomb", "heading-moment"),
-    ("exponent", "gyro-drift"),
-)
+    ("dead-band", "propeller-lag"), ("bias", "swirl"), ("hard-iron", "linear"), ("sag-charge", "delay"),
+    ("spring", "cubic"), ("thrust-asymmetry", "sensor-lag"), ("coulomb", "heading-moment"), ("exponent", "gyro-drift"),
+)  # fmt: skip
 SIGNED = {"bias", "thrust-asymmetry", "drag-asymmetry", "gyro-drift", "hard-iron", "soft-iron", "surge",
           "heading-moment", "exponent", "current-pull"}  # fmt: skip
 
@@ -97,21 +68,14 @@ class Case:
     scatter: float | None = None
     noise: float | None = None  # degrees
 
-    @property
-    def name(self) -> str:
-        """As printed, and as --only takes it."""
-        return f"{'+'.join(self.hidden) or 'none'}/{self.size}/{self.layout}/{self.seed}"
-
 
 @dataclass(frozen=True)
 class Campaign:
-    """A case made: runs, what was true, how visible it is, and the scatter and noise [rad]."""
+    """Runs of a case, what was true, and how visible it is."""
 
     runs: tuple[Run, ...]
     vehicle: Vehicle
     visible: float
-    scatter: float
-    noise: float
 
 
 def make(case: Case) -> Campaign:
@@ -129,10 +93,10 @@ def make(case: Case) -> Campaign:
     noise = np.radians(random.uniform(1.0, 2.0) if case.noise is None else case.noise)
     chance = Chance.draw(random, plan.length, scatter)
     sizes: dict[str, float] = {}
-    seen = [np.inf]
+    visible = [np.inf]
     for law in case.hidden:
         sizes[law], length = _size(law, case.size, plan, vehicle, chance, scatter, noise)
-        seen.append(length)
+        visible.append(length)
         if law in SIGNED:
             sizes[law] *= float(random.choice([-1.0, 1.0]))
         if law == "waves":
@@ -141,7 +105,7 @@ def make(case: Case) -> Campaign:
     psi = headings(plan, vehicle, chance)
     runs = [_logged(i, plan, vehicle, chance, psi[i], noise, random) for i in range(len(plan.length))]
     order = random.permutation(len(runs))
-    return Campaign(tuple(runs[i] for i in order), vehicle, min(seen), scatter, noise)
+    return Campaign(tuple(runs[i] for i in order), vehicle, min(visible))
 
 
 def draw_plan(random: np.random.Generator, vehicle: Vehicle, layout: str, runs: int, turn: float, rate: float) -> Plan:
@@ -185,17 +149,14 @@ def draw_plan(random: np.random.Generator, vehicle: Vehicle, layout: str, runs: 
     return Plan(tuple(instants), tuple(moments), np.array(length), clock.round(1), start, rate)
 
 
-def _size(
-    law: str, size: str, plan: Plan, vehicle: Vehicle, chance: Chance, scatter: float, noise: float
-) -> tuple[float, float]:
-    """Size of a law for a case, and its visibility."""
+def _size(law: str, size: str, *campaign: Any) -> tuple[float, float]:
+    """Size of a law for a case, and its visibility; `campaign` is what a Yardstick is made of."""
     usual, most = LAWS[law][1:] if law in LAWS else STRANGE[law]
-    value = usual
     if law in ("cut", "clock-drift"):  # their visibility is no smooth matter of size
         return (usual if size != "large" else 0.5 * (usual + most)), np.inf
     if law in ("soft-saturation", "smooth-saturation", "stall"):
         return (usual if size != "large" else most), np.inf
-    yardstick = Yardstick.of(plan, vehicle, chance, scatter, noise)
+    yardstick, value = Yardstick(*campaign), usual
     length = yardstick.visible(law, value)
     target = {"small": SMALL, "large": LARGE, "usual": 0.0}[size]
     for _ in range(2):
@@ -207,43 +168,33 @@ def _size(
     return value, length
 
 
-@dataclass(frozen=True)
 class Yardstick:
-    """What the campaign shows without the effect: headings, their response to inertia, drag, gain, and the rate."""
+    """What a campaign shows without the effect: headings, and their response to inertia, drag and gain."""
 
-    plan: Plan
-    vehicle: Vehicle
-    chance: Chance
-    scatter: float
-    noise: float
-    still: Floats
-    inertia: Floats
-    drag: Floats
-    gain: Floats
-
-    @classmethod
-    def of(cls, plan: Plan, vehicle: Vehicle, chance: Chance, scatter: float, noise: float) -> "Yardstick":
-        """Simulate the vehicle without anything hidden, and a hundredth beside it."""
-        luck = chance.without_scatter()
-        still = headings(plan, vehicle, luck, COARSE)
-        heavier = headings(plan, replace(vehicle, inertia=1.01 * vehicle.inertia), luck, COARSE)
+    def __init__(self, plan: Plan, vehicle: Vehicle, chance: Chance, scatter: float, noise: float) -> None:
+        self.plan, self.vehicle, self.scatter, self.noise = plan, vehicle, scatter, noise
+        self.chance = replace(chance, gain=np.ones_like(chance.gain))
+        self.still = headings(plan, vehicle, self.chance, COARSE)
         dragged = replace(vehicle, quadratic=1.01 * vehicle.quadratic, linear=1.01 * vehicle.linear)
-        slower = headings(plan, dragged, luck, COARSE)
-        stronger = headings(plan, vehicle, replace(luck, gain=np.full(len(still), 1.01)), COARSE)
-        gain = (stronger - still) / 0.01
-        return cls(plan, vehicle, luck, scatter, noise, still, heavier - still, slower - still, gain)
+        stronger = replace(chance, gain=np.full(len(self.still), 1.01))
+        self.inertia = self._response(replace(vehicle, inertia=1.01 * vehicle.inertia))
+        self.drag = self._response(dragged)
+        self.gain = (headings(plan, vehicle, stronger, COARSE) - self.still) / 0.01
+
+    def _response(self, vehicle: Vehicle) -> Floats:
+        return headings(self.plan, vehicle, self.chance, COARSE) - self.still
 
     def visible(self, law: str, value: float) -> float:
         """Length of a law's signature in standard deviations, freed of what everything else can absorb."""
         hidden = {law: value, "wave-period": 3.0}
-        seen = headings(self.plan, replace(self.vehicle, hidden=hidden), self.chance, COARSE) - self.still
+        shown = self._response(replace(self.vehicle, hidden=hidden))
         rate = np.gradient(self.still, axis=1) / COARSE
         rows, uncertain = (max(round(1.0 / self.plan.rate / COARSE), 1), 1.0 / self.plan.rate / np.sqrt(12.0))
         hessian = np.zeros((3, 3))
         for i, last in enumerate(self.plan.length):
             part = (i, slice(0, int(last / COARSE), rows))
-            y = np.stack([self.inertia[part], self.drag[part], seen[part]], axis=1)
-            own = [10.0 + 0.0 * seen[part], max(self.scatter, 0.01) * self.gain[part], uncertain * rate[part]]
+            y = np.stack([self.inertia[part], self.drag[part], shown[part]], axis=1)
+            own = [10.0 + 0.0 * shown[part], max(self.scatter, 0.01) * self.gain[part], uncertain * rate[part]]
             free = np.stack(own, axis=1)
             inner = np.eye(3) * self.noise**2 + free.T @ free
             hessian += (y.T @ y - y.T @ free @ np.linalg.solve(inner, free.T @ y)) / self.noise**2

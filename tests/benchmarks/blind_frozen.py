@@ -16,31 +16,29 @@ same from 24 noisy steps) and clean (nothing hidden, in four kinds; two idle col
                       "effects": [{"name": "dead-band", "confidence": 0.97, "rivals": ["coulomb-drag"]}]}}
 
 with the names of `automarine effects`. `score` prints marks, who was taken for whom, and how often what was said with a
-confidence was right.
+confidence was right. Marks of a campaign with one or two effects hidden: `right` names just these; `tie` names all of
+them, each itself or as a rival, or names another beside them; `half` one of two; `wrong` names something else and does
+not list them; `missed` names nothing; `suspected` lists something and does not name it; `learned` names a curve over a
+variable, of a law that the library lacks; and `unexplained`. Where nothing is hidden, `right` names nothing, `false`
+anything.
 """
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy, and for the processes: each has one core
-
-import argparse
 import json
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import arguments
 import closed_loop_cases
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from blind import CLEAN, DRIVEN, all_cases, clean_cases, guess, judge, kind_of, short_cases
-from blind_cases import LAWS, Case, make
+from blind_cases import LAWS, PAIRS, STRANGE, Campaign, Case, make
 
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.dofs import YAW
@@ -50,8 +48,48 @@ from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 
-NOTHING, UNEXPLAINED, SUSPECTED = "nothing", "unexplained", "suspected"
 CONFIDENT = (0.0, 0.5, 0.9, 1.0)
+DRIVEN = "driven"
+CLEAN: dict[str, dict[str, Any]] = {
+    "72 runs": {"layout": "steps", "runs": 72, "scatter": 0.03, "noise": 1.0},
+    "24 noisy runs": {"layout": "steps", "scatter": 0.05, "noise": 2.0},
+    "manoeuvres": {"layout": "full", "scatter": 0.03, "noise": 1.0},
+    DRIVEN: {"layout": DRIVEN},  # those of the closed loop
+}
+
+
+def all_cases(seeds: int, quick: bool) -> list[Case]:
+    """Every effect by size, layout and seed, none hidden, two, and strange ones."""
+
+    def layouts(number: int) -> tuple[str, ...]:
+        return (("full", "steps")[number % 2],) if quick else ("steps", "full")
+
+    cases = []
+    for seed in range(seeds):
+        for number, law in enumerate(LAWS):
+            for size in ("large",) if quick else ("small", "large"):
+                cases += [Case((law,), size, layout, seed) for layout in layouts(number)]
+        for number, scatter in enumerate((0.0, 0.02, 0.03, 0.05)):
+            name = f"scatter-{scatter:g}"
+            cases += [Case((), name, layout, seed, scatter=scatter) for layout in layouts(number)]
+        cases += [Case(pair, "large", "full", seed) for pair in (PAIRS[:4] if quick else PAIRS)]
+        cases += [Case((law,), "large", "full", seed) for law in STRANGE]
+    if not quick:
+        cases += [Case((law,), "usual", "full", seed, runs=48) for seed in range(seeds) for law in LAWS]
+    return cases
+
+
+def short_cases(seeds: int, noisy: bool) -> list[Case]:
+    """One law of each of 21 effects, with manoeuvres or `noisy` steps alone; two effects; nothing hidden."""
+    first = {name: law for law, (name, *_) in reversed(LAWS.items())}
+    single = [law for law in LAWS if law in first.values()][:21]
+    scatter, noise = (0.05, 2.0) if noisy else (None, None)
+    layout = "steps" if noisy else "full"
+    return [
+        Case(hidden, "large" if hidden else "short", layout, seed, scatter=scatter, noise=noise)
+        for seed in range(seeds)
+        for hidden in [*((law,) for law in single), *PAIRS[:3], ()]
+    ]
 
 
 FORMS = {
@@ -59,18 +97,25 @@ FORMS = {
     "quick": lambda seeds: all_cases(seeds, quick=True),
     "short": lambda seeds: short_cases(seeds, noisy=False),
     "noisy": lambda seeds: short_cases(seeds, noisy=True),
-    "clean": clean_cases,
+    "clean": lambda seeds: [Case((), kind, seed=seed, **more) for seed in range(seeds) for kind, more in CLEAN.items()],
 }
 
 
-def made(case: Case) -> tuple[Sequence[Run], YawModel, float]:
+def campaign_of(case: Case) -> tuple[Sequence[Run], YawModel, float | None]:
     """Runs of a case, the base that a user would bring, and how visible what is hidden is."""
     if case.layout == DRIVEN:
         steered = closed_loop_cases.make("clean", case.seed)
-        return (*steered.fitted, *steered.kept), steered.base, np.inf
+        return (*steered.fitted, *steered.held_out), steered.base, None
     campaign = make(case)
     runs = campaign.runs if case.size not in CLEAN else with_idle_columns(campaign.runs, case.seed)
-    return runs, guess(case, campaign), campaign.visible
+    return runs, guess(case, campaign), campaign.visible if np.isfinite(campaign.visible) else None
+
+
+def guess(case: Case, campaign: Campaign) -> YawModel:
+    """The base model that a user would bring: the right form, values some tenths off."""
+    vehicle, unit = campaign.vehicle, campaign.runs[0].moment_unit
+    number, drag = ("1", vehicle.linear) if "quadratic" in case.hidden else ("3", 0.85 * vehicle.quadratic)
+    return YawModel.base(number, 1.2 * vehicle.inertia * vehicle.scale, [drag * vehicle.scale], unit, YAW)
 
 
 def with_idle_columns(runs: Sequence[Run], seed: int) -> list[Run]:
@@ -91,42 +136,30 @@ def with_idle_columns(runs: Sequence[Run], seed: int) -> list[Run]:
 
 def write(folder: Path, key: Path, seeds: int, form: str) -> None:
     """Make all campaigns, in an order that tells nothing, and their key."""
-    cases = FORMS[form](seeds)
-    order = np.random.default_rng(len(cases)).permutation(len(cases))
-    known: dict[str, Any] = {}
-    for number, i in enumerate(order):
+    cases, hidden = FORMS[form](seeds), dict[str, Any]()
+    for number, i in enumerate(np.random.default_rng(len(cases)).permutation(len(cases))):
         name, case = f"campaign_{number:03d}", cases[i]
-        runs, base, visible = made(case)
+        runs, base, visible = campaign_of(case)
         place = folder / name
         place.mkdir(parents=True, exist_ok=True)
         for run in runs:
             logged(run).to_csv(place / f"{run.name}.csv", index=False)
-        brought = {"inertia": base.inertia, **{term.name: term.values[0] for term in base.terms}}
-        (place / "base.json").write_text(json.dumps(brought, indent=1) + "\n")
-        known[name] = {
-            "hidden": list(case.hidden),
-            "effects": [LAWS[law][0] for law in case.hidden if law in LAWS],
-            "size": case.size,
-            "layout": case.layout,
-            "seed": case.seed,
-            "visible": visible if np.isfinite(visible) else None,
-        }
-    key.write_text(json.dumps(known, indent=1) + "\n")
+        arguments.write_json(place / "base.json", {"inertia": base.inertia} | {t.name: t.values[0] for t in base.terms})
+        hidden[name] = {
+            "hidden": list(case.hidden), "effects": [LAWS[law][0] for law in case.hidden if law in LAWS],
+            "size": case.size, "layout": case.layout, "seed": case.seed, "visible": visible,
+        }  # fmt: skip
+    arguments.write_json(key, hidden)
     print(f"{len(cases)} campaigns are in {folder}, what is hidden in {key}")
 
 
 def logged(run: Run) -> pd.DataFrame:
     """A run as its logger keeps it."""
-    assert run.moment is not None
     moment = "tau_Nm" if run.moment_unit == "N m" else "tau"
-    columns = {
-        "time_s": run.time.round(4),
-        "heading_deg": np.degrees(run.position).round(4) % 360.0,
-        moment: run.moment,
-    }
+    heading = np.degrees(run.position).round(4) % 360.0
     units = {"surge": "_m_s", "voltage": "_V"}
     more = {name + units.get(name, ""): values.round(5) for name, values in run.extras.items()}
-    return pd.DataFrame(columns | more)
+    return pd.DataFrame({"time_s": run.time.round(4), "heading_deg": heading, moment: run.moment, **more})
 
 
 def answer(folder: Path, answers: Path, jobs: int) -> None:
@@ -134,30 +167,28 @@ def answer(folder: Path, answers: Path, jobs: int) -> None:
     said = json.loads(answers.read_text()) if answers.exists() else {}
     left = sorted(p.name for p in folder.iterdir() if (p / "base.json").exists() and p.name not in said)
     with ProcessPoolExecutor(jobs) as pool:
-        waiting = {pool.submit(partial(answer_of, folder), name): name for name in left}
+        waiting = {pool.submit(answer_of, folder / name): name for name in left}
         for done, future in enumerate(as_completed(waiting), 1):
             said[waiting[future]] = future.result()
-            fresh = answers.with_suffix(".part")
-            fresh.write_text(json.dumps(dict(sorted(said.items())), indent=1) + "\n")
-            fresh.replace(answers)
+            arguments.write_json(answers, dict(sorted(said.items())))
             print(f"{done}/{len(left)} {waiting[future]}: {said[waiting[future]]}", file=sys.stderr, flush=True)
 
 
-def answer_of(folder: Path, name: str) -> dict[str, Any]:
-    runs = load_runs([folder / name], dof=YAW).runs
-    brought = json.loads((folder / name / "base.json").read_text())
+def answer_of(place: Path) -> dict[str, Any]:
+    runs = load_runs([place], dof=YAW).runs
+    brought = json.loads((place / "base.json").read_text())
     number = next(number for number, terms in BASE_TERMS.items() if set(terms) == set(brought) - {"inertia"})
     drag = [brought[name] for name in BASE_TERMS[number]]
     base = YawModel.base(number, brought["inertia"], drag, runs[0].moment_unit, YAW)
     try:
-        found = diagnose_runs(runs, base)
+        result = diagnose_runs(runs, base)
     except AutomarineError as error:
         return {"verdict": "refused", "effects": [], "why": str(error)}
-    told = [
-        {"name": one.name, "confidence": one.confidence, "rivals": [rival.name for rival in one.rivals]}
-        for one in found.effects
+    effects = [
+        {"name": effect.name, "confidence": effect.confidence, "rivals": [rival.name for rival in effect.rivals]}
+        for effect in result.effects
     ]
-    return {"verdict": found.verdict, "effects": told}
+    return {"verdict": result.verdict, "effects": effects}
 
 
 def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | None) -> None:
@@ -169,31 +200,58 @@ def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | Non
     for name, truth in key.items():
         if name in unanswered:
             continue
-        said = answers[name]
-        case = Case(tuple(truth["hidden"]), truth["size"], truth["layout"], truth["seed"])
-        named = {one["name"]: list(one.get("rivals", ())) for one in said["effects"]}
-        more = f" ({truth['size']})" if truth["size"] == "small" or not truth["hidden"] else ""
-        outcomes.setdefault(kind_of(case) + more, Counter())[judge(case, said["verdict"], named)] += 1
-        for hidden in truth["effects"] or [("outside: " + truth["hidden"][0]) if truth["hidden"] else NOTHING]:
-            for got in taken_for(hidden, said["verdict"], named):
-                confusion[hidden, got] += 1
+        said, hidden, effects = answers[name], truth["hidden"], truth["effects"]
+        named = {effect["name"]: list(effect.get("rivals", ())) for effect in said["effects"]}
+        more = f" ({truth['size']})" if truth["size"] == "small" or not hidden else ""
+        mark = judge(hidden, said["verdict"], named)
+        outcomes.setdefault(kind_of(hidden, truth["layout"]) + more, Counter())[mark] += 1
+        for law in effects or [f"outside: {hidden[0]}" if hidden else "nothing"]:
+            confusion.update((law, got) for got in taken_for(law, said["verdict"], named))
         if said["verdict"] == "named":
-            outside = bool(truth["hidden"]) and not truth["effects"]
+            outside = bool(hidden) and not effects
             sure += [
-                (one.get("confidence", 1.0), one["name"] in truth["effects"] or (outside and is_curve(one["name"])))
-                for one in said["effects"]
+                (effect.get("confidence", 1.0), effect["name"] in effects or (outside and is_curve(effect["name"])))
+                for effect in said["effects"]
             ]
     words = sorted({word for counts in outcomes.values() for word in counts})
     rows = [
-        (kind, str(sum(counts.values())), *(str(counts[word]) for word in words))
+        {"hidden": kind, "campaigns": counts.total(), **{word: counts[word] for word in words}}
         for kind, counts in sorted(outcomes.items())
     ]
-    print(Table("Marks", ("hidden", "campaigns", *words), tuple(rows)).to_text())
+    print(Table.of("Marks", rows).to_text())
     print(calibration(sure).to_text())
     some = f", {unanswered[0]} the first" if unanswered else ""
     print(f"Without an answer: {len(unanswered)} of {len(key)} campaigns{some}")
     if figure is not None:
         draw(confusion, figure)
+
+
+def kind_of(hidden: Sequence[str], layout: str) -> str:
+    """Which row of the table a case counts in."""
+    if any(law in STRANGE for law in hidden):
+        return "strange"
+    return ("none", f"one, {layout}", "two")[len(hidden)]
+
+
+def judge(hidden: Sequence[str], verdict: str, named: Mapping[str, Sequence[str]]) -> str:
+    """One word on a verdict; see the module's docstring."""
+    if verdict == "suspected":
+        return verdict
+    if not hidden or any(law in STRANGE for law in hidden):
+        if verdict == "named" and hidden and all(map(is_curve, named)):
+            return "learned"
+        if verdict == "named":
+            return "tie" if hidden and all(named.values()) else "false"
+        return "right" if verdict == ("unexplained" if hidden else "nothing-missing") else verdict
+    if verdict in ("nothing-missing", "unexplained"):
+        return {"nothing-missing": "missed"}.get(verdict, verdict)
+    truth = {LAWS[law][0] for law in hidden}
+    if set(named) == truth:
+        return "right"
+    mentioned = set(named) | {rival for rivals in named.values() for rival in rivals}
+    if truth <= mentioned:
+        return "tie"
+    return "half" if truth & mentioned and len(truth) == 2 else "wrong"
 
 
 def is_curve(name: str) -> bool:
@@ -204,7 +262,7 @@ def is_curve(name: str) -> bool:
 def taken_for(hidden: str, verdict: str, named: Mapping[str, Sequence[str]]) -> list[str]:
     """What a hidden effect was taken for."""
     if verdict != "named":
-        return [{"nothing-missing": NOTHING}.get(verdict, verdict)]
+        return [{"nothing-missing": "nothing"}.get(verdict, verdict)]
     return [hidden] if hidden in named else ["learned" if is_curve(name) else name for name in named]
 
 
@@ -213,9 +271,9 @@ def calibration(sure: Sequence[tuple[float, bool]]) -> Table:
     rows = []
     for low, high in pairwise(CONFIDENT):
         inside = [right for said, right in sure if low <= said < high or said == high == 1.0]
-        right = f"{100 * np.mean(inside):.0f} %" if inside else "-"
-        rows.append((f"{100 * low:.0f} to {100 * high:.0f} %", str(len(inside)), right))
-    return Table("Confidence", ("said with", "names", "right"), tuple(rows))
+        right = f"{np.mean(inside):.0%}" if inside else "-"
+        rows.append({"said with": f"{low:.0%} to {high:.0%}", "names": len(inside), "right": right})
+    return Table.of("Confidence", rows)
 
 
 def draw(confusion: Mapping[tuple[str, str], int], path: Path) -> None:
@@ -231,33 +289,27 @@ def draw(confusion: Mapping[tuple[str, str], int], path: Path) -> None:
             axes.text(column, row, f"{count:.0f}", ha="center", va="center", fontsize=6, color="w" if dark else "k")
     axes.set_xticks(range(len(got)), got, rotation=90, fontsize=6.5)
     axes.set_yticks(range(len(hidden)), hidden, fontsize=6.5)
-    axes.set_xlabel("said")
-    axes.set_ylabel("hidden")
+    axes.set(xlabel="said", ylabel="hidden")
     figure.colorbar(image, ax=axes, label="share of campaigns", shrink=0.5)
     figure.savefig(path, dpi=200, metadata={"Software": None})
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    what = parser.add_subparsers(dest="what", required=True)
-    writes, answers, scores = (what.add_parser(name) for name in ("write", "answer", "score"))
-    for one in (writes, answers):
-        one.add_argument("folder", type=Path)
-    scores.add_argument("answers", type=Path)
-    for one in (writes, scores):
-        one.add_argument("--key", type=Path, required=True)
-    answers.add_argument("--answers", type=Path, required=True)
-    answers.add_argument("--jobs", type=int, default=2)
-    writes.add_argument("--seeds", type=int, default=1)
-    writes.add_argument("--form", choices=FORMS, default="all")
-    scores.add_argument("--figure", type=Path)
-    given = parser.parse_args()
-    if given.what == "write":
-        write(given.folder, given.key, given.seeds, given.form)
-    elif given.what == "answer":
-        answer(given.folder, given.answers, given.jobs)
+    what: dict[str, Any] = {"choices": ("write", "answer", "score")}
+    path: dict[str, Any] = {"type": Path}
+    chosen = arguments.options(
+        __doc__, {"what": what, "place": path}, key=path, answers=path, figure=path, seeds=1,
+        form={"choices": FORMS, "default": "all"}, jobs=2,
+    )  # fmt: skip
+    needed = "answers" if chosen.what == "answer" else "key"
+    if getattr(chosen, needed) is None:
+        sys.exit(f"{chosen.what} needs --{needed} FILE")
+    if chosen.what == "write":
+        write(chosen.place, chosen.key, chosen.seeds, chosen.form)
+    elif chosen.what == "answer":
+        answer(chosen.place, chosen.answers, chosen.jobs)
     else:
-        score(json.loads(given.answers.read_text()), json.loads(given.key.read_text()), given.figure)
+        score(json.loads(chosen.place.read_text()), json.loads(chosen.key.read_text()), chosen.figure)
 
 
 if __name__ == "__main__":

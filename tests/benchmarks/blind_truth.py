@@ -1,13 +1,13 @@
 """Pool campaigns with a known truth, for the blind benchmark: nothing here knows the library's equations.
 
-Own integrator (Runge-Kutta 4, fixed fine step, all runs at once), own laws, in other forms than the library's where
+Its integrator (Runge-Kutta 4, fixed fine step, all runs at once) and its laws take other forms than the library's where
 nature allows: a dead-band that cuts, a battery that sags by the charge drawn, water stirred up by a turbulent law, dry
-friction that sticks, a compass with iron beside it, waves that meet every run at another phase. Moments are in units
-`scale`; all sizes below are for a scale of one and a largest moment of LARGEST.
+friction that sticks, waves that meet every run at another phase. Moments are in units `scale`; all sizes below are for
+a scale of one and a largest moment of LARGEST.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,8 @@ MEMORY = 0.03 * 3.0 ** np.arange(7)  # s, times whose exponentials together make
 
 @dataclass(frozen=True)
 class Plan:
-    """What is commanded: per run the instants of change [s in the run] and the moments from then on.
-
-    `length` (R,) [s], `clock` (R,) [s] at which each run starts, `heading` (R,) [rad] at the start, `rate` [Hz].
-    """
+    """What is commanded: per run the instants of change [s in the run] and the moments from then on; `length` (R,) [s],
+    `clock` (R,) [s] and `heading` (R,) [rad] at the start, `rate` [Hz]."""
 
     instants: tuple[Floats, ...]
     moments: tuple[Floats, ...]
@@ -37,10 +35,8 @@ class Plan:
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Inertia, quadratic and linear drag in units `scale`, and the sizes of the laws that are hidden, by name.
-
-    The laws are those of `delivered` (thrusters), `_slope` (moments and water) and `_read` (sensor).
-    """
+    """Inertia, quadratic and linear drag in units `scale`, and the sizes of the laws that are hidden, by name: those of
+    `delivered` (thrusters), `_slope` (moments and water) and `_read` (sensor)."""
 
     inertia: float
     quadratic: float
@@ -75,9 +71,6 @@ class Chance:
             random.uniform(0, 1, (runs, 6)) * length[:, None],
         )
 
-    def without_scatter(self) -> "Chance":
-        return replace(self, gain=np.ones_like(self.gain))
-
 
 def commanded(plan: Plan, step: float, delay: float) -> Floats:
     """Mean moment over every fine step (R, M): a change inside a step counts for its share; `delay` is a shift."""
@@ -103,8 +96,8 @@ def delivered(plan: Plan, vehicle: Vehicle, step: float) -> Floats:
         u = u - np.clip(u, -band, band)
     if bend := vehicle.size("exponent"):
         u = u * (np.maximum(np.abs(u), 1e-12) / LARGEST) ** -bend
-    if play := vehicle.size("hysteresis"):
-        u = _play(u, play)
+    if play := vehicle.size("hysteresis"):  # what is delivered follows once the command has moved by `play`
+        u = _followed(u, lambda now, aim: np.clip(now, aim - play, aim + play))
     if short := vehicle.size("saturation"):
         u = np.clip(u, -LARGEST * (1 - short), LARGEST * (1 - short))
     if short := vehicle.size("soft-saturation"):
@@ -118,8 +111,8 @@ def delivered(plan: Plan, vehicle: Vehicle, step: float) -> Floats:
         u = u / (1.0 + droop * np.abs(u) / LARGEST)
     if spent := vehicle.size("sag-charge"):
         u = u * (1.0 - spent * _charge(u, plan))
-    if droop := vehicle.size("sag-slow"):
-        u = u * (1.0 - droop * _charged(np.abs(u) / LARGEST, step))
+    if droop := vehicle.size("sag-slow"):  # a capacitor of 4 s follows the load, at the end of each step
+        u = u * (1.0 - droop * _followed(np.abs(u) / LARGEST, lambda now, load: now + step / 4.0 * (load - now)))
     if warm := vehicle.size("temperature"):
         clock = plan.clock[:, None] + step * np.arange(u.shape[1])
         u = u * (1.0 + warm * np.sin(2 * np.pi * clock / (0.6 * plan.clock.max())))
@@ -155,21 +148,11 @@ def _stalling(u: Floats, width: float) -> Floats:
     return out
 
 
-def _charged(load: Floats, step: float) -> Floats:
-    """A capacitor of 4 s that follows the load, at the end of each step."""
-    out, now = np.empty_like(load), np.zeros(len(load))
-    for m in range(load.shape[1]):
-        now = now + step / 4.0 * (load[:, m] - now)
-        out[:, m] = now
-    return out
-
-
-def _play(u: Floats, width: float) -> Floats:
-    """Backlash: what is delivered follows only once the command has moved by `width`."""
+def _followed(u: Floats, step: Callable[[Floats, Floats], Floats]) -> Floats:
+    """What follows `u` (R, M) from zero on, column by column."""
     out, now = np.empty_like(u), np.zeros(len(u))
     for m in range(u.shape[1]):
-        now = np.clip(now, u[:, m] - width, u[:, m] + width)
-        out[:, m] = now
+        out[:, m] = now = step(now, u[:, m])
     return out
 
 
@@ -185,11 +168,11 @@ def headings(plan: Plan, vehicle: Vehicle, chance: Chance, step: float = STEP) -
     out[:, 0] = y[0]
     dry = vehicle.scale * vehicle.size("coulomb")
     for m in range(steps):
-        t, aim = m * step, u[:, m]
-        k1 = _slope(t, y, aim, lag, plan, vehicle, chance, dry)
-        k2 = _slope(t + step / 2, y + step / 2 * k1, aim, lag, plan, vehicle, chance, dry)
-        k3 = _slope(t + step / 2, y + step / 2 * k2, aim, lag, plan, vehicle, chance, dry)
-        k4 = _slope(t + step, y + step * k3, aim, lag, plan, vehicle, chance, dry)
+        t, rest = m * step, (u[:, m], lag, plan, vehicle, chance, dry)
+        k1 = _slope(t, y, *rest)
+        k2 = _slope(t + step / 2, y + step / 2 * k1, *rest)
+        k3 = _slope(t + step / 2, y + step / 2 * k2, *rest)
+        k4 = _slope(t + step, y + step * k3, *rest)
         new = y + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         if dry:  # what crosses rest within a step sticks there until the moment overcomes the friction
             new[1] = np.where(y[1] * new[1] < 0, 0.0, new[1])
@@ -287,9 +270,8 @@ def surge(last: Floats, time: Floats) -> Floats:
 def _read(psi: Floats, vehicle: Vehicle, step: float) -> Floats:
     """What the sensor makes of true headings (R, M + 1)."""
     hard, soft = vehicle.size("hard-iron"), vehicle.size("soft-iron")
-    if hard or soft:  # two magnetometers, one with an offset, one with another gain
-        x, y = (1 + soft) * np.cos(psi) + 0.6 * hard, (1 - soft) * np.sin(psi) + hard
-        psi = psi + np.angle(np.exp(1j * (np.arctan2(y, x) - psi)))
+    if hard or soft:
+        psi = compass(psi, hard, soft)
     if late := vehicle.size("sensor-lag"):
         out, now = psi.copy(), psi[:, 0].copy()
         keep = np.exp(-step / late)
@@ -298,3 +280,9 @@ def _read(psi: Floats, vehicle: Vehicle, step: float) -> Floats:
             out[:, m] = now
         psi = out
     return psi + vehicle.size("gyro-drift") * step * np.arange(psi.shape[1])
+
+
+def compass(heading: Floats, hard: float, soft: float) -> Floats:
+    """What two magnetometers make of true headings [rad] with iron on board: each has an offset and its own gain."""
+    x, y = (1 + soft) * np.cos(heading) + 0.6 * hard, (1 - soft) * np.sin(heading) + hard
+    return heading + np.angle(np.exp(1j * (np.arctan2(y, x) - heading)))

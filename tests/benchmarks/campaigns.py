@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
@@ -14,25 +15,17 @@ from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
 
-INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2
 NOISE = np.deg2rad(1.0)
 PERIOD = 0.1  # s
 REST = 30  # samples before the step
 BOTH_SIDES = tuple(sign * m / 10 for m in range(1, 13) for sign in (-1, 1))
-
-LARGE = tuple(2 * [*BOTH_SIDES])
+LARGE = 2 * BOTH_SIDES
 """48 runs: |tau| 0.1 to 1.2 to both sides, two each."""
-
-MEDIUM = BOTH_SIDES
-"""24 runs: the same moments, one each."""
-
-SMALL = tuple(2 * [-1.0, -0.6, -0.2, 0.2, 0.6, 1.0])
-"""12 runs at 6 moments."""
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """R runs and their truth: moments (R,), start headings (R,) [rad]; every command switched at time 0."""
+    """R runs and their truth: start headings (R,) [rad]; every command switched at time 0."""
 
     runs: tuple[Run, ...]
     start_heading: Floats
@@ -46,14 +39,11 @@ def make_campaign(
     k_rr: float = K_RR,
     scatter: float = 0.0,
     noise: float = NOISE,
-    rate_noise: float | None = None,
-    rate_bias: float = 0.0,
 ) -> Campaign:
     """Rest, then a step of each moment held past half a turn; the log's clock begins anywhere in a period.
 
     `scatter` is the standard deviation of the logarithm of each run's moment delivered over commanded, `noise` that of
-    the heading [rad]; `rate_noise` that of a gyro [rad/s], if there is one, and `rate_bias` the standard deviation of
-    what it adds in each run.
+    the heading [rad].
     """
     random = np.random.default_rng(seed)
     start = random.uniform(-np.pi, np.pi, len(moments))
@@ -62,14 +52,9 @@ def make_campaign(
         delivered = moment * np.exp(scatter * random.standard_normal())
         last = round(_length(abs(moment), k_r, k_rr) / PERIOD)
         time = PERIOD * (np.arange(-REST, last, dtype=float) + random.uniform())
-        heading, rate = response(time, delivered, INERTIA, k_r, k_rr, heading0)
+        heading, _ = response(time, delivered, INERTIA, k_r, k_rr, heading0)
         noisy = heading + noise * random.standard_normal(len(time))
-        extras = {}
-        if rate_noise is not None:
-            biased = rate + rate_bias * random.standard_normal()
-            extras = {"yaw_rate": biased + rate_noise * random.standard_normal(len(time))}
-        command = np.where(time > 0, moment, 0.0)
-        runs.append(Run(f"run {i}", "simulated", time, noisy, command, "nu", extras, dof=YAW))
+        runs.append(Run(f"run {i}", "simulated", time, noisy, np.where(time > 0, moment, 0.0), "nu", dof=YAW))
     return Campaign(tuple(runs), start)
 
 
@@ -84,13 +69,11 @@ def known_half_turns(campaign: Campaign) -> StepData:
     """The half-turns by the tool's own rule, without rest, on the true instant and start heading."""
     turns, _ = half_turns(campaign.runs)
     zero = {run.name: heading for run, heading in zip(campaign.runs, campaign.start_heading)}
-    data = step_data(
+    return step_data(
         [turn.name for turn in turns],
         [turn.time for turn in turns],
         [turn.position - zero[turn.name] for turn in turns],
         [turn.moment for turn in turns],
         [turn.switch_to - turn.switch_from for turn in turns],
-        turns[0].step.run.dof,
+        YAW,
     )
-    rates = [turn.step.run.extras["yaw_rate"] for turn in turns if "yaw_rate" in turn.step.run.extras]
-    return data.rated([rate[turn.kept] for rate, turn in zip(rates, turns)]) if rates else data

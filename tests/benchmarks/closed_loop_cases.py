@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from closed_loop_truth import INTERVAL, Chance, Floats, Log, Pilot, Vehicle, Voyage, sail
+from closed_loop_truth import INTERVAL, Chance, Log, Pilot, Vehicle, Voyage, sail
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
-FITTED, KEPT = 10, 4
+FITTED, HELD_OUT = 10, 4
 DEGREE = np.pi / 180
 
 
@@ -23,7 +23,7 @@ class Kind:
     """What a campaign hides: the library's names for it (`right`), the truth's laws with their sizes, and surroundings.
 
     `drags` are the base models to draw from, `disturbance` the range of its size [share of M], `unsteady` that of the
-    thrust's unsteadiness, None for some in one campaign of four. `steered` logs the surge that turns the vehicle.
+    thrust's unsteadiness, None for some in one campaign of four. `surge` logs the surge that turns the vehicle.
     """
 
     right: tuple[str, ...] = ()
@@ -63,49 +63,36 @@ largest moment, at the largest rate or a surge of 1 m/s where it grows with thes
 
 SIGNED = {"thrust-asymmetry", "drag-asymmetry", "coupling", "bias", "push", "hard-iron", "soft-iron"}
 
-LOOK_ALIKES: dict[str, frozenset[str]] = {
-    name: frozenset(group) - {name}
-    for name, *group in (
-        ("input-delay", "thruster-lag", "sensor-lag"),
-        ("thruster-lag", "input-delay", "sensor-lag"),
-        ("sensor-lag", "input-delay", "thruster-lag"),
-        ("dead-band", "coulomb-drag", "thrust-exponent", "linear-drag"),
-        ("coulomb-drag", "dead-band", "linear-drag", "thrust-exponent"),
-        ("linear-drag", "coulomb-drag", "thrust-loss", "dead-band", "thrust-exponent"),
-        ("cubic-drag", "saturation", "battery-sag", "thrust-exponent", "thrust-loss", "quadratic-drag"),
-        ("saturation", "cubic-drag", "battery-sag", "thrust-exponent"),
-        ("battery-sag", "voltage-exponent"),
-        ("thrust-loss", "linear-drag", "quadratic-drag", "cubic-drag"),
-        ("thrust-asymmetry", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment"),
-        ("drag-asymmetry", "thrust-asymmetry", "linear-drag-asymmetry", "bias-moment"),
-        ("bias-moment", "thrust-asymmetry", "drag-asymmetry", "linear-drag-asymmetry", "gyro-drift"),
-        ("cross-coupling", "linear-drag", "thrust-loss"),
-        ("tether-spring", "water-swirl", "heading-moment"),
-        ("heading-moment", "compass-deviation", "tether-spring"),
-        ("compass-deviation", "heading-moment"),
-    )
+LOOK_ALIKES = {
+    "input-delay": {"thruster-lag", "sensor-lag"},
+    "thruster-lag": {"input-delay", "sensor-lag"},
+    "sensor-lag": {"input-delay", "thruster-lag"},
+    "dead-band": {"coulomb-drag", "thrust-exponent", "linear-drag"},
+    "coulomb-drag": {"dead-band", "linear-drag", "thrust-exponent"},
+    "linear-drag": {"coulomb-drag", "thrust-loss", "dead-band", "thrust-exponent"},
+    "cubic-drag": {"saturation", "battery-sag", "thrust-exponent", "thrust-loss", "quadratic-drag"},
+    "saturation": {"cubic-drag", "battery-sag", "thrust-exponent"},
+    "battery-sag": {"voltage-exponent"},
+    "thrust-loss": {"linear-drag", "quadratic-drag", "cubic-drag"},
+    "thrust-asymmetry": {"drag-asymmetry", "linear-drag-asymmetry", "bias-moment"},
+    "drag-asymmetry": {"thrust-asymmetry", "linear-drag-asymmetry", "bias-moment"},
+    "bias-moment": {"thrust-asymmetry", "drag-asymmetry", "linear-drag-asymmetry", "gyro-drift"},
+    "cross-coupling": {"linear-drag", "thrust-loss"},
+    "tether-spring": {"water-swirl", "heading-moment"},
+    "heading-moment": {"compass-deviation", "tether-spring"},
+    "compass-deviation": {"heading-moment"},
 }
 """What may stand in an effect's place if the verdict lists it as a rival."""
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """A case made: logs to fit and held out, the base model that a user would bring, and what was true.
+    """Logs to fit and held out, the base model that a user would bring, and what nobody logs."""
 
-    `largest` is the moment M [N m]; `log` and `voyage` hold all runs, of which the first `lengths` samples were logged.
-    """
-
-    kind: Kind
     fitted: tuple[Run, ...]
-    kept: tuple[Run, ...]
+    held_out: tuple[Run, ...]
     base: YawModel
-    vehicle: Vehicle
-    largest: float
-    pilot: Pilot
     chance: Chance
-    voyage: Voyage
-    log: Log
-    lengths: tuple[int, ...]
 
 
 def make(name: str, seed: int, gyro: bool = False) -> Campaign:
@@ -116,12 +103,8 @@ def make(name: str, seed: int, gyro: bool = False) -> Campaign:
     signs = {law: float(random.choice([-1.0, 1.0])) if law in SIGNED else 1.0 for law in kind.hidden}
     hidden = {law: signs[law] * value for law, value in kind.hidden.items()}
     hidden["push-at"] = float(random.uniform(0.0, 2 * np.pi))
-    vehicle = Vehicle(
-        time=float(random.uniform(0.3, 2.0)),
-        fastest=float(random.uniform(30.0, 120.0) * DEGREE),
-        linear=linear,
-        hidden=hidden,
-    )
+    time, fastest = float(random.uniform(0.3, 2.0)), float(random.uniform(30.0, 120.0) * DEGREE)
+    vehicle = Vehicle(time, fastest, linear, hidden)
     inertia = float(np.exp(random.uniform(np.log(0.05), np.log(30.0))))  # kg m^2, small ROV to boat
     some = (0.1, 0.3) if random.random() < 0.25 else (0.0, 0.0)
     chance = Chance(
@@ -134,7 +117,7 @@ def make(name: str, seed: int, gyro: bool = False) -> Campaign:
         gyro_bias=0.5 * DEGREE,
     )
     pilot = draw_pilot(random, vehicle, gyro)
-    lengths = tuple(int(n) for n in random.integers(600, 901, FITTED + KEPT))
+    lengths = tuple(int(n) for n in random.integers(600, 901, FITTED + HELD_OUT))
     decoy = random.random() < 0.25
     voyage = draw_voyage(random, lengths)
     log = sail(vehicle, pilot, voyage, chance, random)
@@ -142,7 +125,7 @@ def make(name: str, seed: int, gyro: bool = False) -> Campaign:
     runs = [
         logged(i, length, voyage, log, largest, gyro, kind.surge or decoy, random) for i, length in enumerate(lengths)
     ]
-    out = set(random.choice(len(runs), KEPT, replace=False).tolist())
+    out = set(random.choice(len(runs), HELD_OUT, replace=False).tolist())
     quadratic, straight = largest / vehicle.fastest**2, largest / vehicle.fastest
     values = {
         "1": [0.85 * straight],
@@ -150,17 +133,10 @@ def make(name: str, seed: int, gyro: bool = False) -> Campaign:
         "3": [0.85 * quadratic],
     }[drag]
     return Campaign(
-        kind=kind,
-        fitted=tuple(run for i, run in enumerate(runs) if i not in out),
-        kept=tuple(runs[i] for i in sorted(out)),
-        base=YawModel.base(drag, 1.2 * inertia, values, "N m", YAW),
-        vehicle=vehicle,
-        largest=largest,
-        pilot=pilot,
-        chance=chance,
-        voyage=voyage,
-        log=log,
-        lengths=lengths,
+        tuple(run for i, run in enumerate(runs) if i not in out),
+        tuple(runs[i] for i in sorted(out)),
+        YawModel.base(drag, 1.2 * inertia, values, "N m", YAW),
+        chance,
     )
 
 
@@ -197,18 +173,9 @@ def logged(
     i: int, length: int, voyage: Voyage, log: Log, largest: float, gyro: bool, surge: bool, random: np.random.Generator
 ) -> Run:
     """Run `i` as a logger keeps it: heading unwrapped, commands in N m, and what other sensors there are."""
-    extras: dict[str, Floats] = {}
-    if gyro:
-        extras["yaw_rate"] = log.gyro[:length, i].copy()
+    extras = {"yaw_rate": log.gyro[:length, i].copy()} if gyro else {}
     if surge:
         extras["surge"] = voyage.surge[:length, i] + 0.02 * random.standard_normal(length)
-    return Run(
-        name=f"run_{i:02d}",
-        source=f"run_{i:02d}.csv",
-        time=voyage.clock[i] + INTERVAL * np.arange(length),
-        position=np.unwrap((log.compass[:length, i] + np.pi) % (2 * np.pi) - np.pi),
-        moment=largest * log.command[:length, i],
-        moment_unit="N m",
-        extras=extras,
-        dof=YAW,
-    )
+    name, time = f"run_{i:02d}", voyage.clock[i] + INTERVAL * np.arange(length)
+    heading = np.unwrap((log.compass[:length, i] + np.pi) % (2 * np.pi) - np.pi)
+    return Run(name, f"{name}.csv", time, heading, largest * log.command[:length, i], "N m", extras, dof=YAW)

@@ -1,6 +1,6 @@
-"""Vehicles steered by a heading controller in disturbed water, with a known truth: own equations, not the library's.
+"""Vehicles steered by a heading controller in disturbed water, with a known truth: not the library's equations.
 
-Everything is told in the vehicle's own measures. Moments are shares of the largest moment M, yaw rates x = r/R shares
+Everything is in the vehicle's measures. Moments are shares of the largest moment M, yaw rates x = r/R shares
 of the rate R that M would hold against the base drag, so that
 
     psi' = R x,    time x' = thrust + disturbance + hidden moments - (1 - linear) x|x| - linear x,
@@ -14,9 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from blind_truth import Floats, compass
 
 STEP = 0.005  # s, of the integrator
 INTERVAL = 0.1  # s, of controller and logger
@@ -47,10 +45,8 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Pilot:
-    """Heading controller: shares of M by error [1/rad], by rate [s/rad] and by summed error [1/(rad s)].
-
-    The rate is the gyro's if `gyro`, else that of the heading's differences, smoothed over `smoothing` [s].
-    """
+    """Heading controller: shares of M by error [1/rad], by rate [s/rad], by summed error [1/(rad s)]; the rate is the
+    gyro's if `gyro`, else that of the heading's differences, smoothed over `smoothing` [s]."""
 
     error: float
     rate: float
@@ -86,13 +82,11 @@ class Chance:
 
 @dataclass(frozen=True)
 class Log:
-    """Samples (N, R): compass [rad] and gyro [rad/s] as read, command [share of M], and the true heading and rate."""
+    """Samples (N, R): compass [rad] and gyro [rad/s] as read, command [share of M]."""
 
     compass: Floats
     gyro: Floats
     command: Floats
-    heading: Floats
-    rate: Floats
 
 
 def sail(vehicle: Vehicle, pilot: Pilot, voyage: Voyage, chance: Chance, random: np.random.Generator) -> Log:
@@ -107,17 +101,19 @@ def sail(vehicle: Vehicle, pilot: Pilot, voyage: Voyage, chance: Chance, random:
 
     heading: Floats = voyage.start.copy()
     x: Floats = random.uniform(-0.2, 0.2, runs)
-    late = vehicle.size("sensor-lag")
-    needle = compass(heading, vehicle) - late * vehicle.fastest * x
-    summed, before, turning = np.zeros(runs), needle + compass_noise[0], np.zeros(runs)
-    log = Log(*(np.zeros((samples, runs)) for _ in range(5)))
-    for k in range(samples):
-        log.heading[k], log.rate[k] = heading, vehicle.fastest * x
-        log.compass[k] = (needle if late else compass(heading, vehicle)) + compass_noise[k]
-        log.gyro[k] = log.rate[k] + gyro_noise[k]
+    late, iron = vehicle.size("sensor-lag"), (vehicle.size("hard-iron"), vehicle.size("soft-iron"))
 
-        share = INTERVAL / (INTERVAL + pilot.smoothing)
-        turning += share * ((log.compass[k] - before) / INTERVAL - turning)
+    def shown() -> Floats:
+        return compass(heading, *iron) if any(iron) else heading.copy()
+
+    needle = shown() - late * vehicle.fastest * x
+    summed, before, turning = np.zeros(runs), needle + compass_noise[0], np.zeros(runs)
+    log = Log(*(np.zeros((samples, runs)) for _ in range(3)))
+    for k in range(samples):
+        log.compass[k] = (needle if late else shown()) + compass_noise[k]
+        log.gyro[k] = vehicle.fastest * x + gyro_noise[k]
+
+        turning += INTERVAL / (INTERVAL + pilot.smoothing) * ((log.compass[k] - before) / INTERVAL - turning)
         before = log.compass[k]
         error = (voyage.setpoint[k] - log.compass[k] + np.pi) % (2 * np.pi) - np.pi
         wanted = pilot.error * error - pilot.rate * (log.gyro[k] if pilot.gyro else turning) + summed
@@ -133,7 +129,7 @@ def sail(vehicle: Vehicle, pilot: Pilot, voyage: Voyage, chance: Chance, random:
             new = np.sign(new) * np.maximum(np.abs(new) - STEP * vehicle.size("dry") / vehicle.time, 0.0)
             heading, x = heading + STEP / 2 * vehicle.fastest * (x + new), new
             if late:
-                needle += (compass(heading, vehicle) - needle) * -np.expm1(-STEP / late)
+                needle += (shown() - needle) * -np.expm1(-STEP / late)
     return log
 
 
@@ -175,15 +171,6 @@ class Thrusters:
         self.speed, middle = wanted + self.keep * gap, wanted + np.sqrt(self.keep) * gap
         spent = ((self.clock + m * STEP) / self.whole) ** 1.3
         return self.gain * (1.0 - size("discharge") * spent) * middle * np.abs(middle)
-
-
-def compass(heading: Floats, vehicle: Vehicle) -> Floats:
-    """What two magnetometers make of true headings [rad] with iron on board: one is offset, the other scaled."""
-    hard, soft = vehicle.size("hard-iron"), vehicle.size("soft-iron")
-    if not hard and not soft:
-        return heading.copy()
-    x, y = (1 + soft) * np.cos(heading) + 0.6 * hard, (1 - soft) * np.sin(heading) + hard
-    return heading + np.angle(np.exp(1j * (np.arctan2(y, x) - heading)))
 
 
 def wander(random: np.random.Generator, steps: int, runs: int, lasting: float) -> Floats:

@@ -1,13 +1,19 @@
-"""Efficiency: the Cramer-Rao bound over the mean square error of inertia and drag, for both estimators."""
+"""Efficiency: the Cramer-Rao bound over the mean square error of inertia and drag, for both estimators.
+
+The bound of model 3 has its own algebra. With x = sqrt(|tau| k) t/I the heading is psi0 + sgn(tau) (I/k) ln cosh x, so
+
+    dpsi/dI = sgn(tau) (ln cosh x - x tanh x)/k,       dpsi/dk = sgn(tau) (I/k²) (x tanh x/2 - ln cosh x),
+    dpsi/dt0 = -sgn(tau) sqrt(|tau|/k) tanh x,         all zero before the step.
+"""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
-from bounds import bound, fisher_information
-from campaigns import INERTIA, K_RR, NOISE, PERIOD, known_half_turns, make_campaign
+from campaigns import NOISE, PERIOD, known_half_turns, make_campaign
+from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtr
 
 from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.known import Known
@@ -20,7 +26,7 @@ from automarine_cli.runs.half_turn import half_turns
 Floats = NDArray[np.float64]
 
 TRUTH = (INERTIA, K_RR)
-WANTED = 0.9
+REQUIRED = 0.9
 STREAM = 1
 
 ALL_KNOWN = "ML, start heading, instant and equal gains known"
@@ -28,100 +34,109 @@ SCATTER_FREE = "ML, start heading and instant known"
 NOTHING_KNOWN = "ML, nothing known"
 SEED_METHOD = "paper's method, start heading and instant known"
 SEED_UNKNOWN = "paper's method, nothing known"
-ESTIMATORS = (ALL_KNOWN, SCATTER_FREE, NOTHING_KNOWN, SEED_METHOD, SEED_UNKNOWN)
+EXACT = {ALL_KNOWN: True, SCATTER_FREE: True, NOTHING_KNOWN: False, SEED_METHOD: True, SEED_UNKNOWN: False}
+"""The estimators; whether their bound is that of a known start heading and instant, or of an instant uniform in its
+sample interval."""
 
-BOUND_KNOWN = "start heading and instant known"
-BOUND_UNIFORM = "nothing known; each instant uniform in its sample interval"
-BOUND_NORMAL = "as the last, but normal with equal variance"
-BOUND_OFFSET = "uniform, with the intervals' common offset unknown as well"
-BOUNDS = (BOUND_KNOWN, BOUND_UNIFORM, BOUND_NORMAL, BOUND_OFFSET)
-OWN_BOUND = dict(zip(ESTIMATORS, (BOUND_KNOWN, BOUND_KNOWN, BOUND_UNIFORM, BOUND_KNOWN, BOUND_UNIFORM), strict=True))
+
+def bound(time: Floats, observed: NDArray[np.bool_], moment: Floats, exact: bool) -> Floats:
+    """Smallest variances of unbiased estimates of I and k as shares of their squares, (2,).
+
+    `time` (R, N) [s] since the true switch, `observed` (R, N), `moment` (R,). Where not all is known `exact`ly, each
+    run's start heading is free (samples with negative time are its rest), and its instant lies anywhere in a sample
+    interval: the information is that in the marginal density, the response being linear in the instant.
+    """
+    inertia, k = TRUTH
+    side = np.sign(moment)[:, None] * observed
+    size = np.abs(moment)[:, None]
+    x = np.sqrt(size * k) * np.maximum(time, 0.0) / inertia
+    log_cosh = x - np.log(2.0) + np.log1p(np.exp(-2.0 * x))
+    by_inertia = side * (log_cosh - x * np.tanh(x)) / k
+    by_drag = side * inertia / k**2 * (x * np.tanh(x) / 2.0 - log_cosh)
+    columns = np.stack([by_inertia, by_drag], axis=2) / NOISE
+    by_instant = -side * np.sqrt(size / k) * np.tanh(x) / NOISE
+    total = np.zeros((2, 2))
+    for i, mask in enumerate(observed):
+        j, v = columns[i][mask], by_instant[i][mask]
+        if exact:
+            total += j.T @ j
+            continue
+        j, v = j - j.mean(axis=0), v - v.mean()
+        slope = j.T @ v / (v @ v)  # how the run's estimated instant moves with (I, k)
+        rest = j - np.outer(v, slope)
+        total += rest.T @ rest + location_information(1.0 / np.sqrt(v @ v), PERIOD) * np.outer(slope, slope)
+    return np.asarray(np.diagonal(np.linalg.inv(total)) / np.square(TRUTH))
+
+
+def location_information(sd: float, width: float) -> float:
+    """Information on the centre in one reading with normal error `sd` of a point drawn uniformly from a `width` around
+    that centre: the integral of g'²/g of the density g = (Phi(a) - Phi(b))/width."""
+    x = np.linspace(-8.0 * sd, width / 2.0 + 8.0 * sd, 20001) - width / 2.0  # the left edge is enough
+    x = x[x <= 0.0]
+    low, high = (x + width / 2.0) / sd, (x - width / 2.0) / sd
+    density = np.exp(log_ndtr(low)) - ndtr(high)
+    slope = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / np.sqrt(2.0 * np.pi) / sd
+    return float(2.0 * np.trapezoid(slope**2 / np.maximum(density, 1e-300), x) / width)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One simulated campaign: relative errors of (I, k) and relative variance bounds, by name."""
+    """One simulated campaign: relative errors of (I, k) by estimator, and relative variance bounds."""
 
     errors: dict[str, Floats]
-    bounds: dict[str, Floats]
+    bounds: dict[bool, Floats]
     converged: bool
 
 
 def run_trial(index: int) -> Trial:
     """Simulate the campaign of that number and fit it every way."""
     campaign = make_campaign([STREAM, index])
-    known = known_half_turns(campaign)
+    informed = known_half_turns(campaign)
     turns, _ = half_turns(campaign.runs)
-    unknown = half_turn_data(turns)
+    blind = half_turn_data(turns)
     fits = {
-        ALL_KNOWN: _fit(known, Known(start_heading=True, switch_instant=True, gain=True)),
-        SCATTER_FREE: _fit(known, Known(start_heading=True, switch_instant=True)),
-        NOTHING_KNOWN: _fit(unknown, Known()),
+        ALL_KNOWN: _fit(informed, Known(start_heading=True, switch_instant=True, gain=True)),
+        SCATTER_FREE: _fit(informed, Known(start_heading=True, switch_instant=True)),
+        NOTHING_KNOWN: _fit(blind, Known()),
     }
-    found = {name: fit.mixed.theta[:2] for name, fit in fits.items()}
-    for name, data in ((SEED_METHOD, known), (SEED_UNKNOWN, unknown)):
+    estimates = {name: fit.mixed.theta[:2] for name, fit in fits.items()}
+    for name, data in ((SEED_METHOD, informed), (SEED_UNKNOWN, blind)):
         seed = fit_velocity_error(data, np.zeros(len(data.moment)))
-        found[name] = np.array([seed.inertia["3"].overall.value, seed.drag["3"].drag[1]])
-    return Trial(
-        {name: values / TRUTH - 1.0 for name, values in found.items()},
-        _bounds(known, unknown, np.array([turn.step.switch_mid for turn in turns])),
-        all(fit.mixed.converged for fit in fits.values()),
-    )
+        estimates[name] = np.array([seed.inertia["3"].overall.value, seed.drag["3"].drag[1]])
+    since = blind.time + np.array([turn.step.switch_mid for turn in turns])[:, None]  # the true switch is at 0
+    bounds = {
+        True: bound(informed.time, informed.observed, informed.moment, exact=True),
+        False: bound(since, blind.observed, blind.moment, exact=False),
+    }
+    errors = {name: values / TRUTH - 1.0 for name, values in estimates.items()}
+    return Trial(errors, bounds, all(fit.mixed.converged for fit in fits.values()))
 
 
 def _fit(data: StepData, known: Known) -> OutputErrorFit:
     return fit_half_turns(data, "3", (1.2 * INERTIA, 0.0, 0.8 * K_RR), "nu", known)
 
 
-def _bounds(known: StepData, unknown: StepData, middle: Floats) -> dict[str, Floats]:
-    information = partial(fisher_information, truth=TRUTH, noise=NOISE, interval=PERIOD)
-    first = information(known.time, known.observed, known.moment)
-    since = unknown.time + middle[:, None]  # the true switch is at 0
-    uniform = information(since, unknown.observed, unknown.moment, instants="uniform")
-    normal = information(since, unknown.observed, unknown.moment, instants="gaussian")
-    variances = (bound(first), bound(uniform, offset_known=True), bound(normal, offset_known=True), bound(uniform))
-    return {name: variance / np.square(TRUTH) for name, variance in zip(BOUNDS, variances)}
-
-
 def efficiency(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:
     """Tables and plain results of `count` campaigns."""
     trials = ordered_map(run_trial, range(count), jobs, progress=progress, stage="efficiency")
-    limits = {name: np.mean([trial.bounds[name] for trial in trials], axis=0) for name in BOUNDS}
-    rows, found = [], {}
-    for name in ESTIMATORS:
+    rows, ratios = [], {}
+    for name, exact in EXACT.items():
         errors = np.array([trial.errors[name] for trial in trials])
-        squares = errors**2
-        mse = squares.mean(axis=0)
-        ratio = limits[OWN_BOUND[name]] / mse
-        doubt = ratio * squares.std(axis=0, ddof=1) / np.sqrt(count) / mse
-        bias, sd = errors.mean(axis=0), errors.std(axis=0, ddof=1)
-        rows.append((name, *(cell for i in (0, 1) for cell in _cells(bias[i], sd[i], ratio[i], doubt[i]))))
-        found[name] = {
-            parameter: {
-                "bias": bias[i], "sd": sd[i], "bound_sd": np.sqrt(limits[OWN_BOUND[name]][i]),
-                "efficiency": ratio[i], "monte_carlo_error": doubt[i],
-            }
-            for i, parameter in enumerate(("I_r", "k_rr"))
-        }  # fmt: skip
-    rivals = [found[NOTHING_KNOWN][p]["efficiency"] for p in ("I_r", "k_rr")]
-    pair = [found[SCATTER_FREE][p]["efficiency"] for p in ("I_r", "k_rr")]
+        limit, mse = np.mean([trial.bounds[exact] for trial in trials], axis=0), (errors**2).mean(axis=0)
+        ratio = ratios[name] = limit / mse
+        doubt = ratio * (errors**2).std(axis=0, ddof=1) / np.sqrt(count) / mse
+        bias, sd = 100 * errors.mean(axis=0), 100 * errors.std(axis=0, ddof=1)
+        row: dict[str, Any] = {"estimator": name}
+        for i, p in enumerate("Ik"):
+            row |= {f"{p} bias %": bias[i], f"{p} sd %": sd[i], f"{p} bound %": 100 * np.sqrt(limit[i]),
+                    f"{p} efficiency": ratio[i], f"{p} ±": doubt[i]}  # fmt: skip
+        rows.append(row)
+    reached = min(ratios[SCATTER_FREE])
     notes = (
-        f"Required: at least {WANTED} for maximum likelihood with start heading and instant known: "
-        f"{'reached' if min(pair) >= WANTED else 'MISSED'} ({pair[0]:.2f} and {pair[1]:.2f}).",
-        f"With nothing known it reaches {rivals[0]:.2f} and {rivals[1]:.2f} of the bound for instants uniform in "
-        "their intervals, start headings from 3 s of rest.",
+        f"Required: at least {REQUIRED} for maximum likelihood with start heading and instant known: "
+        f"{'reached' if reached >= REQUIRED else 'MISSED'} ({reached:.2f}).",
+        "± is the Monte-Carlo error; with nothing known the bound is that of instants uniform in their intervals.",
         f"Fits that converged: {sum(trial.converged for trial in trials)} of {count}.",
     )
     title = f"Efficiency (bound / mean square error) over {count} campaigns: 48 runs, 10 Hz, 1 degree, no scatter"
-    header = ("estimator", "I bias %", "I sd %", "I efficiency", "k bias %", "k sd %", "k efficiency")
-    own = Table("Cramer-Rao bounds of the same campaigns", ("known", "I sd %", "k sd %"),
-                tuple((name, *(f"{100 * np.sqrt(v):.3f}" for v in limits[name])) for name in BOUNDS))  # fmt: skip
-    sds = {name: dict(zip(("I_r", "k_rr"), np.sqrt(limits[name]))) for name in BOUNDS}
-    converged = sum(trial.converged for trial in trials)
-    results = {"campaigns": count, "bound_sd": sds, "estimators": found, "converged": converged}
-    return [own, Table(title, header, tuple(rows), notes=notes)], results
-
-
-def _cells(bias: float, sd: float, ratio: float, doubt: float) -> tuple[str, str, str]:
-    digits = 2 if ratio > 0.2 else 3
-    return f"{100 * bias:+.3f}", f"{100 * sd:.3f}", f"{ratio:.{digits}f} ± {doubt:.{digits}f}"
+    return [Table.of(title, rows, notes)], {"campaigns": count, "estimators": rows}

@@ -1,240 +1,226 @@
-"""Coverage: how often 95 % intervals hold the truth, for both estimators of a yaw model.
+"""Coverage: how often 95 % intervals hold the truth: of both estimators of a yaw model, with --effects of the sizes of
+effects planted in whole runs (the library's likelihood fits the base model with the effect, as a diagnosis does once it
+has named it), with --thrusters of the coefficients of equation 2 from bollard tests.
 
 Usage: python tests/benchmarks/interval_coverage.py [--effects | --thrusters] [--campaigns N] [--jobs N]
 """
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, and for the processes: each has one core
-
-import argparse
-from collections.abc import Sequence
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import arguments
 import numpy as np
-from campaigns import INERTIA, K_RR, LARGE, MEDIUM, make_campaign
-from numpy.typing import NDArray
+from campaigns import BOTH_SIDES, LARGE, make_campaign
+from made_runs import INERTIA, K_RR
 from scipy import stats
+from specified import make_runs, specified
 
-from automarine_cli.errors import FitError
+from automarine_cli import effects
+from automarine_cli.commands.fit_thrusters import fit_thrusters
+from automarine_cli.commands.terminal import terminal_progress
+from automarine_cli.diagnosis.diagnose import base_estimates, parameter_estimates
+from automarine_cli.diagnosis.search import CandidateFit
+from automarine_cli.diagnosis.study import study_of
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import AutomarineError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.fits.whole_runs import fit_half_turns
+from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
+from automarine_cli.simulation.specification import SCHEMA
 
-Floats = NDArray[np.float64]
-
-STREAM = 2
-LAYOUTS = {"48 runs": LARGE, "24 runs": MEDIUM}
+LOW, HIGH = 92, 98  # %
 SCATTERS = (0.0, 0.03, 0.05, 0.18)
-TRUTH = {"1": (1.2, 0.0), "2": (0.4, 0.9), "3": (0.0, K_RR)}
+
+
+Trial = tuple[dict[str, tuple[float, float, bool]], bool]
+"""Every interval of one campaign by name, as `outcome` has it, and whether the fit converged."""
+
+
+def outcome(estimate: Estimate, truth: float) -> tuple[float, float, bool]:
+    """Error and standard error over the truth's size, and whether the interval holds the truth."""
+    size, (low, high) = abs(truth) or 1.0, estimate.ci95
+    return (estimate.value - truth) / size, estimate.stderr / size, low <= truth <= high
+
+
+LAYOUTS = {48: LARGE, 24: BOTH_SIDES}
+DRAGS = {"1": (1.2, 0.0), "2": (0.4, 0.9), "3": (0.0, K_RR)}
 """(k_r, k_rr) of the vehicle of each model."""
-
-LOW, HIGH = 0.92, 0.98
-UNSCORED = ("ML offset", "ML gain scatter")
-"""Reported, not judged: at a bound of their range when there is no offset or no scatter."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A layout of runs, the true model, the noise of the heading [degrees] and the scatter of the runs' gains."""
-
-    layout: str
-    model: str
-    noise: float
-    scatter: float
-
-    @property
-    def table(self) -> str:
-        """What the cases of one table have in common."""
-        return f"model {self.model}, {self.layout}, {self.noise:g} degrees of noise"
+MOTIONS = {
+    f"model {model}, {runs} runs, {noise:g} degrees, {scatter:.0%} scatter": (runs, model, noise, scatter)
+    for runs in LAYOUTS
+    for model, noise, tried in (("3", 1.0, 4), ("3", 0.5, 2), ("3", 2.0, 2), ("1", 1.0, 4), ("2", 1.0, 4))
+    for scatter in SCATTERS[:tried]
+}
+"""Number of runs, true model, noise of the heading [degrees], scatter of the runs' gains."""
 
 
-CASES = tuple(
-    Case(layout, model, noise, scatter)
-    for layout in LAYOUTS
-    for model, noise, scatters in (
-        ("3", 1.0, SCATTERS),
-        ("3", 0.5, SCATTERS[:2]),
-        ("3", 2.0, SCATTERS[:2]),
-        ("1", 1.0, SCATTERS),
-        ("2", 1.0, SCATTERS),
-    )
-    for scatter in scatters
-)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One interval: error and standard error over the truth's size, and whether the interval holds the truth."""
-
-    error: float
-    stderr: float
-    holds: bool
-
-    @classmethod
-    def of(cls, estimate: Estimate, truth: float) -> "Outcome":
-        """Of an estimate whose truth is known."""
-        size, (low, high) = abs(truth) or 1.0, estimate.ci95
-        return cls((estimate.value - truth) / size, estimate.stderr / size, low <= truth <= high)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Every interval of one campaign by name, and whether the fit converged; no intervals where a fit `refused` the
-    campaign with that sentence."""
-
-    intervals: dict[str, Outcome]
-    converged: bool = True
-    refused: str = ""
-
-
-def run_trial(item: tuple[int, Case]) -> Trial:
-    """Simulate one campaign and compare every interval with the truth."""
-    index, case = item
-    k_r, k_rr = TRUTH[case.model]
-    layout = list(LAYOUTS).index(case.layout)
-    key = [STREAM, layout, int(case.model), round(1000 * case.scatter), round(1000 * case.noise), index]
-    campaign = make_campaign(
-        key, LAYOUTS[case.layout], k_r=k_r, k_rr=k_rr, scatter=case.scatter, noise=np.deg2rad(case.noise)
-    )
-    turns, _ = half_turns(campaign.runs)
-    data = half_turn_data(turns)
+def motion_trial(index: int, runs: int, model: str, noise: float, scatter: float) -> Trial:
+    """Simulate one campaign and compare every interval of its fits with the truth."""
+    k_r, k_rr = DRAGS[model]
+    key = [2, list(LAYOUTS).index(runs), int(model), round(1000 * scatter), round(1000 * noise), index]
+    campaign = make_campaign(key, LAYOUTS[runs], k_r=k_r, k_rr=k_rr, scatter=scatter, noise=np.deg2rad(noise))
+    data = half_turn_data(half_turns(campaign.runs)[0])
     truth = {"I_r": INERTIA, "k_rr": k_rr, "k_r": k_r}
-    try:
-        rough = fit_velocity_error(data, np.zeros(len(data.moment)))
-    except FitError as refusal:
-        return Trial({}, refused=str(refusal))
-    # the start is that of `fits.identify`
-    drag = rough.drag["1"].drag[0]
-    begin = (rough.inertia["3"].overall.value, drag if case.model == "1" else 0.02 * drag, rough.drag["3"].drag[1])
-    fit = fit_half_turns(data, case.model, begin, "nu", Known())
-    out = {f"ML {name}": Outcome.of(estimate, truth[name]) for name, estimate in fit.estimates.items()}
+    rough = fit_velocity_error(data, np.zeros(len(data.moment)))
+    drag = rough.drag["1"].drag[0]  # the start is that of `fits.identify`
+    begin = (rough.inertia["3"].overall.value, drag if model == "1" else 0.02 * drag, rough.drag["3"].drag[1])
+    fit = fit_half_turns(data, model, begin, "nu", Known())
+    out = {f"ML {name}": outcome(estimate, truth[name]) for name, estimate in fit.estimates.items()}
     if fit.inertial_turn_angle is not None:
-        out["ML I/k"] = Outcome.of(fit.inertial_turn_angle, INERTIA / k_rr)
-    out["ML offset"] = Outcome.of(fit.offset, 0.0)
-    out["ML gain scatter"] = Outcome.of(fit.gain_scatter, case.scatter)
-    for name, estimate in rough.drag[case.model].estimates.items():
-        out[f"Table 1 {name}"] = Outcome.of(estimate, truth[name])
-    if case.model in rough.inertia:
-        out["Table 2 I_r"] = Outcome.of(rough.inertia[case.model].overall, INERTIA)
-    return Trial(out, fit.mixed.converged)
+        out["ML I/k"] = outcome(fit.inertial_turn_angle, INERTIA / k_rr)
+    out["offset"] = outcome(fit.offset, 0.0)  # this and the next are at a bound of their range where there is none
+    out["gain scatter"] = outcome(fit.gain_scatter, scatter)
+    for name, estimate in rough.drag[model].estimates.items():
+        out[f"Table 1 {name}"] = outcome(estimate, truth[name])
+    if model in rough.inertia:
+        out["Table 2 I_r"] = outcome(rough.inertia[model].overall, INERTIA)
+    return out, fit.mixed.converged
 
 
-def coverage(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:
-    """Tables and plain results of `count` campaigns a case."""
-    work = [(index, case) for case in CASES for index in range(count)]
-    found = ordered_map(run_trial, work, jobs, progress=progress, stage="coverage")
-    tables, results, outside, remarks = [], [], [], []
-    for name in dict.fromkeys(case.table for case in CASES):
-        cases = [case for case in CASES if case.table == name]
-        rows: list[tuple[str, ...]] = []
-        rules: list[int] = []
-        for case in cases:
-            trials = [one for (_, other), one in zip(work, found) if other == case]
-            summary = summarise(trials)
-            rules += [len(rows)] if rows else []
-            rows += [(f"{case.scatter:.0%}", *row) for row in summary_rows(summary)]
-            where = f"{name}, {case.scatter:.0%} scatter"
-            remarks += failures(trials, where)
-            outside += misses(summary, where, lambda one: one.startswith("ML") and one not in UNSCORED)
-            results.append({"case": name, "scatter": case.scatter, "intervals": summary})
-        title = f"Coverage of 95 % intervals, {name}, {count} campaigns"
-        tables.append(Table(title, ("scatter", *HEADER), tuple(rows), tuple(rules)))
-    verdict = (
-        f"Maximum-likelihood intervals outside 92 to 98 %: {'; '.join(outside)}."
-        if outside
-        else "All maximum-likelihood intervals of I_r, k_rr, k_r, I/k are within 92 to 98 %."
+PLANTED: dict[str, dict[str, float]] = {
+    "dead-band": {"width": 0.05},
+    "thruster-lag": {"T": 0.25},
+    "water-swirl": {"chi": 0.15, "T_w": 10.0},
+    "battery-sag": {"discharge": 0.08, "load": 0.1, "tau_ref": 1.2, "t_ref": 0.0},
+    "input-delay": {"t_d": 0.25},
+}
+
+
+def effect_specification(name: str) -> dict[str, Any]:
+    """36 runs: 24 steps through a turn and a half, 12 coast-downs."""
+    steps = [side * size for size in (0.1, 0.2, 0.4, 0.6, 0.9, 1.2) for side in (-1, 1)]
+    coasts = [side * size for size in (0.3, 0.6, 1.0) for side in (-1, 1)]
+    return {
+        "schema": SCHEMA,
+        "vehicle": {"I_r": INERTIA, "k_rr": K_RR},
+        "effects": [{"name": name, **PLANTED[name]}],
+        "logger": {"rate_hz": 10, "noise_deg": 1.0},
+        "scatter": {"gain": 0.03},
+        "campaign": {"order": "random", "rest_before_s": 3, "rest_after_s": 2, "wait_between_s": 300},
+        "runs": [
+            {"kind": "step", "moments": sorted(steps), "repeats": 2, "turn_deg": 540},
+            {"kind": "coast-down", "moments": sorted(coasts), "repeats": 2, "turn_deg": 360, "coast_s": 8},
+        ],
+    }
+
+
+def effect_trial(index: int, name: str) -> Trial:
+    """Simulate one campaign, fit the base model with the effect, and compare every interval with the truth."""
+    base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
+    study = study_of(make_runs(specified(effect_specification(name)), 1000 + index), base, driven=False)
+    values = tuple(
+        study.reference(each.reference) if each.reference else PLANTED[name].get(each.name, each.start)
+        for each in effects.get(name).parameters
     )
-    last = tables.pop()
-    tables.append(Table(last.title, last.header, last.rows, last.rules, (verdict, *remarks)))
-    return tables, {"campaigns": count, "cases": results}
+    model = YawModel(base.inertia, (*base.terms, Term(name, values)), base.moment_unit, base.dof)
+    fit = study.fit(model, warm_start=study.fit(base))
+    candidate = CandidateFit((name,), study.with_fitted_values(model, fit), fit, 0.0)
+    truth = {key: value for key, value in PLANTED[name].items() if not key.endswith("_ref")}
+    estimates = parameter_estimates(study, candidate, name)
+    # what was lost before the first run is a gain, which inertia and drag share
+    of_base = base_estimates(study, candidate)
+    out = {f"{name} {key}": outcome(estimates[key], value) for key, value in truth.items()}
+    out |= {key: outcome(of_base[key], value) for key, value in (("I_r", INERTIA), ("k_rr", K_RR))}
+    return out, fit.converged
 
 
-HEADER = ("interval", "coverage %", "95 % interval of it", "bias %", "sd %", "stderr/sd", "campaigns")
+AHEAD, ASTERN = 2.6165e-4, 0.6640e-4  # N per count squared: equation 3 for two thrusters, halved
+TOP = 150.0  # counts
+BOLLARDS = {
+    f"{levels} levels, {noise:g} % noise, {scatter:.0%} scatter": (levels, noise, scatter)
+    for levels, noise in ((15, 0.5), (8, 2.0))
+    for scatter in SCATTERS
+} | {"15 levels, 0.5 % noise, 3% scatter, 4 records, 5% between them": (15, 0.5, 0.03, 4, 0.05)}
+"""Levels a direction, noise of a reading in per cent of full scale ahead, scatter of the gain from reading to reading,
+records (times that all levels are run through), scatter of each record's gain."""
 
 
-def summarise(trials: Sequence[Trial]) -> dict[str, dict[str, Any]]:
-    """By interval: coverage with its exact binomial interval (Clopper and Pearson 1934, Biometrika 26:404), relative
-    bias and spread, and root mean square standard error over the spread."""
-    names = dict.fromkeys(name for trial in trials for name in trial.intervals)
-    summary = {}
-    for name in names:
-        outcomes = [trial.intervals[name] for trial in trials if name in trial.intervals]
-        held, count = sum(one.holds for one in outcomes), len(outcomes)
-        errors, stderrs = np.array([(one.error, one.stderr) for one in outcomes]).T
-        spread = float(errors.std(ddof=1)) if count > 1 else float("nan")
-        exact = stats.binomtest(held, count).proportion_ci(method="exact")
-        summary[name] = {
-            "coverage": held / count,
-            "ci95": [float(exact.low), float(exact.high)],
-            "bias": float(errors.mean()),
-            "sd": spread,
-            "stderr_over_sd": float(np.sqrt(np.mean(stderrs**2))) / spread if spread > 0 else None,
-            "campaigns": count,
-        }
-    return summary
+def bollard_trial(index: int, levels: int, noise: float, scatter: float, records: int = 1, drift: float = 0.0) -> Trial:
+    """Simulate one bollard test, fit it by the tool's own workflow, and compare both intervals with the truth."""
+    random = np.random.default_rng([3, levels, records, *(round(1000 * x) for x in (noise, scatter, drift)), index])
+    steps = np.linspace(TOP / levels, TOP, levels)
+    with tempfile.TemporaryDirectory() as folder:
+        for record in range(records):
+            n = random.permutation(np.concatenate([-steps, steps]))
+            logs = scatter * random.standard_normal(len(n)) + drift * random.standard_normal()
+            gain = np.exp(logs - 0.5 * (scatter**2 + drift**2))  # of mean one
+            force = gain * np.where(n > 0, AHEAD, ASTERN) * np.abs(n) * n
+            force += 0.01 * noise * AHEAD * TOP**2 * random.standard_normal(len(n))
+            rows = "".join(f"{a:.6f},{b:.9f}\n" for a, b in zip(n, force))
+            Path(folder, f"record_{record}.csv").write_text("n,force_N\n" + rows)
+        # equation 2 and its intervals do not depend on the form chosen, and choosing one takes the time
+        square = fit_thrusters([folder], form="square").analysis.square
+    truth = {"forward": AHEAD, "backward": ASTERN}
+    return {f"a, {side}": outcome(estimate, truth[side]) for side, estimate in square.items()}, True
 
 
-def summary_rows(summary: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
-    """Cells under HEADER, a row an interval."""
-    return [
-        (
-            name,
-            f"{100 * entry['coverage']:.1f}",
-            f"{100 * entry['ci95'][0]:.1f} to {100 * entry['ci95'][1]:.1f}",
-            f"{100 * entry['bias']:.2f}",
-            f"{100 * entry['sd']:.2f}",
-            "–" if entry["stderr_over_sd"] is None else f"{entry['stderr_over_sd']:.2f}",
-            f"{entry['campaigns']}",
-        )
-        for name, entry in summary.items()
+PARTS: dict[str, tuple[Callable[..., Trial], Mapping[str, tuple[Any, ...]]]] = {
+    "coverage": (motion_trial, MOTIONS),
+    "thrusters": (bollard_trial, BOLLARDS),
+    "effects": (effect_trial, {name: (name,) for name in PLANTED}),
+}
+UNJUDGED = ("Table", "offset", "gain scatter")
+
+
+def attempt(item: tuple[str, int, str]) -> Trial | str:
+    """The trial of one campaign of a case of a part, or the sentence with which a fit refused it."""
+    part, index, case = item
+    trial, cases = PARTS[part]
+    try:
+        return trial(index, *cases[case])
+    except AutomarineError as refusal:
+        return str(refusal)
+
+
+def coverage(name: str, count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:
+    """Table and plain results of `count` campaigns a case of a part."""
+    cases = PARTS[name][1]
+    work = [(name, i, case) for case in cases for i in range(count)]
+    every = ordered_map(attempt, work, jobs, progress=progress, stage=name)
+    rows, rules, remarks = list[dict[str, Any]](), list[int](), list[str]()
+    for i, case in enumerate(cases):
+        rules += [len(rows)] if rows else []
+        tried = every[i * count : (i + 1) * count]
+        trials = [result for result in tried if not isinstance(result, str)]
+        if refused := [result for result in tried if isinstance(result, str)]:
+            remarks.append(f"Refused: {len(refused)} ({case}): {refused[0]}.")
+        if astray := sum(not converged for _, converged in trials):
+            remarks.append(f"Did not converge: {astray} ({case}).")
+        for interval in dict.fromkeys(key for intervals, _ in trials for key in intervals):
+            outcomes = [intervals[interval] for intervals, _ in trials if interval in intervals]
+            rows.append({"case": case, "interval": interval, **summary(outcomes)})
+    outside = [
+        f"{row['coverage %']:.1f} % of {row['interval']} ({row['case']})"
+        for row in rows
+        if not row["interval"].startswith(UNJUDGED) and not LOW <= row["coverage %"] <= HIGH
     ]
+    verdict = f"Outside {LOW} to {HIGH} %: {'; '.join(outside) or 'none'}. Not judged: {', '.join(UNJUDGED)}."
+    title = f"Coverage of 95 % intervals, {name}, {count} campaigns"
+    return [Table.of(title, rows, [verdict, *remarks], tuple(rules))], {"campaigns": count, "intervals": rows}
 
 
-def failures(trials: Sequence[Trial], where: str) -> list[str]:
-    """Sentences on campaigns that were refused or whose fit did not converge."""
-    found = []
-    if refused := [trial.refused for trial in trials if trial.refused]:
-        found.append(f"Refused: {len(refused)} ({where}): {refused[0]}.")
-    if astray := sum(not trial.converged for trial in trials):
-        found.append(f"Did not converge: {astray} ({where}).")
-    return found
-
-
-def misses(summary: dict[str, dict[str, Any]], where: str, judged: Any = lambda name: True) -> list[str]:
-    """The intervals whose coverage is outside LOW to HIGH."""
-    return [
-        f"{entry['coverage']:.1%} of {name} ({where})"
-        for name, entry in summary.items()
-        if judged(name) and not LOW <= entry["coverage"] <= HIGH
-    ]
-
-
-def main() -> None:
-    """Run the part asked for and print its tables."""
-    from coverage_effects import effect_coverage
-    from coverage_thrusters import thruster_coverage
-
-    from automarine_cli.commands.terminal import terminal_progress
-
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    part = parser.add_mutually_exclusive_group()
-    part.add_argument("--effects", action="store_true", help="sizes of effects planted in whole runs")
-    part.add_argument("--thrusters", action="store_true", help="coefficients of the thruster map")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
-    parser.add_argument("--campaigns", type=int, default=300, help="simulated campaigns a case (default: 300)")
-    options = parser.parse_args()
-    measure = effect_coverage if options.effects else thruster_coverage if options.thrusters else coverage
-    tables, _ = measure(options.campaigns, options.jobs, terminal_progress())
-    for table in tables:
-        print(table.to_text())
+def summary(outcomes: Sequence[tuple[float, float, bool]]) -> dict[str, Any]:
+    """Coverage with its exact binomial interval (Clopper and Pearson 1934, Biometrika 26:404), relative bias and
+    spread, and root mean square standard error over the spread."""
+    errors, stderrs, holds = np.array(outcomes, dtype=float).T
+    spread = 100 * errors.std(ddof=1) if len(errors) > 1 else None
+    exact = stats.binomtest(round(holds.sum()), len(holds)).proportion_ci(method="exact")
+    return {
+        "coverage %": 100 * holds.mean(), "from": 100 * exact.low, "to": 100 * exact.high,
+        "bias %": 100 * errors.mean(), "sd %": spread,
+        "stderr/sd": 100 * np.sqrt(np.mean(stderrs**2)) / spread if spread else None, "campaigns": len(holds),
+    }  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    chosen = arguments.options(__doc__, effects=False, thrusters=False, campaigns=300, jobs=1)
+    part = "effects" if chosen.effects else "thrusters" if chosen.thrusters else "coverage"
+    print(coverage(part, chosen.campaigns, chosen.jobs, terminal_progress())[0][0].to_text())

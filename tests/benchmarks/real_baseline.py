@@ -9,10 +9,11 @@ where there is one) is taken ahead by
 driven by the logged commands, and the parameters are those that miss the measured positions least at one horizon.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -42,51 +43,43 @@ class Anchors:
     force: Floats
     reached: Floats
 
-    def errors_of(self, predicted: Floats) -> Floats:
-        """Predicted less measured positions (A, H)."""
-        return predicted - self.reached
-
 
 def anchors_of(runs: Sequence[Run]) -> Anchors:
     """Anchors every second of all runs that have the shortest horizon left."""
-    parts = [(i, *_anchor(run, k)) for i, run in enumerate(runs) for k in _places(run)]
-    run, sample, position, rate, force, reached = zip(*parts)
-    return Anchors(
-        np.array(run), np.array(sample), np.array(position), np.array(rate), np.array(force), np.array(reached)
-    )
+    return Anchors(*map(np.array, zip(*((i, *anchor) for i, run in enumerate(runs) for anchor in _anchors(run)))))
 
 
-def _places(run: Run) -> list[int]:
+def _anchors(run: Run) -> Iterator[tuple[int, float, float, Floats, Floats]]:
     clock = np.arange(run.time[0] + BEFORE, run.time[-1] - HORIZONS[0], EVERY)
-    found = np.unique(np.searchsorted(run.time, clock))
-    return [int(k) for k in found if run.time[k] + HORIZONS[0] <= run.time[-1]]
+    for k in np.unique(np.searchsorted(run.time, clock)):
+        ends = run.time[k] + np.array(HORIZONS)
+        if ends[0] <= run.time[-1]:
+            reached = np.where(ends <= run.time[-1], np.interp(ends, run.time, run.position), np.nan)
+            grid, force = mean_force(run, k, run.command)
+            yield int(k), *causal_state(run, k), np.where(grid <= run.time[-1], force, np.nan), reached
 
 
-def _anchor(run: Run, k: int) -> tuple[int, float, float, Floats, Floats]:
-    position, rate = causal_state(run, k)
-    impulse = np.concatenate([[0.0], np.cumsum(run.command[:-1] * np.diff(run.time))])
+def mean_force(run: Run, k: int, command: Floats) -> tuple[Floats, Floats]:
+    """Ends of the STEPs after sample `k` up to the last horizon, and the mean of a command (N,) over each, (M,)."""
+    impulse = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(run.time))])
     grid = run.time[k] + STEP * np.arange(round(HORIZONS[-1] / STEP) + 1)
-    inside = grid <= run.time[-1]
-    force = np.where(inside[1:], np.diff(np.interp(grid, run.time, impulse)) / STEP, np.nan)
-    ends = run.time[k] + np.array(HORIZONS)
-    reached = np.where(ends <= run.time[-1], np.interp(ends, run.time, run.position), np.nan)
-    return k, position, rate, force, reached
+    return grid[1:], np.diff(np.interp(grid, run.time, impulse)) / STEP
 
 
 def causal_state(run: Run, k: int) -> tuple[float, float]:
     """Position and rate at sample `k` from the second up to it."""
     first = min(int(np.searchsorted(run.time, run.time[k] - BEFORE)), max(k - FEWEST, 0))
     time, shown = run.time[first : k + 1] - run.time[k], run.position[first : k + 1]
-    line = np.polynomial.polynomial.polyfit(time, shown, min(2, len(time) - 1))
+    line = polyfit(time, shown, min(2, len(time) - 1))
     read = run.extras.get(run.dof.velocity)
     if read is None:
         return float(line[0]), float(line[1])
     read = read[first : k + 1]
     new = np.isfinite(read) & (np.diff(read, prepend=np.nan) != 0)  # a held value is one reading
     if run.summed_up or new.sum() < FEWEST:
-        seen = read[np.isfinite(read)]
-        return float(shown[-1]), float(seen[-1] if len(seen) else line[1])
-    return float(line[0]), float(np.polynomial.polynomial.polyfit(time[new], read[new], 1)[0])
+        finite = read[np.isfinite(read)]
+        return float(shown[-1]), float(finite[-1] if len(finite) else line[1])
+    return float(line[0]), float(polyfit(time[new], read[new], 1)[0])
 
 
 @dataclass(frozen=True)
@@ -117,10 +110,8 @@ def fit_plain(anchors: Anchors, number: str, horizon: float, constant: bool = Fa
     column = HORIZONS.index(horizon)
     use = np.isfinite(anchors.reached[:, column])
     last = round(horizon / STEP)
-    some = Anchors(
-        anchors.run[use], anchors.sample[use], anchors.position[use], anchors.rate[use],
-        np.pad(anchors.force[use][:, :last], ((0, 0), (0, anchors.force.shape[1] - last))), anchors.reached[use],
-    )  # fmt: skip
+    some = Anchors(*(getattr(anchors, each.name)[use] for each in fields(anchors)))
+    some.force[:, last:] = 0.0
     push = float(np.nanmax(np.abs(anchors.force))) or 1.0
     force, pace = _rms(some.force[:, :last]) or 1.0, _rms(some.rate) or 1.0
     drags = {"1": 1, "2": 2, "3": 1}[number]
@@ -131,27 +122,15 @@ def fit_plain(anchors: Anchors, number: str, horizon: float, constant: bool = Fa
         return Plain(number, inertia, linear, quadratic, push * z[-1] if constant else 0.0)
 
     def misses(z: Floats) -> Floats:
-        found: Floats = some.errors_of(model(z).ahead(some))[:, column]
-        return found
+        return np.asarray(model(z).ahead(some) - some.reached)[:, column]
 
-    found = []
+    solutions = []
     for time_constant in TIME_CONSTANTS:
         linear, quadratic = force / pace, force / pace**2
         drag = {"1": [linear], "2": [quadratic / 2, linear / 2][::-1], "3": [quadratic]}[number]
         begin = np.append(np.log([time_constant * linear, *drag]), [0.0] * constant)
-        bounds = (begin - SPAN, begin + SPAN)
-        found.append(least_squares(misses, begin, bounds=bounds, x_scale="jac"))
-    return model(min(found, key=lambda one: float(one.cost)).x)
-
-
-def constant_rate(anchors: Anchors) -> Floats:
-    """Positions at the horizons (A, H) if the rate stays."""
-    return anchors.position[:, None] + anchors.rate[:, None] * np.array(HORIZONS)
-
-
-def constant_position(anchors: Anchors) -> Floats:
-    """Positions at the horizons (A, H) if nothing moves."""
-    return np.repeat(anchors.position[:, None], len(HORIZONS), axis=1)
+        solutions.append(least_squares(misses, begin, bounds=(begin - SPAN, begin + SPAN), x_scale="jac"))
+    return model(min(solutions, key=lambda solution: float(solution.cost)).x)
 
 
 def by_horizon(errors: Floats) -> list[float]:

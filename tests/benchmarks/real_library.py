@@ -1,8 +1,9 @@
 """What `make real` asks of the library, one function a thing: fit, predict from known states, run freely, likelihood,
 diagnose."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from identified import identify
@@ -11,6 +12,7 @@ from real_baseline import HORIZONS, Anchors
 
 from automarine_cli.comparison.simulated_runs import free_runs, roll
 from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.errors import AutomarineError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import carried, follow, shown_channel
 from automarine_cli.fits.driven import driven_problem
@@ -28,8 +30,8 @@ class Fitted:
     innovations where it is one."""
 
     model: YawModel
-    offset: float = 0.0
-    driven: InnovationsFit | None = None
+    offset: float
+    driven: InnovationsFit | None
 
     def on(self, runs: Sequence[Run]) -> tuple[DrivenProblem, Course]:
         """The likelihood of other runs, and these as the filter has them."""
@@ -38,22 +40,15 @@ class Fitted:
         return driven_problem(self.model, course), course
 
 
-@dataclass(frozen=True)
-class Fits:
-    """The models fitted to one half, by number, and the one preferred."""
-
-    models: dict[str, Fitted]
-    preferred: str
-
-
-def tool_fits(runs: Sequence[Run]) -> Fits:
-    """The paper's models fitted as `fit-yaw` and its kin fit such logs. Raises FitError, RunError."""
-    found = identify(runs, fit_to="whole-runs")
+def tool_fits(runs: Sequence[Run]) -> tuple[dict[str, Fitted], str]:
+    """The paper's models by number, fitted as `fit-yaw` and its kin fit such logs, and the number preferred. Raises
+    FitError, RunError."""
+    result = identify(runs, fit_to="whole-runs")
     models = {
-        number: Fitted(one.model, one.offset.value, one.mixed if isinstance(one.mixed, InnovationsFit) else None)
-        for number, one in found.output_error.items()
+        number: Fitted(each.model, each.offset.value, each.mixed if isinstance(each.mixed, InnovationsFit) else None)
+        for number, each in result.output_error.items()
     }
-    return Fits(models, found.preference.number)
+    return models, result.preference.number
 
 
 def tool_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> Floats:
@@ -63,63 +58,68 @@ def tool_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> F
         return _from_filtered_states(fitted, fitted.driven, runs, anchors)
     pieces = []
     for i, k in zip(anchors.run, anchors.sample):
-        run = runs[i]
-        stop = int(np.searchsorted(run.time, run.time[k] + HORIZONS[-1])) + 1
-        pieces.append(run.cut(k, min(stop, len(run))))
+        stop = int(np.searchsorted(runs[i].time, runs[i].time[k] + HORIZONS[-1])) + 1
+        pieces.append(runs[i].cut(k, min(stop, len(runs[i]))))
     shown = roll(fitted.model, pieces, anchors.position, anchors.rate, fitted.offset).position[0]
-    rows = [
+    return np.array([
         np.interp(np.array(HORIZONS), run.time - run.time[0], row[: len(run)], right=np.nan)
         for run, row in zip(pieces, shown)
-    ]
-    return np.array(rows)
+    ])  # fmt: skip
 
 
-def _from_filtered_states(fitted: Fitted, found: InnovationsFit, runs: Sequence[Run], anchors: Anchors) -> Floats:
+def _from_filtered_states(fitted: Fitted, fit: InnovationsFit, runs: Sequence[Run], anchors: Anchors) -> Floats:
     problem, course = fitted.on(runs)
-    noises = problem.noises(found.theta[None])
-    followed = follow(fitted.model, course.unthinned, found.of_model[None], noises, keep=True)
-    assert followed.states is not None
+    noises, channel = problem.noises(fit.theta[None]), shown_channel(course)
+    followed = follow(fitted.model, course.unthinned, fit.of_model[None], noises, keep=True)
     begin = np.array([runs[i].time[k] - runs[i].time[0] for i, k in zip(anchors.run, anchors.sample)])
+    at = predictions(fitted.model, course, fit.of_model, noises, followed, [channel], anchors.run, begin)
+    ahead = at(np.array(HORIZONS), np.nan)[0]
+    if channel.counts:
+        return ahead
+    # a sum of velocities, to which the filter is not tied, begins where the anchors say
+    return ahead + (anchors.position[:, None] - at(np.zeros(1), None)[0])
+
+
+def predictions(
+    model: Any, course: Course, values: Floats, noises: Any, followed: Any, channels: Sequence[Any],
+    run: NDArray[np.int64], begin: Floats,
+) -> Callable[[Floats, float | None], Floats]:  # fmt: skip
+    """What the filter predicts of channels from its states at `begin` (A,) [s since the run's first sample] on: a
+    function of times ahead (H,), and of the value past a run's end, that gives (C, A, H)."""
+    assert followed.states is not None
     ends = np.array([int((length > 0).sum()) for length in course.length])
-    time = np.where(np.arange(course.time.shape[1]) <= ends[:, None], course.time, np.inf)
-    origin = np.array([np.searchsorted(time[i], t + 1e-9) - 1 for i, t in zip(anchors.run, begin)])
-    last = np.array(
-        [min(np.searchsorted(time[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(anchors.run, begin)]
-    )
-    path = carried(
-        fitted.model, course, found.of_model[None], noises, followed.states[:, 0], [shown_channel(course)],
-        np.asarray(anchors.run), origin, last,
-    )[0, 0]  # fmt: skip
-    rows = [
-        np.interp(t + np.array(HORIZONS), time[i, o : e + 1], row[: e - o + 1], right=np.nan)
-        for i, t, o, e, row in zip(anchors.run, begin, origin, last, path)
-    ]
-    if shown_channel(course).counts:
-        return np.array(rows)
-    here = [  # a sum of velocities, to which the filter is not tied: it begins where the anchors say
-        np.interp(t, time[i, o : e + 1], row[: e - o + 1])
-        for i, t, o, e, row in zip(anchors.run, begin, origin, last, path)
-    ]
-    return np.array(rows) + (np.asarray(anchors.position) - here)[:, None]
+    clock = np.where(np.arange(course.time.shape[1]) <= ends[:, None], course.time, np.inf)
+    origin = np.array([np.searchsorted(clock[i], t + 1e-9) - 1 for i, t in zip(run, begin)])
+    last = np.array([min(np.searchsorted(clock[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(run, begin)])
+    paths = carried(model, course, values[None], noises, followed.states[:, 0], channels, run, origin, last)[:, 0]
+
+    def at(ahead: Floats, past: float | None) -> Floats:
+        return np.array([
+            [np.interp(t + ahead, clock[i, o : e + 1], path[: e - o + 1], right=past)
+             for i, t, o, e, path in zip(run, begin, origin, last, rows)]
+            for rows in paths
+        ])  # fmt: skip
+
+    return at
 
 
 def tool_free_run(fitted: Fitted, runs: Sequence[Run]) -> float:
     """Root mean square error of the free runs from start to end [base unit]."""
-    errors = np.concatenate([one.error for one in free_runs(fitted.model, runs, fitted.offset)])
+    errors = np.concatenate([run.error for run in free_runs(fitted.model, runs, fitted.offset)])
     return float(np.sqrt(np.mean(errors**2)))
 
 
 def tool_log_likelihood(fitted: Fitted, runs: Sequence[Run]) -> float | None:
-    """Log density of runs that were not fitted, under the fit to the others; None for fits to whole runs, which have
-    none."""
+    """Log density of runs that were not fitted, under the fit to the others; fits to whole runs have none."""
     if fitted.driven is None:
         return None
-    problem, _ = fitted.on(runs)
-    return float(problem.follow(fitted.driven.phi[None]).log_density.sum())
+    return float(fitted.on(runs)[0].follow(fitted.driven.phi[None]).log_density.sum())
 
 
-def tool_diagnosis(fitted: Fitted, runs: Sequence[Run], kept: Sequence[Run]) -> str:
-    """What `diagnose` says of the model and one half, told nothing of the other: a verdict and names. Raises FitError,
-    RunError."""
-    found = diagnose_runs(runs, fitted.model, hold_out=kept)
-    return f"{found.verdict}: {', '.join(effect.name for effect in found.effects)}".removesuffix(": ")
+def tool_diagnosis(fitted: Fitted, runs: Sequence[Run], held_out: Sequence[Run]) -> str:
+    """What `diagnose` says of the model and one half: a verdict and names, or the refusal."""
+    try:
+        result = diagnose_runs(runs, fitted.model, hold_out=held_out)
+    except AutomarineError as refusal:
+        return f"refused: {refusal}"
+    return f"{result.verdict}: {', '.join(effect.name for effect in result.effects)}".removesuffix(": ")

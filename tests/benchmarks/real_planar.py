@@ -1,6 +1,6 @@
 """`make real` for surge, sway and yaw together: halves exchanged, beside plain least squares of the same structure.
 
-The least squares are written in numpy and scipy alone: from a state every second on, told from the second before, the
+The least squares are written in numpy and scipy alone: from a state every second on, as the second before shows it, the
 equations of surge, sway and yaw are integrated with the logged commands, and the parameters are those that miss heading
 and speeds least at one horizon. The library predicts from its filtered state at the same instants.
 """
@@ -14,25 +14,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit
 from numpy.typing import NDArray
-from real_baseline import BEFORE, HORIZONS, STEP, causal_state
+from real_baseline import BEFORE, HORIZONS, STEP, causal_state, mean_force
+from real_library import predictions
 from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
-from automarine_cli.filters.kalman import carried
 from automarine_cli.fits.driven import of_model_alone
 from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, search
-from automarine_cli.fits.planar_structure import Observed, observed
+from automarine_cli.fits.planar_structure import observed
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import load_planar
 
 Floats = NDArray[np.float64]
-QUANTITIES = ("heading", "surge", "sway")
 UNITS = {"heading": "deg", "surge": "m/s", "sway": "m/s"}
 SETS = ("cybership_enterprise", "heavy_rov_sea")
-OWN = {"m_u": 0, "m_v": 1, "I_r": 2}
+INERTIAS = {"m_u": 0, "m_v": 1, "I_r": 2}
+POSITIVE = {*INERTIAS, "X_u", "X_uu", "Y_v", "Y_vv", "k_r", "k_rr"}
 SPAN = 5.0  # a size may leave its start by this factor's logarithm
 Row = dict[str, Any]
 
@@ -40,7 +41,7 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class States:
     """A states from which predictions begin: `run` and `time` since its first sample, `state` (A, 4): heading, u, v, r;
-    `force` (A, 3, M) the mean commands over each STEP after it, NaN past the run's end; `reached` (A, 3, H)."""
+    `force` (A, 3, M) the mean commands over each STEP after it; `reached` (A, 3, H)."""
 
     run: NDArray[np.int64]
     time: Floats
@@ -51,34 +52,25 @@ class States:
 
 def states_of(runs: Sequence[Run]) -> States:
     """States every second of all runs that have the longest horizon left."""
-    found = [(i, *one) for i, run in enumerate(runs) for one in _states(run)]
-    run, *rest = zip(*found)
-    return States(np.array(run), *(np.array(one) for one in rest))
+    return States(*map(np.array, zip(*((i, *state) for i, run in enumerate(runs) for state in _states(run)))))
 
 
 def _states(run: Run) -> Iterator[tuple[float, Floats, Floats, Floats]]:
-    columns = [run.position, *(np.asarray(run.channel(name)) for name in QUANTITIES[1:])]
     forces = [np.asarray(run.extras[name]) for name in ("force_X", "force_Y")] + [run.command]
-    impulses = [np.concatenate([[0.0], np.cumsum(force[:-1] * np.diff(run.time))]) for force in forces]
-    speeds = [(run.time[np.isfinite(c)], c[np.isfinite(c)]) for c in columns[1:]]
+    speeds = [np.asarray(run.channel(name)) for name in ("surge", "sway")]
+    logged = [(run.time[np.isfinite(speed)], speed[np.isfinite(speed)]) for speed in speeds]
     for begin in np.arange(run.time[0] + BEFORE, run.time[-1] - HORIZONS[-1], 1.0):
         k = int(np.searchsorted(run.time, begin))
         heading, rate = causal_state(run, k)
         now = []
-        for clock, speed in speeds:
-            near = slice(
-                int(np.searchsorted(clock, run.time[k] - BEFORE)), int(np.searchsorted(clock, run.time[k] + 1e-9))
-            )
-            line = (
-                np.polynomial.polynomial.polyfit(clock[near] - run.time[k], speed[near], 1)
-                if near.stop - near.start > 3
-                else [speed[max(near.stop - 1, 0)]]
-            )
-            now.append(float(line[0]))
-        grid = run.time[k] + STEP * np.arange(round(HORIZONS[-1] / STEP) + 1)
-        force = np.array([np.diff(np.interp(grid, run.time, one)) / STEP for one in impulses])
+        for clock, speed in logged:
+            first, stop = np.searchsorted(clock, [run.time[k] - BEFORE, run.time[k] + 1e-9])
+            near = slice(first, stop)
+            enough = stop - first > 3
+            now.append(polyfit(clock[near] - run.time[k], speed[near], 1)[0] if enough else speed[max(stop - 1, 0)])
         ends = run.time[k] + np.array(HORIZONS)
-        reached = [np.interp(ends, run.time, run.position), *(np.interp(ends, *one) for one in speeds)]
+        reached = [np.interp(ends, run.time, run.position), *(np.interp(ends, *each) for each in logged)]
+        force = np.array([mean_force(run, k, each)[1] for each in forces])
         yield run.time[k] - run.time[0], np.array([heading, *now, rate]), force, np.array(reached)
 
 
@@ -102,21 +94,20 @@ def ahead(values: Mapping[str, float], states: States, last: float = HORIZONS[-1
         second = rates(np.clip(state + STEP * first, -1e3, 1e3), states.force[:, :, i])
         state = np.clip(state + 0.5 * STEP * (first + second), -1e3, 1e3)
         shown.append(state[:, :3])
-    rows = [min(round(h / STEP), len(shown)) - 1 for h in HORIZONS]
-    return np.stack([shown[i] for i in rows], axis=2)
+    return np.stack([shown[min(round(h / STEP), len(shown)) - 1] for h in HORIZONS], axis=2)
 
 
 def _model(values: Mapping[str, float]) -> tuple[Floats, Floats, list[tuple[int, int | None, int, float]]]:
-    """Inertia (3, 3), own drags linear and quadratic (2, 3), other derivatives, from values by short name."""
+    """Inertia (3, 3), drags of each motion linear and quadratic (2, 3), other derivatives, from values by name."""
     m, drags, cross = np.zeros((3, 3)), np.zeros((2, 3)), []
     for name, value in values.items():
-        if name in OWN:
-            m[OWN[name], OWN[name]] = value
+        if name in INERTIAS:
+            m[INERTIAS[name], INERTIAS[name]] = value
         elif name == "m_vr":
             m[1, 2] = m[2, 1] = value
         else:
             letter, _, along = name.replace("k_", "N_").partition("_")
-            row, places = "XYN".index(letter), ["uvr".index(one) for one in along]
+            row, places = "XYN".index(letter), ["uvr".index(each) for each in along]
             if set(places) == {row}:
                 drags[len(places) - 1, row] = value
             else:
@@ -131,15 +122,7 @@ def fit_plain(states: States, start: Mapping[str, float], horizon: float) -> dic
     scale = np.sqrt(np.mean((goal - states.state[:, :3]) ** 2, axis=0))
     names = list(start)
     sizes = np.array([max(abs(start[name]), 1e-3) for name in names])
-    above = np.array(
-        [
-            name in OWN
-            or (set(name[2:]) <= {"u"} and name[0] == "X")
-            or (set(name[2:]) <= {"v"} and name[0] == "Y")
-            or name.startswith("k_")
-            for name in names
-        ]
-    )
+    above = np.isin(names, list(POSITIVE))
 
     def values(z: Floats) -> dict[str, float]:
         return dict(zip(names, np.where(above, sizes * np.exp(np.clip(z, -SPAN, SPAN)), sizes * z).tolist()))
@@ -147,11 +130,11 @@ def fit_plain(states: States, start: Mapping[str, float], horizon: float) -> dic
     def misses(z: Floats) -> Floats:
         return ((ahead(values(z), states, horizon)[:, :, column] - goal) / scale).ravel()
 
-    found = []
+    solutions = []
     for shift in (-1.0, 0.0, 1.0):
-        begin = np.where(above, shift * np.isin(names, list(OWN)), [np.sign(start[name]) for name in names])
-        found.append(least_squares(misses, begin, x_scale="jac", max_nfev=60))
-    return values(min(found, key=lambda one: float(one.cost)).x)
+        begin = np.where(above, shift * np.isin(names, list(INERTIAS)), [np.sign(start[name]) for name in names])
+        solutions.append(least_squares(misses, begin, x_scale="jac", max_nfev=60))
+    return values(min(solutions, key=lambda solution: float(solution.cost)).x)
 
 
 def rms(errors: Floats) -> Floats:
@@ -159,102 +142,67 @@ def rms(errors: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) * np.array([np.rad2deg(1.0), 1.0, 1.0])[:, None])
 
 
-def tool_ahead(fit: PlanarFit, runs: Sequence[Run], seen: Observed, states: States) -> Floats:
+def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     """What the library predicts at the horizons from its filtered states, (A, 3, H)."""
-    likelihood = PlanarLikelihood(tuple(runs), seen)
-    problem, found = likelihood.problem(fit.found.model), fit.found.fit
-    assert found is not None
+    likelihood = PlanarLikelihood(tuple(runs), fit.observed)
+    problem, estimate = likelihood.problem(fit.found.model), fit.found.fit
+    assert estimate is not None
     course = likelihood.course
-    noises = problem.noises(found.theta[None])
-    followed = problem.follow(found.phi[None], keep=True)
+    followed = problem.follow(estimate.phi[None], keep=True)
     if fit.choice.way == FORECASTS:
         followed = of_model_alone(followed)
-    assert followed.states is not None
-    ends = np.array([int((length > 0).sum()) for length in course.length])
-    clock = np.where(np.arange(course.time.shape[1]) <= ends[:, None], course.time, np.inf)
-    origin = np.array([np.searchsorted(clock[i], t + 1e-9) - 1 for i, t in zip(states.run, states.time)])
-    last = np.array(
-        [min(np.searchsorted(clock[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(states.run, states.time)]
-    )
-    channels = [next(one for one in course.channels if one.quantity == name) for name in QUANTITIES]
-    paths = carried(
-        problem.model, course, found.of_model[None], noises, followed.states[:, 0], channels, states.run, origin, last
-    )[:, 0]  # fmt: skip
-    return np.array([
-        [np.interp(t + np.array(HORIZONS), clock[i, o : e + 1], path[a, : e - o + 1]) for path in paths]
-        for a, (i, t, o, e) in enumerate(zip(states.run, states.time, origin, last))
-    ])  # fmt: skip
-
-
-def fitted(runs: Sequence[Run]) -> PlanarFit:
-    """As `fit-planar` fits them."""
-    seen = observed(runs)
-    likelihood = PlanarLikelihood(tuple(runs), seen)
-    tried = search(runs, seen, likelihood)
-    return PlanarFit(tried, likelihood.choose(tried), tuple(runs), seen)
+    channels = [next(each for each in course.channels if each.quantity == name) for name in UNITS]
+    noises = problem.noises(estimate.theta[None])
+    at = predictions(problem.model, course, estimate.of_model, noises, followed, channels, states.run, states.time)
+    return at(np.array(HORIZONS), None).transpose(1, 0, 2)
 
 
 def judged(item: tuple[RealSet, str]) -> Row:
-    """The row of one half that is fitted: of a set, and which half."""
-    one, half = item
+    """The row of one half that is fitted: what a fit to it misses by on the other, beside least squares of its
+    structure."""
+    real_set, half = item
     with tempfile.TemporaryDirectory() as folder:
-        columns = one.column_map(Path(folder)) or ColumnMap()
-        runs = list(load_planar([str(one.path / one.glob)], columns).runs)
-    own, kept = one.halved(runs)[:: 1 if half == "A" else -1]
+        columns = real_set.column_map(Path(folder)) or ColumnMap()
+        runs = list(load_planar([str(real_set.path / real_set.glob)], columns).runs)
+    fitted, held_out = real_set.halved(runs)[:: 1 if half == "A" else -1]
     begun = time.perf_counter()
-    row = row_of(one.name, half, fitted(own), own, kept) | {"seconds": round(time.perf_counter() - begun, 1)}
-    print(f"{one.name}, planar, half {half}: {row['seconds']} s", file=sys.stderr, flush=True)
+    channels = observed(fitted)
+    likelihood = PlanarLikelihood(tuple(fitted), channels)
+    tried = search(fitted, channels, likelihood)
+    fit = PlanarFit(tried, likelihood.choose(tried), tuple(fitted), channels)
+    learned, states = states_of(fitted), states_of(held_out)
+    start = {name.partition(".")[2]: value for name, value in zip(fit.found.model.free, fit.found.model.theta.tolist())}
+    squares = [fit_plain(learned, start, h) for h in HORIZONS]
+    least = [rms(ahead(values, states) - states.reached)[:, i] for i, values in enumerate(squares)]
+    still = np.repeat(states.state[:, :3, None], len(HORIZONS), axis=2)
+    going = still.copy()
+    going[:, 0] += states.state[:, 3, None] * np.array(HORIZONS)
+    row = {
+        "set": real_set.name, "half": half, "structure": str(fit.structure), "way": fit.choice.way,
+        "parameters": {key: (estimate.value, *estimate.ci95) for key, estimate in fit.estimates.items()},
+        "least_squares": squares[HORIZONS.index(5.0)],
+        "tool": rms(tool_ahead(fit, held_out, states) - states.reached).tolist(),
+        "least": np.stack(least, axis=1).tolist(),
+        "constant": np.minimum(rms(still - states.reached), rms(going - states.reached)).tolist(),
+        "says": list(fit.warnings), "seconds": round(time.perf_counter() - begun, 1),
+    }  # fmt: skip
+    print(f"{real_set.name}, planar, half {half}: {row['seconds']} s", file=sys.stderr, flush=True)
     return row
 
 
-def row_of(name: str, half: str, fit: PlanarFit, own: Sequence[Run], kept: Sequence[Run]) -> Row:
-    """What a fit to one half misses by on the other, beside least squares of its structure."""
-    seen, learned, tried = fit.observed, states_of(own), states_of(kept)
-    start = {one.partition(".")[2]: value for one, value in zip(fit.found.model.free, fit.found.model.theta.tolist())}
-    squares = {h: fit_plain(learned, start, h) for h in HORIZONS}
-    least = np.stack(
-        [rms(ahead(squares[h], tried) - tried.reached)[:, i] for i, h in enumerate(HORIZONS)], axis=1
-    )  # fmt: skip
-    still = np.repeat(tried.state[:, :3, None], len(HORIZONS), axis=2)
-    going = still.copy()
-    going[:, 0] += tried.state[:, 3, None] * np.array(HORIZONS)
-    return {
-        "set": name, "half": half, "structure": str(fit.structure), "way": fit.choice.way,
-        "parameters": {key: (one.value, *one.ci95) for key, one in fit.estimates.items()},
-        "least_squares": squares[5.0],
-        "tool": rms(tool_ahead(fit, kept, seen, tried) - tried.reached).tolist(),
-        "least": least.tolist(),
-        "constant": np.minimum(rms(still - tried.reached), rms(going - tried.reached)).tolist(),
-        "says": list(fit.warnings),
-    }  # fmt: skip
-
-
 def table(rows: Sequence[Row]) -> Table:
-    lines = []
-    for row in rows:
-        for i, name in enumerate(QUANTITIES):
-            three = [" / ".join(f"{x:.3g}" for x in row[key][i]) for key in ("tool", "least", "constant")]
-            ratio = row["tool"][i][1] / row["least"][i][1]
-            lines.append((row["set"], row["half"], row["way"], f"{name}, {UNITS[name]}", *three, f"{ratio:.2f}"))
-    header = (
-        "data set",
-        "fitted half",
-        "fitted to",
-        "of",
-        "now",
-        "least squares",
-        "better constant",
-        "5 s: now / least squares",
-    )
-    return Table("Surge, sway and yaw together: errors 2 / 5 / 15 s ahead", header, tuple(lines))
+    columns = {"now": "tool", "least squares": "least", "better constant": "constant"}
+    lines = [
+        {"data set": row["set"], "fitted half": row["half"], "fitted to": row["way"], "of": f"{name}, {unit}",
+         **{column: " / ".join(f"{x:.3g}" for x in row[key][i]) for column, key in columns.items()},
+         "5 s: now / least squares": f"{row['tool'][i][1] / row['least'][i][1]:.2f}"}
+        for row in rows
+        for i, (name, unit) in enumerate(UNITS.items())
+    ]  # fmt: skip
+    return Table.of("Surge, sway and yaw together: errors 2 / 5 / 15 s ahead", lines)
 
 
 def planar_items(only: str = "") -> list[tuple[RealSet, str]]:
     """Every half at hand that is fitted as a whole and has `only` in "set/planar"."""
-    sets = {one.name: one for one, _ in present("")}.values()
-    return [(one, h) for one in sets if one.name in SETS and only in f"{one.name}/planar" for h in "AB"]
-
-
-if __name__ == "__main__":
-    every = planar_items(sys.argv[1] if len(sys.argv) > 1 else "")
-    print(table([judged(item) for item in every]).to_markdown())
+    sets = {real_set.name: real_set for real_set, _ in present("")}.values()
+    return [(each, half) for each in sets if each.name in SETS and only in f"{each.name}/planar" for half in "AB"]

@@ -4,18 +4,17 @@ They were measured (one: simulated) by others and are no part of this repository
 holds them, by default `data` in a folder `shared` beside the checkout; what is absent is skipped.
 """
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+from repository import DATA
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run, SetAside
 
-BESIDE = Path(__file__).resolve().parents[3] / "shared" / "data"
-DATA = Path(os.environ.get("AUTOMARINE_DATA", BESIDE))
 EVERY_MODEL = ("1", "2", "3")
 
 LAKE_COLUMNS = """
@@ -29,11 +28,8 @@ surge_m_s = "speed_mps"
 @dataclass(frozen=True)
 class RealSet:
     """Logs of one vehicle: those in `folder` that `glob` finds, with the column map `columns` (TOML; "" where names
-    are canonical), `motions` by name.
-
-    `halves` are the beginnings of the runs' names in either half; without them every other run goes to each.
-    `numbers` are the base models tried; `measured` is False for what somebody's simulator made.
-    """
+    are canonical), `motions` by name; `halves` are the beginnings of the runs' names in either half, without them every
+    other run goes to each; `numbers` are the base models tried; `measured` is False for what a simulator made."""
 
     name: str
     folder: str
@@ -49,8 +45,7 @@ class RealSet:
         return DATA / self.folder
 
     def load(self, motion: str, scratch: Path) -> tuple[list[Run], tuple[SetAside, ...]]:
-        """Its runs of one motion, in the order of their names, and those set aside; the column map is written into
-        `scratch`."""
+        """Its runs of one motion, in the order of their names, and those set aside."""
         campaign = load_runs([str(self.path / self.glob)], self.column_map(scratch), dof=DOFS[motion])
         return list(campaign.runs), campaign.set_aside
 
@@ -69,47 +64,20 @@ class RealSet:
         return first, second
 
 
-@dataclass(frozen=True)
-class Contact:
-    """One command on a log that is looked at only, or to be refused: what it answers holds `said`, with `status`."""
-
-    name: str
-    arguments: tuple[str, ...]
-    status: int
-    said: str
-
-    @property
-    def log(self) -> Path:
-        return DATA / self.arguments[-1]
-
-
 SETS = (
     RealSet(
-        "kingfisher_lake",
-        "yaw/kingfisher_lake",
-        columns=LAKE_COLUMNS,
+        "kingfisher_lake", "yaw/kingfisher_lake", columns=LAKE_COLUMNS,
         halves=(("run_01", "run_05", "run_15", "run_21", "run_25"), ("run_03", "run_11", "run_19", "run_23", "run_29")),
     ),
-    RealSet("heavy_rov_sea", "yaw/heavy_rov_sea", motions=("yaw", "surge", "sway", "heave")),
-    RealSet("cybership_enterprise", "yaw/cybership_enterprise", motions=("yaw", "surge", "sway")),
+    RealSet("heavy_rov_sea", "yaw/heavy_rov_sea", ("yaw", "surge", "sway", "heave")),
+    RealSet("cybership_enterprise", "yaw/cybership_enterprise", ("yaw", "surge", "sway")),
     RealSet("minerva_hil_simulated", "yaw/minerva_hil_simulated", measured=False),
-)
-
-CONTACTS = (
-    Contact(
-        "not_connected",
-        ("fit-yaw", "yaw/not_connected/run_20150518_1819.csv"),
-        1,
-        "something that this log does not hold",
-    ),
-    Contact("ardusub telemetry", ("check", "ardusub/small.tlog"), 0, "worked back from SERVO_OUTPUT_RAW"),
-    Contact("ardusub log", ("check", "ardusub/small.BIN"), 0, "worked back from RCOU by the mixing"),
-)
+)  # fmt: skip
 
 
 def present(only: str = "") -> Iterator[tuple[RealSet, str]]:
     """Set and motion of all that is at hand and has `only` in "set/motion"."""
-    for one in SETS:
-        for motion in one.motions:
-            if one.path.is_dir() and only in f"{one.name}/{motion}":
-                yield one, motion
+    for each in SETS:
+        for motion in each.motions:
+            if each.path.is_dir() and only in f"{each.name}/{motion}":
+                yield each, motion

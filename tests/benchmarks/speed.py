@@ -1,147 +1,89 @@
-"""Speed: simulated samples a second, and the fit, each against the plain way to do it."""
+"""Speed of whole commands, as processes, in turns with an anchor each that loads the same libraries and does the least
+that anybody must do; what counts is processor time with figures and files, which a user waits for on a busy machine. A
+ratio that leaves its band makes `make bench` fail. A first round, which compiles modules, does not count."""
 
-import time
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from campaigns import BOTH_SIDES, INERTIA, K_RR, known_half_turns, make_campaign
-from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
-from scipy.optimize import least_squares
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
+from campaigns import BOTH_SIDES, NOISE
+from made_runs import INERTIA, K_RR
 
-from automarine_cli.dofs import YAW
-from automarine_cli.fits.half_turns import StepData, half_turn_data
-from automarine_cli.fits.known import Known
-from automarine_cli.fits.whole_runs import fit_half_turns
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import response
 from automarine_cli.pipeline.parallel import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.rollout import simulate
 
-Floats = NDArray[np.float64]
-Result = tuple[list[Table], dict[str, Any]]
-
-START = (1.2 * INERTIA, 0.8 * K_RR)
-ACCURACY = {"rtol": 1e-6, "atol": 1e-8}  # of solve_ivp: as accurate as a hundredth of a degree needs, and easily
+SAMPLES, MANY, FEW = 250, 2000, 72
+"""Samples a run; runs that are checked and fitted; runs that are diagnosed."""
+LIBRARIES = "import click, numpy, scipy.optimize, pandas, matplotlib.figure, pyarrow.csv as csv, glob, sys"
+READING = f"{LIBRARIES}; [csv.read_csv(name) for name in sorted(glob.glob(sys.argv[1] + '/*.csv'))]"
 
 
-def simulator(repeats: int, progress: Progress) -> Result:
-    """72 and 2,000 runs x 250 samples together, against `solve_ivp` run by run."""
-    parts = [_simulator(runs, sets, repeats, progress) for runs, sets in ((72, 20), (2000, 4))]
-    return [table for tables, _ in parts for table in tables], {
-        str(runs): found for runs, (_, found) in zip((72, 2000), parts)
+def cases(folder: Path) -> dict[str, tuple[tuple[str, ...], tuple[str, ...], float, float]]:
+    """A command line and its anchor (arguments of python), and the band in which their ratio is expected."""
+    many, few = str(folder / "many"), str(folder / "few")
+    tool = ("-m", "automarine_cli")
+    out = ("-q", "--overwrite", "-o", str(folder / "out"))
+    diagnosis = (*tool, "diagnose", few, "--model", str(folder / "model" / "yaw_model.json"), *out)
+    return {
+        "--help": ((*tool, "--help"), ("-c", "import click"), 0.9, 2.5),
+        f"check, {MANY} files": ((*tool, "check", many, *out), ("-c", READING, many), 1.0, 3.0),
+        f"fit-yaw, {MANY} files": ((*tool, "fit-yaw", many, *out), ("-c", READING, many), 1.0, 5.0),
+        f"diagnose, {FEW} runs": (diagnosis, ("-c", READING, few), 1.0, 10.0),
+        # what the second process loads is all that two cost more; by the clock they are faster
+        f"diagnose, {FEW} runs, two processes": ((*diagnosis, "--jobs", "2"), diagnosis, 0.8, 1.5),
     }
 
 
-def _simulator(runs: int, sets: int, repeats: int, progress: Progress) -> Result:
-    samples = 250
-    random = np.random.default_rng(3)
-    moments = [BOTH_SIDES[i % len(BOTH_SIDES)] for i in range(runs)]
-    clock = np.linspace(0.0, 0.1 * (samples - 1), samples)
-    made = [
-        Run(
-            f"run {i}",
-            "simulated",
-            clock,
-            np.zeros(samples),
-            np.where(np.arange(samples) > 30, moment, 0.0),
-            "nu",
-            dof=YAW,
-        )
-        for i, moment in enumerate(moments)
-    ]
-    batch = make_batch(made, 0.1)
-    model = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
-    theta = model.theta * (1.0 + 0.02 * random.standard_normal((sets, 2)))
-    together = []
-    for i in range(repeats):
-        together.append(_seconds(lambda: simulate(model, batch, theta)))
-        progress("simulator", i + 1, repeats)
-    heading = simulate(model, batch, theta).position
-    some = range(0, runs, runs // 12)  # these runs, the first parameter set; the rest takes as long
-    worst, one_by_one = 0.0, 0.0
-    for i in some:
-        begun = time.perf_counter()
-        exact = _solved(clock, 3.05, moments[i], theta[0])  # in the middle of the interval
-        one_by_one += time.perf_counter() - begun
-        worst = max(worst, float(np.abs(exact - heading[0, i]).max()))
-    points = runs * samples * sets
-    fast, slow = points / float(np.median(together)), len(some) * samples / one_by_one
-    rows = (
-        ("simulate, all together", f"{np.median(together):.3f}", f"{fast:.3g}"),
-        (f"solve_ivp run by run (from {len(some)} of {runs * sets})", f"{points / slow:.3f}", f"{slow:.3g}"),
-    )
-    note = f"Ratio {fast / slow:.0f}. Largest difference of a heading between the two: {np.degrees(worst):.1e} degrees."
-    title = f"Simulator: {runs} runs x {samples} samples x {sets} parameter sets"
-    header = ("simulation", "seconds", "samples x sets a second")
-    results = {"a_second": fast, "solve_ivp_a_second": slow, "ratio": fast / slow, "largest_difference_rad": worst}
-    return [Table(title, header, rows, notes=(note,))], results
+def commands(repeats: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:
+    """Ratios of processor time, medians of `repeats`; result "outside" names those that left their bands."""
+    rows, results = [], dict[str, Any]()
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for name, count in (("many", MANY), ("few", FEW)):
+            (folder / name).mkdir()
+            for i in range(count):
+                arrow_csv.write_csv(run_table(i), folder / name / f"run_{i:05d}.csv")
+        seconds("-m", "automarine_cli", "fit-yaw", str(folder / "few"), "-q", "-o", str(folder / "model"))
+        every = cases(folder)
+        for name, (command, anchor, low, high) in every.items():
+            taken = np.array([[seconds(*line) for line in (command, anchor)] for _ in range(1 + repeats)])[1:]
+            took, least = np.median(taken, axis=0)
+            ratio = float(np.median(taken[:, 0] / taken[:, 1]))
+            inside = low <= ratio <= high
+            rows.append({
+                "command": name, "s": f"{took:.2f}", "anchor s": f"{least:.2f}", "ratio": f"{ratio:.2f}",
+                "expected": f"{low:g} to {high:g}", "": "" if inside else "outside",
+            })  # fmt: skip
+            results[name] = {"command_s": took, "anchor_s": least, "ratio": ratio, "inside": inside}
+            progress("whole commands", len(rows), len(every))
+    results["outside"] = [name for name, result in results.items() if not result["inside"]]
+    note = "Processor time of whole processes, medians; the anchor loads the same libraries and reads the same files."
+    return [Table.of("Whole commands", rows, [note])], results
 
 
-def fit(repeats: int, progress: Progress) -> Result:
-    """`fit_half_turns` of 48 runs against `least_squares` over `solve_ivp`, for the same question and for ours."""
-    campaign = make_campaign([4, 0])
-    known, unknown = known_half_turns(campaign), half_turn_data(half_turns(campaign.runs)[0])
-    all_known = Known(start_heading=True, switch_instant=True, gain=True)
-    begin = (START[0], 0.0, START[1])
-    alike: list[float] = []
-    taken: list[float] = []
-    for i in range(repeats):
-        begun = time.perf_counter()
-        same = fit_half_turns(known, "3", begin, "nu", all_known)
-        alike.append(time.perf_counter() - begun)
-        begun = time.perf_counter()
-        fit_half_turns(unknown, "3", begin, "nu", Known())
-        taken.append(time.perf_counter() - begun)
-        progress("fit", i + 1, repeats)
-    one_round = _seconds(lambda: _plain_residuals(np.array(START), unknown))
-    begun = time.perf_counter()
-    plain = least_squares(_plain_residuals, START, args=(known,), x_scale=START, xtol=1e-10, ftol=1e-12)
-    whole = time.perf_counter() - begun
-    theirs, own = plain.nfev * 51 * one_round, float(np.median(taken))
-    apart = float(np.abs(same.mixed.theta[:2] / plain.x - 1.0).max())
-    rows = (
-        ("I and k, all else known: fit_half_turns", f"{np.median(alike):.3f}", ""),
-        (f"the same: least_squares + solve_ivp ({plain.nfev} rounds of 3 simulations)", f"{whole:.3f}",
-         f"{whole / np.median(alike):.0f}"),
-        ("start headings, instants and gains of the runs too: fit_half_turns", f"{own:.3f}", ""),
-        ("start headings too: least_squares + solve_ivp (scaled from one simulation)", f"{theirs:.3f}",
-         f"{theirs / own:.0f}"),
-    )  # fmt: skip
-    notes = (f"Estimates of I and k where all else is known differ by {apart:.1e}; asked for is 10 times, to 1e-4.",)
-    results = {
-        "same_question": {"fit_s": float(np.median(alike)), "plain_s": whole, "relative_difference": apart},
-        "whole_question": {"fit_s": own, "plain_s": theirs},
-    }
-    header = ("fit", "seconds", "times slower")
-    return [Table("Fit of model 3 to 48 half-turns", header, rows, notes=notes)], results
+def run_table(number: int) -> pa.Table:
+    """One run: rest, then a step of a moment that depends on `number`; as a logger rounds it."""
+    random = np.random.default_rng([17, number])
+    rest, rate_hz, moment = 2.0, SAMPLES / 20.0, BOTH_SIDES[number % len(BOTH_SIDES)]
+    clock = np.arange(SAMPLES) / rate_hz
+    heading, _ = response(clock - rest - random.uniform() / rate_hz, moment, INERTIA, 0.0, K_RR)
+    noisy = np.degrees(heading + NOISE * random.standard_normal(len(clock))) + random.uniform(0, 360)
+    stamps = np.round(clock + 30.0 * number, 3)  # one clock for the whole campaign
+    tau = np.where(clock > rest, moment, 0.0)
+    return pa.table({"time_s": stamps, "heading_deg": np.round(noisy % 360.0, 3), "tau": tau})
 
 
-def _plain_residuals(theta: Floats, data: StepData) -> Floats:
-    """Heading errors [rad] of every sample, each run solved by itself."""
-    parts = []
-    for time_row, heading, seen, moment in zip(data.time, data.heading, data.observed, data.moment):
-        parts.append(_solved(time_row[seen], 0.0, moment, theta) - heading[seen])
-    return np.concatenate(parts)
-
-
-def _solved(clock: Floats, switch: float, moment: float, theta: Floats) -> Floats:
-    """Headings [rad] at `clock` (N,) by `solve_ivp` for a step of `moment` at `switch` [s]."""
-    inertia, k_rr = theta
-    after = clock[clock > switch]
-
-    def slope(_: float, state: Floats) -> tuple[float, float]:
-        return state[1], (moment - k_rr * abs(state[1]) * state[1]) / inertia
-
-    found = solve_ivp(slope, (switch, after[-1]), (0.0, 0.0), t_eval=after, **ACCURACY)
-    return np.concatenate([np.zeros(len(clock) - len(after)), found.y[0]])
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    begun = time.perf_counter()
-    work()
-    return time.perf_counter() - begun
+def seconds(*arguments: str) -> float:
+    """Processor time [s] of a python process with these arguments, and of all that it starts."""
+    compiled = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    before = os.times()
+    subprocess.run([sys.executable, *arguments], check=True, capture_output=True, env=compiled)
+    after = os.times()
+    return after.children_user - before.children_user + after.children_system - before.children_system

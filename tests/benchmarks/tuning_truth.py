@@ -1,6 +1,6 @@
 """Vehicles with a known truth for the benchmark of `tune`: nothing here knows the library's equations.
 
-Own integrator (Heun, 5 ms, all runs at once), own laws, in other forms than the library's where nature allows: a
+Its integrator (Heun, 5 ms, all runs at once) and its laws take other forms than the library's where nature allows: a
 propeller that follows its speed, a dead-band that cuts, dry friction that sticks, water stirred up by a turbulent law,
 a saturation that bends, thrust that falls with the charge drawn, a speed controller with a dead-band and a power law.
 Moments are outputs from -1 to 1.
@@ -55,12 +55,10 @@ class Truth:
     @classmethod
     def driven(cls, number: int) -> "Truth":
         """A small vehicle behind speed controllers: thrust as a power of the command beyond a dead-band."""
-        random, law = (
-            np.random.default_rng([number, 21]),
-            ((2.0, 0.1), (1.6, 0.06), (2.0, 0.0), (1.8, 0.08))[number % 4],
-        )
+        random = np.random.default_rng([number, 21])
+        power, idle = ((2.0, 0.1), (1.6, 0.06), (2.0, 0.0), (1.8, 0.08))[number % 4]
         inertia, drag = float(random.uniform(0.05, 0.1)), float(random.uniform(0.08, 0.2))
-        hidden = {"power": law[0], "idle": law[1], "thrust-lag": float(random.uniform(0.05, 0.08))}
+        hidden = {"power": power, "idle": idle, "thrust-lag": float(random.uniform(0.05, 0.08))}
         return cls(inertia, drag, 0.0, hidden | {"delay": float(random.uniform(0.05, 0.08))}, 0.02)
 
     def size(self, law: str) -> float:
@@ -80,45 +78,42 @@ class Vehicle:
 
     def advance(self, output: Floats, load: Floats | float = 0.0) -> None:
         """One step under an output held over it, against a `load`."""
-        own = self.truth
+        size = self.truth.size
         self._late = [*self._late[1:], np.clip(output, -1.0, 1.0)]
-        given = self._late[0]
-        if own.size("cut"):
-            given = np.where(np.abs(given) > own.size("cut"), given, 0.0)
-        if own.size("power"):
-            rest = np.maximum(np.abs(given) - own.size("idle"), 0.0) / (1.0 - own.size("idle"))
-            given = np.sign(given) * rest ** own.size("power")
-        if own.size("bends"):
-            given = np.tanh(own.size("bends") * given * 2.0) / np.tanh(own.size("bends") * 2.0)
-        given = given * (1.0 + np.where(given > 0, 0.5, -0.5) * own.size("uneven"))
-        self._charge = self._charge + np.abs(given) ** 1.5 * STEP / 60.0
-        given = given * np.exp(-own.size("charge") * self._charge)
-        if own.size("propeller-lag"):
-            wanted = np.sign(given) * np.sqrt(np.abs(given))
-            self._speed = self._speed + (wanted - self._speed) * -np.expm1(-STEP / own.size("propeller-lag"))
-            given = self._speed * np.abs(self._speed)
-        elif own.size("thrust-lag"):
-            self._speed = self._speed + (given - self._speed) * -np.expm1(-STEP / own.size("thrust-lag"))
-            given = self._speed
-        moment = self.gain * given - load
+        thrust = self._late[0]
+        if cut := size("cut"):
+            thrust = np.where(np.abs(thrust) > cut, thrust, 0.0)
+        if power := size("power"):
+            rest = np.maximum(np.abs(thrust) - size("idle"), 0.0) / (1.0 - size("idle"))
+            thrust = np.sign(thrust) * rest**power
+        if bends := size("bends"):
+            thrust = np.tanh(bends * thrust * 2.0) / np.tanh(bends * 2.0)
+        thrust = thrust * (1.0 + np.where(thrust > 0, 0.5, -0.5) * size("uneven"))
+        self._charge = self._charge + np.abs(thrust) ** 1.5 * STEP / 60.0
+        thrust = thrust * np.exp(-size("charge") * self._charge)
+        if lag := size("propeller-lag"):
+            wanted = np.sign(thrust) * np.sqrt(np.abs(thrust))
+            self._speed = self._speed + (wanted - self._speed) * -np.expm1(-STEP / lag)
+            thrust = self._speed * np.abs(self._speed)
+        elif lag := size("thrust-lag"):
+            thrust = self._speed = self._speed + (thrust - self._speed) * -np.expm1(-STEP / lag)
+        moment = self.gain * thrust - load
         first = self._acceleration(self.heading, self.rate, moment)
         there = self.rate + STEP * first
         second = self._acceleration(self.heading + STEP * self.rate, there, moment)
         after = self.rate + 0.5 * STEP * (first + second)
-        stick = own.size("sticks")
-        if stick:  # dry friction takes at most all of the rate, and holds what does not push harder
-            after = np.sign(after) * np.maximum(np.abs(after) - STEP * stick / own.inertia, 0.0)
+        if stick := size("sticks"):  # dry friction takes at most all of the rate, and holds what does not push harder
+            after = np.sign(after) * np.maximum(np.abs(after) - STEP * stick / self.truth.inertia, 0.0)
         self.heading = self.heading + 0.5 * STEP * (self.rate + after)
         self.rate = after
-        self._water = self._water + STEP * own.size("swirl") * np.abs(self.rate) * (self.rate - 3.0 * self._water)
-        lag = own.size("sensor-lag")
+        self._water = self._water + STEP * size("swirl") * np.abs(self.rate) * (self.rate - 3.0 * self._water)
+        lag = size("sensor-lag")
         self.shown = self.heading if not lag else self.shown + (self.heading - self.shown) * -np.expm1(-STEP / lag)
 
     def _acceleration(self, heading: Floats, rate: Floats, moment: Floats) -> Floats:
-        own = self.truth
-        through = rate - self._water
-        drag = own.linear * through + own.quadratic * np.abs(through) * through + own.size("cubic") * through**3
-        return (moment - drag - own.size("spring") * heading) / own.inertia
+        truth, through = self.truth, rate - self._water
+        drag = truth.linear * through + truth.quadratic * np.abs(through) * through + truth.size("cubic") * through**3
+        return (moment - drag - truth.size("spring") * heading) / truth.inertia
 
 
 Plans = list[tuple[str, float, Callable[..., Floats]]]
@@ -129,13 +124,11 @@ def write_logs(
 ) -> None:
     """A pool day of 24 runs at 10 Hz, to both sides: steps and their coasts, reversals, square waves, ramps; or steps
     alone."""
-    plans: Plans = _steps() if steps else _pool_day()
     folder.mkdir(parents=True, exist_ok=True)
     clock = 0.0
-    for name, seconds, command in plans:
+    for name, seconds, command in _steps() if steps else _pool_day():
         time = np.arange(0.0, seconds, 0.1)
-        gain = np.exp(truth.scatter * random.standard_normal(1))
-        vehicle, headings = Vehicle(truth, gain), []
+        vehicle, headings = Vehicle(truth, np.exp(truth.scatter * random.standard_normal(1))), []
         outputs = command(time)
         for output in outputs:
             headings.append(float(vehicle.shown[0]))
@@ -161,24 +154,15 @@ def _pool_day() -> Plans:
     plans: Plans = []
     for side, name in ((1.0, "+"), (-1.0, "-")):
         for size in (0.1, 0.2, 0.35, 0.5, 0.75, 1.0):
-            plans.append((f"step_{name}{size}", 12.0, lambda t, m=side * size: m * ((t >= 2.0) & (t < 8.0))))
+            plans.append((f"step_{name}{size}", 12.0, lambda t, m=side * size: m * ((t >= 2) & (t < 8))))
         for size in (0.3, 0.6, 0.9):
-            plans.append(
-                (
-                    f"back_{name}{size}",
-                    14.0,
-                    lambda t, m=side * size: m * ((t >= 2.0) & (t < 6.0)) - m * ((t >= 6.0) & (t < 9.0)),
-                )
-            )
+            back = f"back_{name}{size}"
+            plans.append((back, 14.0, lambda t, m=side * size: m * ((t >= 2) & (t < 6)) - m * ((t >= 6) & (t < 9))))
         for size, beat in ((0.8, 1.0), (0.4, 2.0)):
-            plans.append(
-                (
-                    f"square_{name}{size}",
-                    16.0,
-                    lambda t, m=side * size, b=beat: m * np.sign(np.sin(np.pi * (t - 2.0) / b) + 1e-9) * (t >= 2.0),
-                )
-            )
-        plans.append(
-            (f"ramp_{name}", 20.0, lambda t, m=side: m * np.round(np.clip((t - 2.0) / 16.0, 0.0, 1.0) * 0.6, 2))
-        )
+            plans.append((f"square_{name}{size}", 16.0, lambda t, m=side * size, b=beat: _square(t, m, b)))
+        plans.append((f"ramp_{name}", 20.0, lambda t, m=side: m * np.round(np.clip((t - 2) / 16, 0.0, 1.0) * 0.6, 2)))
     return plans
+
+
+def _square(t: Floats, moment: float, beat: float) -> Floats:
+    return moment * np.sign(np.sin(np.pi * (t - 2.0) / beat) + 1e-9) * (t >= 2.0)
