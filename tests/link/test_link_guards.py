@@ -18,10 +18,8 @@ from made_link import BATTERY, MODEL, TOKEN, expected_logs, made_campaign, vehic
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server as server_module
-from automarine_cli.link import store as store_module
 from automarine_cli.link.collector import Client, Collector, _Answer
 from automarine_cli.link.document import CampaignState, Listing, Log, State
-from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer, token_of
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.simulated import Simulated
@@ -91,22 +89,6 @@ def test_a_campaign_that_is_not_what_was_accepted_is_not_driven(tmp_path: Path) 
     (document,) = store.campaigns.glob("*.json")
     document.write_text(replace(campaign, rest_s=2.0).text)
     assert store.accepted() == [] and "not those that it was accepted with" in store.state().troubles[0]
-
-
-def test_finished_campaigns_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store, reads, looks = Store(tmp_path), list[int](), list[int]()
-    store.prepare()
-    for number in range(3):
-        campaign = made_campaign(2, seconds=1.0 + number)
-        store.accept(campaign.text.encode(), campaign.id)
-    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: bool(store.accepted())).play()
-    fresh, parse, names = Store(tmp_path), store_module.wire.campaign_in, Store._names
-    monkeypatch.setattr(store_module.wire, "campaign_in", lambda content: [reads.append(1), parse(content)][1])
-    monkeypatch.setattr(Store, "_names", lambda self: [looks.append(1), names(self)][1])
-    states = [fresh.state() for _ in range(9)]
-    assert len(reads) == 3 and {one.played for one in states[-1].campaigns} == {2} and states[0] == states[-1]
-    looks.clear()
-    assert not any(fresh.accepted() for _ in range(9)) and len(reads) == 3 and not looks
 
 
 def test_a_folder_that_cannot_be_read_now_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
