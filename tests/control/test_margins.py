@@ -26,7 +26,7 @@ def rational(random: np.random.Generator) -> tuple[Any, np.ndarray[Any, Any]]:
     return loop * control.tf(*control.pade(delay, 6)), np.array([0.0, *(-1 / lags)])
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_margins_are_those_of_python_control(seed: int) -> None:
     random = np.random.default_rng(seed)
     for _ in range(10):
@@ -65,17 +65,12 @@ def test_a_double_integrator_with_lead_has_the_margins_of_the_closed_form() -> N
 
 
 def test_a_margin_is_not_told_of_an_unstable_loop() -> None:
-    """L = 8/(s + 1)³ is at its edge at 8: beyond, the distance to -1 grows again, and means nothing."""
+    """L = 8/(s + 1)³ is at its edge at 8: beyond, the distance to -1 grows again, and means nothing; and L = k/(s - 1)
+    is stable for k above 1 only."""
     omega = frequencies(500.0, 3000)
     for gain, good in ((4.0, True), (6.5, True), (8.6, False), (80.0, False)):
-        found = margins(lambda s, k=gain: (k / (s + 1.0) ** 3)[None], omega, -np.ones((1, 3), complex), 0)
-        assert bool(found.stable[0]) == good
-        assert (found.disk[0] > 0.0) == good
-
-
-def test_an_open_loop_that_runs_away_counts() -> None:
-    """L = k/(s - 1): stable for k above 1 only."""
-    omega = frequencies(500.0, 3000)
+        at_edge = margins(lambda s, k=gain: (k / (s + 1.0) ** 3)[None], omega, -np.ones((1, 3), complex), 0)
+        assert bool(at_edge.stable[0]) == (at_edge.disk[0] > 0.0) == good
     for gain, good in ((0.5, False), (2.0, True)):
         ratio = (gain / (omega * (1j - 0.02) - 1.0))[None]
         assert bool(stable_along(ratio, np.ones((1, 1), complex), 0)[0]) == good

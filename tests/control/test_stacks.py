@@ -10,19 +10,25 @@ import pytest
 from made_vehicles import gains_of, vehicle
 from repository import DATA
 
-from automarine_cli.control.design import fly, nominal_of, scores, step_and_load
+from automarine_cli.control.design import ClosedLoopRun, fly, nominal_of, scores, step_and_load
 from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.ardupilot import RootLaw, distance_to, gyro, gyro_response
-from automarine_cli.control.targets.base import Design
+from automarine_cli.control.targets.base import Design, Gains, Target
 from automarine_cli.control.targets.loops import low_pass, share
 from automarine_cli.control.targets.pid import series_form
-from automarine_cli.control.vehicles import Spread, ThrustCurve, crowd
-from automarine_cli.dofs import YAW
+from automarine_cli.control.vehicles import Spread, ThrustCurve, Vehicles, crowd
 from automarine_cli.errors import SettingError
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 BLUEROV = DATA / "ardusub" / "small.BIN"
+AT_REST = np.zeros((1, 1))
+
+
+def halfway(target: Target, plant: Vehicles) -> Gains:
+    """Gains in the middle of what a target proposes."""
+    proposed = target.propose(np.full((1, target.numbers), 0.5), nominal_of(plant, 1.0))
+    return {key: value[:, None] for key, value in proposed.items()}
 
 
 def test_the_root_law_is_in_proportion_near_and_stops_in_time_far_off() -> None:
@@ -57,159 +63,136 @@ def test_the_low_passes_answer_a_step_and_a_sine_as_they_should() -> None:
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_mirrored_step_is_a_mirrored_flight(name: str) -> None:
-    target = get(name, beyond=True)
-    one = vehicle(delay=0.04)
-    numbers = np.full((1, target.numbers), 0.5)
-    gains = {key: value[:, None] for key, value in target.propose(numbers, nominal_of(one, 1.0)).items()}
-    loops = round(10.0 / target.period)
-    there = np.stack([np.full(loops, 1.0), np.full(loops, -1.0)])[None]
-    flight = fly(target, gains, one, there, np.zeros((1, 2)))
+    target, plant = get(name, beyond=True), vehicle(delay=0.04)
+    there = np.full(round(10.0 / target.period), 1.0)
+    flight = fly(target, halfway(target, plant), plant, np.stack([there, -there])[None], np.zeros((1, 2)))
     assert np.allclose(flight.position[0, 0], -flight.position[0, 1], atol=1e-9)
     assert 0.1 < flight.position[0, 0, -1] < 1.5
 
 
 def test_a_steady_load_moves_the_angle_loop_cascade_by_what_the_closed_form_says() -> None:
     """Without an integral, output = P ANG_P error in the end: 10 % load leaves 0.1/(P ANG_P)."""
-    target, one = get("ardusub"), vehicle(lag=0.02, delay=0.01)
-    own = gains_of(target, ATC_RAT_YAW_I=0.0, ATC_RAT_YAW_P=0.2, ATC_ANG_YAW_P=2.0)
-    flight = step_and_load(target, own, one, 1.0, 0.05, 20.0)
+    target, plant = get("ardusub"), vehicle(lag=0.02, delay=0.01)
+    gains = gains_of(target, ATC_RAT_YAW_I=0.0, ATC_RAT_YAW_P=0.2, ATC_ANG_YAW_P=2.0)
+    flight = step_and_load(target, gains, plant, 1.0, 0.05, 20.0)
     assert flight.position[0, 1, -1] == pytest.approx(-0.05 / (0.2 * 2.0), rel=1e-3)
 
 
 def test_the_integral_is_frozen_at_the_limit_and_held_within_its_own() -> None:
     """Half a turn at a quarter of the moment that the default gains ask for: the integral stays below IMAX."""
     target = get("ardusub")
-    own = gains_of(target)
-    state = target.start(own, np.zeros((1, 1)), np.zeros((1, 1)))
-    held = []
+    gains, integrals = gains_of(target), []
+    state = target.start(gains, AT_REST, AT_REST)
     for _ in range(4000):
-        state, output = target.step(state, own, np.full((1, 1), 3.0), np.zeros((1, 1)), np.zeros((1, 1)))
+        state, output = target.step(state, gains, AT_REST + 3.0, AT_REST, AT_REST)
         assert abs(output[0, 0]) <= 1.0
-        held.append(float(state[8][0, 0]))
-    assert max(held) <= 0.222 + 1e-12
-    assert held[-1] == pytest.approx(0.222, rel=0.05)
+        integrals.append(float(state[8][0, 0]))
+    assert max(integrals) <= 0.222 + 1e-12
+    assert integrals[-1] == pytest.approx(0.222, rel=0.05)
 
 
 def test_rover_s_feed_forward_alone_holds_the_steady_rate() -> None:
     """FF = 1/(rate at the whole output): with linear drag the rate asked for is the rate that comes."""
-    target, one = get("ardurover"), vehicle(inertia=1.0, drag=0.0, linear=2.0, full=4.0, lag=0.0, delay=0.0)
-    own = gains_of(target, ATC_STR_RAT_FF=0.5, ATC_STR_RAT_P=0.0, ATC_STR_RAT_I=0.0)
-    loops = 500
-    flight = fly(target, own, one, np.full((1, 1, loops), 1e3), np.zeros((1, 1)), every=0.02)
+    target, plant = get("ardurover"), vehicle(inertia=1.0, drag=0.0, linear=2.0, full=4.0, lag=0.0, delay=0.0)
+    gains = gains_of(target, ATC_STR_RAT_FF=0.5, ATC_STR_RAT_P=0.0, ATC_STR_RAT_I=0.0)
+    flight = fly(target, gains, plant, np.full((1, 1, 500), 1e3), AT_REST, every=0.02)
     assert flight.output[0, 0, -1] == pytest.approx(1.0)
-    rate = np.diff(flight.position[0, 0])[-1] / 0.02
-    assert rate == pytest.approx(2.0, rel=1e-3)
+    assert np.diff(flight.position[0, 0])[-1] / 0.02 == pytest.approx(2.0, rel=1e-3)
 
 
 def test_the_derivative_of_the_rate_s_error_leads_by_its_time() -> None:
     """P and D on a constant rise of the error: P t + D/P ahead, once the low-pass has settled; to both sides."""
     target = get("ardusub")
-    own = gains_of(target, ATC_RAT_YAW_I=0.0, ATC_RAT_YAW_P=0.1, ATC_RAT_YAW_D=0.02, ATC_RAT_YAW_FLTD=20.0)
+    gains = gains_of(target, ATC_RAT_YAW_I=0.0, ATC_RAT_YAW_P=0.1, ATC_RAT_YAW_D=0.02, ATC_RAT_YAW_FLTD=20.0)
+    late = np.sqrt(2.0) / (2.0 * np.pi * 20.0)  # the gyro's low-pass answers a rise late
     for side in (1.0, -1.0):
-        still = np.zeros((1, 1))
-        state = target.start(own, still, still)
-        for k in range(800):  # the gyro's low-pass answers a rise late by sqrt(2)/w
-            state, output = target.step(state, own, still, still, np.full((1, 1), side * 0.4 * k * target.period))
-        late = np.sqrt(2.0) / (2.0 * np.pi * 20.0)
+        state = target.start(gains, AT_REST, AT_REST)
+        for k in range(800):
+            state, output = target.step(state, gains, AT_REST, AT_REST, AT_REST + side * 0.4 * k * target.period)
         wanted = -side * 0.4 * (0.1 * (799 * target.period - late) + 0.02)
         assert output[0, 0] == pytest.approx(wanted, rel=0.01)
 
 
 def test_readings_have_the_noise_of_the_logs_and_flights_the_motion_that_it_makes() -> None:
-    target = get("pid")
-    gains = {
-        key: value[:, None] for key, value in target.propose(np.full((1, 4), 0.5), nominal_of(vehicle(), 1.0)).items()
-    }
-    quiet, noisy = vehicle(count=3), replace(vehicle(count=3), noise=(0.02, 0.0))
-    still = np.zeros((1, 1, round(30.0 / target.period)))
-    assert np.all(fly(target, gains, quiet, still, np.zeros((1, 1))).position == 0.0)
-    moved = fly(target, gains, noisy, still, np.zeros((1, 1))).position
-    assert np.array_equal(moved, fly(target, gains, noisy, still, np.zeros((1, 1))).position)
-    assert 0.0 < moved.std() < 0.02 and abs(moved.mean()) < 0.01
-    twice = fly(target, gains, replace(noisy, noise=(0.04, 0.0)), still, np.zeros((1, 1))).position
-    assert twice.std() > 1.5 * moved.std()
+    target, quiet = get("pid"), vehicle(count=3)
+    gains, still = halfway(target, vehicle()), np.zeros((1, 1, round(30.0 / target.period)))
+
+    def moved(noise: float) -> np.ndarray[Any, Any]:
+        return fly(target, gains, replace(quiet, noise=(noise, 0.0)), still, AT_REST).position
+
+    noisy = moved(0.02)
+    assert np.all(fly(target, gains, quiet, still, AT_REST).position == 0.0) and np.array_equal(noisy, moved(0.02))
+    assert 0.0 < noisy.std() < 0.02 and abs(noisy.mean()) < 0.01 and moved(0.04).std() > 1.5 * noisy.std()
 
 
 def test_what_is_not_uncertain_is_not_drawn() -> None:
     """Laws are numbers that others are compared with: a draw about them must not move them at all."""
-    one = vehicle(lag=0.1, delay=0.05)
-    size = len(one.model.theta)
-    covariance = np.zeros((size, size))
+    model = vehicle(lag=0.1, delay=0.05).model
+    covariance = np.zeros((len(model.theta), len(model.theta)))
     covariance[:2, :2] = [[4e-4, 3e-4], [3e-4, 9e-4]]
-    covariance[one.model.index("thruster-lag.T"), one.model.index("thruster-lag.T")] = 1e-5
-    drawn = crowd(one.model, Spread(covariance, 0.03, 0.0, (1.0, 0.9, 1.1)), 30.0, None, 200, np.random.default_rng(1))
+    covariance[model.index("thruster-lag.T"), model.index("thruster-lag.T")] = 1e-5
+    drawn = crowd(model, Spread(covariance, 0.03, 0.0, (1.0, 0.9, 1.1)), 30.0, None, 200, np.random.default_rng(1))
     fixed = np.diagonal(covariance) == 0
-    assert np.array_equal(drawn.theta[:, fixed], np.tile(one.model.theta[fixed], (200, 1)))
+    assert np.array_equal(drawn.theta[:, fixed], np.tile(model.theta[fixed], (200, 1)))
     assert np.all(drawn.theta[:, ~fixed].std(axis=0) > 0)
 
 
 def test_series_and_parallel_form_are_one_controller() -> None:
-    found = series_form(2.0, 0.3, 1.0)
-    assert found is not None
-    gain, integral, derivative = found
+    gain, integral, derivative = series_form(2.0, 0.3, 1.0) or (0.0, 0.0, 0.0)
     s = np.array([0.3j, 1.0j, 4.0j])
     assert np.allclose(gain * (1 + 1 / (integral * s)) * (1 + derivative * s), 2.0 + 0.3 / s + 1.0 * s)
     assert series_form(1.0, 1.0, 1.0) is None
 
 
-def controller_class(text: str) -> Any:
-    """The class in a `controller.py` that was written."""
-    space: dict[str, Any] = {}
-    exec(text, space)
-    return space["Controller"]
+TWINS = ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06, 1.0), Curve(30.0, 2.0, 0.06, 1.0), "")
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_python_file_is_the_stack_that_was_flown(side: float) -> None:
     """Loop by loop the same outputs, the map inverted, over north and back."""
-    known = ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06, 1.0), Curve(30.0, 2.0, 0.06, 1.0), "")
-    bend, most = turning(known, 0.25)
-    target, one = get("python"), vehicle(full=most)
-    nominal = nominal_of(one, 1.0)
-    proposed = {key: float(value[0]) for key, value in target.propose(np.full((1, 5), 0.5), nominal).items()}
-    text = target.text(Design(proposed, {}, replace(nominal, bend=bend), ("a note",)))
-    flown = controller_class(text)(0.0)
-    own = {key: np.full((1, 1), value) for key, value in proposed.items()}
-    state = target.start(own, np.zeros((1, 1)), np.zeros((1, 1)))
-    random = np.random.default_rng(1)
-    heading = 0.0
+    bend, most = turning(TWINS, 0.25)
+    target, plant = get("python"), vehicle(full=most)
+    gains = halfway(target, plant)
+    proposed = {key: float(value[0, 0]) for key, value in gains.items()}
+    space: dict[str, Any] = {}
+    exec(target.text(Design(proposed, {}, replace(nominal_of(plant, 1.0), bend=bend), ("a note",))), space)
+    controller, state = space["Controller"](0.0), target.start(gains, AT_REST, AT_REST)
+    random, heading = np.random.default_rng(1), 0.0
     for k in range(200):
         reference = side * (1.2 if k < 100 else -0.5)
         heading += side * 0.01 + 0.002 * random.standard_normal()
         rate = 0.2 * random.standard_normal()
-        state, output = target.step(
-            state, own, np.full((1, 1), reference), np.full((1, 1), heading), np.full((1, 1), rate)
-        )
-        wanted = float(bend.inverse(output)[0, 0])
+        state, output = target.step(state, gains, AT_REST + reference, AT_REST + heading, AT_REST + rate)
         turned = 2 * np.pi * (k % 3)
-        assert flown.step(reference, heading + turned, rate) == pytest.approx(wanted, abs=2e-4)
+        wanted = pytest.approx(float(bend.inverse(output)[0, 0]), abs=2e-4)
+        assert controller.step(reference, heading + turned, rate) == wanted
 
 
 def test_the_map_inverted_gives_back_the_share_across_its_dead_band() -> None:
-    known = ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06, 1.0), Curve(30.0, 2.0, 0.06, 1.0), "")
-    bend, most = turning(known, 0.25)
+    bend, most = turning(TWINS, 0.25)
     assert most == pytest.approx(0.25 * 70.0 * 0.94**2)
     wanted = np.array([-1.0, -0.3, -0.01, 0.0, 0.01, 0.3, 1.0])
     assert np.allclose(bend.of(bend.inverse(wanted)), wanted, atol=1e-6)
     assert bend.inverse(np.array([1e-6]))[0] > 0.05
     assert np.all(bend.of(np.array([-0.05, 0.05])) == 0.0)
+    line = ThrustCurve(np.array([0.0, 0.1, 1.0]), np.array([0.0, 0.0, 1.0]))
+    assert line.of(np.array([0.05, 0.55, -1.0])) == pytest.approx([0.0, 0.5, -1.0])
+    assert line.slope(np.array([0.05, 0.5])) == pytest.approx([0.0, 1.0 / 0.9])
 
 
-def test_a_sub_s_file_never_names_the_feed_forward() -> None:
-    target, one = get("ardusub"), vehicle()
-    text = target.text(Design(target.defaults, target.defaults, nominal_of(one, 1.0), ()))
-    assert "ATC_RAT_YAW_FF" not in text
-    assert "ArduSub 4" in text and "ATC_RAT_YAW_P,0.18" in text
-    rover = get("ardurover")
-    assert "ATC_STR_RAT_FF,0.2" in rover.text(Design(rover.defaults, {}, nominal_of(one, 1.0), ()))
+def test_files_of_gains() -> None:
+    """A sub's never names the feed-forward; that for a PID holds both forms with units."""
+    nominal = nominal_of(vehicle(), 1.0)
 
+    def text(name: str, gains: dict[str, float] | None = None) -> str:
+        target = get(name)
+        return target.text(Design(gains or target.defaults, target.defaults if gains is None else {}, nominal, ()))
 
-def test_pid_json_holds_both_forms_with_units() -> None:
-    target, one = get("pid"), vehicle()
-    own = {"K_p": 2.0, "K_i": 0.3, "K_d": 1.0, "b": 0.5, "T_f": 0.02}
-    found = json.loads(target.text(Design(own, {}, nominal_of(one, 1.0), ("a note",))))
-    assert found["parallel"]["K_d"] == {"value": 1.0, "unit": "s/rad"}
-    assert found["series"]["T_i"]["unit"] == "s" and found["sample_time_s"] == 0.05
+    assert "ATC_RAT_YAW_FF" not in text("ardusub") and "ATC_RAT_YAW_P,0.18" in text("ardusub")
+    assert "ATC_STR_RAT_FF,0.2" in text("ardurover")
+    pid = json.loads(text("pid", {"K_p": 2.0, "K_i": 0.3, "K_d": 1.0, "b": 0.5, "T_f": 0.02}))
+    assert pid["parallel"]["K_d"] == {"value": 1.0, "unit": "s/rad"}
+    assert pid["series"]["T_i"]["unit"] == "s" and pid["sample_time_s"] == 0.05
 
 
 def test_an_unknown_target_is_answered_with_the_names() -> None:
@@ -220,24 +203,15 @@ def test_an_unknown_target_is_answered_with_the_names() -> None:
 
 
 def test_scores_of_a_known_response() -> None:
-    from automarine_cli.control.design import ClosedLoopRun
-
     time = np.arange(0.0, 20.0, 0.1)
     step = 1.0 - np.exp(-time) * np.cos(2.0 * time)
     load = -0.2 * (1.0 - np.exp(-time))
-    found = scores(ClosedLoopRun(time, np.stack([step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
-    assert found.overshoot[0] == pytest.approx(step.max() - 1.0)
-    assert found.error[0] == pytest.approx(0.2, rel=1e-6)
-    assert found.settling[0] == pytest.approx(time[np.flatnonzero(np.abs(step - 1.0) > 0.02)[-1] + 1])
-    never = scores(ClosedLoopRun(time, np.stack([0.5 * step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
-    assert not never.settles[0]
-
-
-def test_a_yaw_vehicle_with_a_bend_answers_by_its_map() -> None:
-    bend = ThrustCurve(np.array([0.0, 0.1, 1.0]), np.array([0.0, 0.0, 1.0]))
-    assert bend.of(np.array([0.05, 0.55, -1.0])) == pytest.approx([0.0, 0.5, -1.0])
-    assert bend.slope(np.array([0.05, 0.5])) == pytest.approx([0.0, 1.0 / 0.9])
-    assert YAW.wraps
+    both, output = np.stack([step, load]), np.zeros((1, 2, 200))
+    good = scores(ClosedLoopRun(time, both[None], output), 1.0, 0.02)
+    assert good.overshoot[0] == pytest.approx(step.max() - 1.0)
+    assert good.error[0] == pytest.approx(0.2, rel=1e-6)
+    assert good.settling[0] == pytest.approx(time[np.flatnonzero(np.abs(step - 1.0) > 0.02)[-1] + 1])
+    assert not scores(ClosedLoopRun(time, both[None] * [[[0.5], [1.0]]], output), 1.0, 0.02).settles[0]
 
 
 @pytest.mark.parametrize(("unit", "reach"), [("us", 400.0), ("%", 100.0), ("", 1.0)])
@@ -255,7 +229,7 @@ def test_the_whole_output_is_as_far_as_the_map_was_measured(unit: str, reach: fl
 def test_the_defaults_are_those_of_a_real_vehicle() -> None:
     """A BlueROV2 Heavy with ArduSub 4.1 that nobody tuned: every parameter of the stack stands in its log."""
     log = BLUEROV.read_bytes()
-    for one in get("ardusub").parameters:
-        place = log.find(one.name.encode().ljust(16, b"\0"))
-        assert place > 0, one.name
-        assert struct.unpack("<f", log[place + 16 : place + 20])[0] == pytest.approx(one.default)
+    for parameter in get("ardusub").parameters:
+        place = log.find(parameter.name.encode().ljust(16, b"\0"))
+        assert place > 0, parameter.name
+        assert struct.unpack("<f", log[place + 16 : place + 20])[0] == pytest.approx(parameter.default)

@@ -21,16 +21,15 @@ def fitted(small_day: Path) -> Path:
 def test_the_card_says_what_the_model_file_and_its_manifest_say(fitted: Path) -> None:
     text = export(fitted / "yaw_model.json", to="card", number="2").text
     data = json.loads((fitted / "yaw_model.json").read_text())
-    model = data["models"]["2"]
     for name in ("I_r", "k_rr", "k_r"):
         (row,) = re.findall(rf"^\| (?:[\w-]+ )?{name} \|.*$", text.split("## Covariance")[0], flags=re.MULTILINE)
-        cells = [cell.strip() for cell in row.strip("|").split("|")]
-        assert float(cells[2]) == pytest.approx(model[name]["value"], rel=1e-4)
-        assert float(cells[3]) == pytest.approx(model[name]["stderr"], rel=0.06)
-        assert [float(x) for x in cells[4].split(" to ")] == pytest.approx(model[name]["ci95"], rel=1e-3)
-        assert cells[5] == model[name]["unit"]
+        cells, entry = [cell.strip() for cell in row.strip("|").split("|")], data["models"]["2"][name]
+        assert float(cells[2]) == pytest.approx(entry["value"], rel=1e-4)
+        assert float(cells[3]) == pytest.approx(entry["stderr"], rel=0.06)
+        assert [float(x) for x in cells[4].split(" to ")] == pytest.approx(entry["ci95"], rel=1e-3)
+        assert cells[5] == entry["unit"]
     manifest = json.loads((fitted / "manifest.json").read_text())
-    assert all(one["sha256"] in text for one in manifest["inputs"])
+    assert all(entry["sha256"] in text for entry in manifest["inputs"])
     assert sha256(fitted / "yaw_model.json") in text
     low, high = data["valid_range"]["moment"]
     assert f"moment: {low:.4g}"[:11] in text and low < 0 < high
@@ -38,13 +37,13 @@ def test_the_card_says_what_the_model_file_and_its_manifest_say(fitted: Path) ->
     assert "- quadratic-drag: `-k_rr |r| r`. " in text
 
 
-def test_the_covariance_of_the_file_is_that_of_its_standard_errors(fitted: Path) -> None:
-    """I/k_rr tells how the two go together: its own relative error is that of their difference on the logarithm."""
+def test_the_covariance_of_the_file_is_that_of_its_standard_errors_and_the_range_that_of_the_runs(fitted: Path) -> None:
+    """I/k_rr tells how the two go together: its relative error is that of their difference on the logarithm."""
     data = json.loads((fitted / "yaw_model.json").read_text())
     for number in ("2", "3"):
         fit = data["models"][number]
-        told = fit["output_error"]["covariance"]
-        matrix, names = np.array(told["matrix"]), told["parameters"]
+        covariance = fit["output_error"]["covariance"]
+        matrix, names = np.array(covariance["matrix"]), covariance["parameters"]
         np.testing.assert_allclose(np.sqrt(np.diag(matrix)), [fit[n]["stderr"] for n in names], rtol=1e-9)
         np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12)
         assert np.all(np.linalg.eigvalsh(matrix) > 0)
@@ -53,10 +52,6 @@ def test_the_covariance_of_the_file_is_that_of_its_standard_errors(fitted: Path)
         angle = fit["inertial_turn_angle_rad"]
         spread = np.sqrt(relative[0, 0] + relative[1, 1] - 2 * relative[0, 1])
         assert angle["stderr"] / angle["value"] == pytest.approx(spread, rel=1e-9)
-
-
-def test_the_range_is_that_of_the_runs(fitted: Path) -> None:
-    data = json.loads((fitted / "yaw_model.json").read_text())
     k_rr, (low, high) = data["models"]["3"]["k_rr"]["value"], data["valid_range"]["moment"]
     rates = data["valid_range"]["yaw_rate_rad_s"]
     if data["preferred"] == "3":
@@ -71,19 +66,20 @@ BARE = {
 
 
 def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
-    def told(value: float, spread: float) -> dict[str, object]:
+    def estimate(value: float, spread: float) -> dict[str, object]:
         return {"value": value, "stderr": spread, "ci95": [value - 2 * spread, value + 2 * spread], "unit": "nu"}
 
     path = tmp_path / "extended_model.json"
-    compass = {"B": told(0.05, 0.004), "C": told(-0.03, 0.002), "D": 0.02, "E": 0.01}
-    effects = [
-        {"name": "bias-moment", "parameters": {"b": told(0.1, 0.01)}},
-        {"name": "compass-deviation", "parameters": compass},
-    ]
-    model = {"k_rr": told(1.2, 0.1), "I_r": told(1.0, 0.05)}
-    content = {"schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"3": model}, "preferred": "3"}
-    content |= {"effects": effects, "valid_range": {"moment": [-0.5, 1.0], "yaw_rate_rad_s": None}}
-    content["parent"] = {"file": "yaw_model.json", "sha256": "ab" * 32}
+    compass = {"B": estimate(0.05, 0.004), "C": estimate(-0.03, 0.002), "D": 0.02, "E": 0.01}
+    content = BARE | {
+        "models": {"3": {"k_rr": estimate(1.2, 0.1), "I_r": estimate(1.0, 0.05)}},
+        "effects": [
+            {"name": "bias-moment", "parameters": {"b": estimate(0.1, 0.01)}},
+            {"name": "compass-deviation", "parameters": compass},
+        ],
+        "valid_range": {"moment": [-0.5, 1.0], "yaw_rate_rad_s": None},
+        "parent": {"file": "yaw_model.json", "sha256": "ab" * 32},
+    }
     path.write_text(json.dumps(content))
     text = export(path, to="card", frame="ENU", newton_metres_per_nu=2.0).text
     lines = (line.strip("|").split("|") for line in text.splitlines() if line.startswith("| "))
@@ -98,28 +94,23 @@ def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
     assert "there is no manifest.json beside the model file" in text and "fit again with this version" in text
 
 
-NO_NUMBER = ["x", [], [1], ["a", "b"]]
-
-
-@pytest.mark.parametrize("odd", NO_NUMBER, ids=repr)
+@pytest.mark.parametrize("odd", ["x", [], ["a", "b"]], ids=repr)
 def test_what_is_no_result_is_refused_with_its_place(tmp_path: Path, odd: object) -> None:
     """Whatever hands made of the parts that only a card shows."""
     path = tmp_path / "a`b*[c](d).json"
-    found = f"a list of {len(odd)}" if isinstance(odd, list) else f'"{odd}"'
+    says = f"a list of {len(odd)}" if isinstance(odd, list) else f'"{odd}"'
+    spread, covariance = {"value": 1.2, "stderr": odd}, {"parameters": ["I_r"], "matrix": [[odd]]}
+    bare = BARE["models"]["3"] | {"output_error": {"covariance": covariance}}
     parts = {
-        "models.3.k_rr.stderr": {"models": {"3": {"k_rr": {"value": 1.2, "stderr": odd}, "I_r": 1.0}}},
-        "models.3.output_error.covariance.matrix[0][0]": {
-            "models": {"3": {"k_rr": 1.2, "I_r": 1.0, "output_error": {
-                "covariance": {"parameters": ["I_r"], "matrix": [[odd]]},
-            }}},
-        },
+        "models.3.k_rr.stderr": {"models": {"3": {"k_rr": spread, "I_r": 1.0}}},
+        "models.3.output_error.covariance.matrix[0][0]": {"models": {"3": bare}},
         "valid_range.moment[0]": {"valid_range": {"moment": [odd, 1.0]}},
-    }  # fmt: skip
+    }
     for place, part in parts.items():
         path.write_text(json.dumps(BARE | part))
         with pytest.raises(ModelError) as refusal:
             export(path, to="card")
-        assert str(refusal.value) == f"{path.name}: {place}: found {found}, expected a number"
+        assert str(refusal.value) == f"{path.name}: {place}: found {says}, expected a number"
     path.write_text(json.dumps(BARE | {"warnings": [["nested"]]}))
     with pytest.raises(ModelError, match=r"warnings\[0\]: found a list of 1, expected a text in quotes"):
         export(path, to="card")
@@ -128,9 +119,8 @@ def test_what_is_no_result_is_refused_with_its_place(tmp_path: Path, odd: object
 @pytest.mark.parametrize("covariance", [None, {"parameters": ["I_r"], "matrix": [[1.0, 2.0]]}])
 def test_a_card_takes_a_file_that_says_little(tmp_path: Path, covariance: object) -> None:
     path = tmp_path / "a`b*[c](d).json"
-    entry = {
-        "k_rr": {"value": 1.2, "stderr": None, "ci95": None}, "I_r": 1.0, "output_error": {"covariance": covariance},
-    }  # fmt: skip
+    drag = {"value": 1.2, "stderr": None, "ci95": None}
+    entry = {"k_rr": drag, "I_r": 1.0, "output_error": {"covariance": covariance}}
     path.write_text(json.dumps(BARE | {"models": {"3": entry}, "valid_range": {"moment": None}, "parent": None}))
     text = export(path, to="card").text
     assert "| quadratic-drag k_rr | quadratic yaw drag | 1.2000 | " in text

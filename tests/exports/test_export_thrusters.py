@@ -44,17 +44,13 @@ def signals() -> Floats:
     return np.linspace(-N_MAX, N_MAX, 1201)
 
 
-def test_every_form_has_a_reader() -> None:
-    assert list(LAWS) == FORMS
-
-
 @pytest.mark.parametrize("form", [form for form in FORMS if form != "gz-thruster"])
 def test_a_square_map_is_exact_in_every_form_but_gazebos(tmp_path: Path, form: str) -> None:
-    found = export(map_file(tmp_path, SQUARE), to="thrusters", form=form)
-    n, expected = signals(), SQUARE.force(signals())
-    close = 1e-3 if form.endswith("table") else 1e-6
-    np.testing.assert_allclose(LAWS[form](found.text)(n), expected, atol=close * np.max(expected))
-    assert "Warning" not in found.text and found.carried == ("thruster map",)
+    assert list(LAWS) == FORMS
+    file = export(map_file(tmp_path, SQUARE), to="thrusters", form=form)
+    expected, close = SQUARE.force(signals()), 1e-3 if form.endswith("table") else 1e-6
+    np.testing.assert_allclose(LAWS[form](file.text)(signals()), expected, atol=close * np.max(expected))
+    assert "Warning" not in file.text and file.carried == ("thruster map",)
 
 
 @pytest.mark.parametrize("form", ["stonefish-table", "uuv-table"])
@@ -79,25 +75,20 @@ def test_tables_are_sound_for_any_curve(a: float, p: float, n_0: float, limit: f
 
 
 REFUSED = {
-    "constants": "thrusters.json: constants cannot follow a map of the form dead-band: its thrust would be wrong by up "
-    "to 0.24 N (4.2 % of 5.71 N); give --form stonefish-table or uuv-table, which follows any map, or --allow-partial",
-    "stonefish-deadband": "thrusters.json: stonefish-deadband cannot follow a map of the form dead-band: its thrust "
-    "would be wrong by up to 0.22 N (3.8 % of 5.71 N); give --form stonefish-table, which follows any map, or "
-    "--allow-partial",
-    "uuv-bessa": "thrusters.json: uuv-bessa cannot follow a map of the form dead-band: its thrust would be wrong by up "
-    "to 0.22 N (3.8 % of 5.71 N); give --form uuv-table, which follows any map, or --allow-partial",
+    "constants": r"up to 0\.24 N \(4\.2 % of 5\.71 N\); give --form stonefish-table or uuv-table",
+    "stonefish-deadband": r"up to 0\.22 N \(3\.8 % of 5\.71 N\); give --form stonefish-table",
+    "uuv-bessa": r"up to 0\.22 N \(3\.8 % of 5\.71 N\); give --form uuv-table",
 }
 
 
 @pytest.mark.parametrize("form", REFUSED)
 def test_laws_of_another_shape_are_refused_with_their_error(tmp_path: Path, form: str) -> None:
     path = map_file(tmp_path, BANDED)
-    with pytest.raises(SettingError) as problem:
+    with pytest.raises(SettingError, match=rf"^thrusters\.json: {form} .*{REFUSED[form]}, .* or --allow-partial"):
         export(path, to="thrusters", form=form)
-    assert str(problem.value) == REFUSED[form]
     partly = export(path, to="thrusters", form=form, allow_partial=True)
     off = np.max(np.abs(LAWS[form](partly.text)(signals()) - BANDED.force(signals())))
-    assert f"wrong by up to {off:.2g} N" in REFUSED[form] and f"{off:.2g} N" in partly.text
+    assert f"{off:.2g} N".replace(".", r"\.") in REFUSED[form] and f"{off:.2g} N" in partly.text
 
 
 def test_a_dead_band_is_where_it_was_measured(tmp_path: Path) -> None:
@@ -109,13 +100,9 @@ def test_a_dead_band_is_where_it_was_measured(tmp_path: Path) -> None:
 
 def test_gazebo_is_symmetric_and_says_what_that_costs(tmp_path: Path) -> None:
     path = map_file(tmp_path, SQUARE)
-    with pytest.raises(SettingError) as problem:
+    says = r"at n = 150 this thruster gives 5\.85 N ahead and 1\.57 N astern: .* up to 2\.1 N \(.*; give --symmetrise"
+    with pytest.raises(SettingError, match=says):
         export(path, to="thrusters", form="gz-thruster")
-    assert str(problem.value) == (
-        "thrusters.json: gz-thruster has one coefficient for both directions and no other law than the square, but at "
-        "n = 150 this thruster gives 5.85 N ahead and 1.57 N astern: its thrust would be wrong by up to 2.1 N (37 % of "
-        "5.85 N); give --symmetrise to take that"
-    )
     text = export(path, to="thrusters", form="gz-thruster", symmetrise=True).text
     law = LAWS["gz-thruster"](text)
     assert np.max(np.abs(law(signals()) - SQUARE.force(signals()))) == pytest.approx(2.14, abs=0.01)
@@ -135,12 +122,8 @@ def test_saturation_is_a_limit_of_the_signal(tmp_path: Path) -> None:
 
 def test_a_direction_that_was_never_measured_is_refused(tmp_path: Path) -> None:
     path = map_file(tmp_path, AHEAD_ONLY)
-    with pytest.raises(SettingError) as problem:
+    with pytest.raises(SettingError, match=r"^thrusters\.json: backward was never measured; give --allow-partial"):
         export(path, to="thrusters")
-    assert str(problem.value) == (
-        "thrusters.json: backward was never measured; give --allow-partial for a file in which the thruster gives "
-        "nothing backward, or fit the map from a bollard test that pulls both ways"
-    )
     for form in FORMS[:-1]:
         text = export(path, to="thrusters", form=form, allow_partial=True).text
         law = LAWS[form](text)
@@ -174,12 +157,8 @@ def test_how_far_the_thruster_goes_must_be_known(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_thruster_that_never_leaves_its_dead_band_is_refused(tmp_path: Path, form: str) -> None:
-    with pytest.raises(SettingError) as problem:
+    with pytest.raises(SettingError, match=r"^thrusters\.json: backward .* its dead band of 18; give a larger --n-max"):
         export(map_file(tmp_path, BANDED), to="thrusters", form=form, n_max=15.0, allow_partial=True)
-    assert str(problem.value) == (
-        "thrusters.json: backward gives nothing up to n = 15, which is within its dead band of 18; give a larger "
-        "--n-max"
-    )
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -193,12 +172,8 @@ def test_files_are_the_same_bytes_again_and_stamped(tmp_path: Path, form: str) -
     assert other.replace("ENU", "NED").splitlines()[5:] == text.splitlines()[5:]
 
 
-def test_yaw_targets_refuse_a_map(tmp_path: Path) -> None:
+def test_yaw_targets_refuse_a_map_and_python_takes_the_fit_itself(tmp_path: Path) -> None:
     with pytest.raises(SettingError, match=r"thrusters\.json is a thruster map; --to uuv takes a yaw model"):
         export(map_file(tmp_path, SQUARE), to="uuv")
-
-
-def test_python_takes_the_fit_itself(tmp_path: Path) -> None:
     fit = am.fit_thrusters(SAMPLE_RUNS / "thrusters", thrusters_per_test=2)
-    found = am.export(fit, to="thrusters")
-    assert constants_of(found.text)["k_pos"] == pytest.approx(2.626e-4, rel=1e-3)
+    assert constants_of(am.export(fit, to="thrusters").text)["k_pos"] == pytest.approx(2.626e-4, rel=1e-3)

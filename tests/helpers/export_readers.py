@@ -178,7 +178,7 @@ READERS: dict[tuple[str, str], Callable[[str], Slope]] = {
 }
 
 
-def rk4(slope: Slope, moment: float, rate0: float, seconds: float, step: float = 0.005) -> tuple[Floats, Floats]:
+def rk4(slope: Slope, moment: float, rate0: float, seconds: float, step: float = 0.02) -> tuple[Floats, Floats]:
     """Times and yaw rates under a constant moment, by classical Runge-Kutta."""
     rates = [rate0]
     for _ in range(round(seconds / step)):

@@ -16,22 +16,8 @@ ALONE = [sys.executable, "-m", "automarine_cli"]
 def collecting(folder: Path, token: str, port: int, campaign: Path) -> subprocess.Popen[bytes]:
     """The surface as a process of its own."""
     url = f"http://127.0.0.1:{port}"
-    return subprocess.Popen(
-        [
-            *ALONE,
-            "collect",
-            url,
-            "-o",
-            str(folder),
-            "--token",
-            token,
-            "--campaign",
-            str(campaign),
-            "--wait",
-            "600",
-            "-q",
-        ]
-    )
+    asks = ["collect", url, "-o", str(folder), "--token", token, "--campaign", str(campaign), "--wait", "600", "-q"]
+    return subprocess.Popen([*ALONE, *asks])
 
 
 def free_port(first: int) -> int:

@@ -21,6 +21,11 @@ from automarine_cli.models.yaw_model import YawModel
 
 TOKEN = "a-token-of-tests"
 MODEL = YawModel.base("3", 1.0, [1.25], "nu", YAW)
+MODEL_FILE = {
+    "schema": "automarine/yaw-model/1", "moment_unit": "nu", "preferred": "3", "effects": [],
+    "models": {"3": {"I_r": {"value": 1.0, "unit": "nu s²"}, "k_rr": {"value": 1.25, "unit": "nu s²"}}},
+}  # fmt: skip
+"""Content of the file of `MODEL`."""
 BATTERY = Battery(charge_Ah=2.9, reserve_percent=20.0, idle_A=0.3, full_A=6.0, at_moment=1.0)
 
 

@@ -10,21 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
+from link_requests import ask, collected, logs_in, put, until
 from made_bus import COLUMNS, MOMENT, PULSES, Vessel, column_map
-from made_link import TOKEN, made_campaign, vehicle_at
-from test_link_cuts import ask, logs_in, put
-from test_link_kills import MODEL_FILE
+from made_link import MODEL_FILE, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server
-from automarine_cli.link.collector import Client, Collector
-from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles import can
 from automarine_cli.link.vehicles.can import CanBus
 from automarine_cli.logs import read_column_map
 from automarine_cli.planning.candidates import Drive
 from automarine_cli.thrusters.map import Curve
 
+Act = Callable[[Vessel, pytest.MonkeyPatch], None]
 SPEED = 20.0
 PATIENCE_S = 60.0  # of this clock, for what comes soon where nobody else needs the machine
 
@@ -34,14 +32,6 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A compass whose thread waits for the machine is not taken for one that fell silent."""
     monkeypatch.setattr(can, "SILENT_S", SPEED * PATIENCE_S)
     monkeypatch.setattr(server, "QUIET_S", PATIENCE_S)
-
-
-def until(what: Callable[[], object]) -> None:
-    """Wait until something is so."""
-    ends = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < ends
-        time.sleep(0.01)
 
 
 def on(vessel: Vessel, folder: Path, text: str = MOMENT, drive: Drive | None = None) -> CanBus:
@@ -58,8 +48,7 @@ def rows_of(log: bytes) -> list[dict[str, str]]:
 def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_path: Path) -> None:
     campaign = made_campaign(8, seconds=6.0, rate=20.0)
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 20.0, poll_s=0.02)
-        (state,) = collector.collect(campaign, stop=False).campaigns
+        (state,) = collected(vehicle.url, tmp_path / "pool", campaign).campaigns
     assert (state.played, state.interrupted, state.why_stopped) == (8, 0, None)
     sent = sorted({moment for one in campaign.runs for moment, _ in one.commands})
     assert np.allclose(sorted(set(vessel.moments())), sent, atol=0.001, rtol=0.0)  # as the signal holds them
@@ -78,7 +67,7 @@ def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_
 def test_frames_come_at_a_steady_rate_and_end_with_neutral(tmp_path: Path) -> None:
     campaign = made_campaign(2, seconds=10.0, rate=10.0)
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
-        Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 20.0, poll_s=0.02).collect(campaign, stop=False)
+        collected(vehicle.url, tmp_path / "pool", campaign)
         per_run = 10 * (1 + 10 + 1) + 1
         until(lambda: len(vessel.heard) >= 2 * (per_run + 3))
         time.sleep(0.2)
@@ -95,63 +84,59 @@ def test_nothing_but_neutral_after_a_stop(tmp_path: Path) -> None:
         put(vehicle.port, campaign)
         until(lambda: any(vessel.moments()[-1:]))
         assert ask(vehicle.port, "POST", "/stop")[0] == 200
-        heard = list(vessel.heard)
+        before = len(vessel.heard)
         until(lambda: vessel.moments()[-3:] == [0.0] * 3)
         time.sleep(0.3)
-        assert vessel.heard[len(heard) :] == [] or all(not one["Moment"] for _, _, one in vessel.heard[len(heard) :])
-        assert vessel.moments()[-3:] == [0.0] * 3
+        assert not any(vessel.moments()[before:]) and vessel.moments()[-3:] == [0.0] * 3
     ((name, log),) = logs_in(vehicle.store.runs).items()
     assert name.endswith("_stopped.csv") and float(rows_of(log)[-1]["tau"]) == 0.0
 
 
-def _ends_early(vessel: Vessel, folder: Path, when: Callable[[Vessel], None], campaign: LinkCampaign) -> str:
-    with vessel.afloat(), vehicle_at(folder / "v", vessel.speed, on(vessel, folder)) as vehicle:
-        put(vehicle.port, campaign)
-        if vessel.speaks:
+def fall_silent(vessel: Vessel, patch: pytest.MonkeyPatch) -> None:
+    vessel.speaks = False
+    patch.setattr(can, "SILENT_S", 2.0)
+
+
+def intrude(vessel: Vessel, patch: pytest.MonkeyPatch) -> None:
+    vessel.intrudes = True
+
+
+@pytest.mark.parametrize(
+    ("speaks", "act", "why"),
+    [
+        (True, fall_silent, "the compass fell silent; look at it before the next campaign"),
+        (False, fall_silent, "no heading came from the bus; look at the compass"),
+        (True, intrude, "somebody else sends 0x124, by which the run is driven; make that sender stop"),
+    ],
+)
+def test_what_goes_wrong_on_the_bus_ends_the_campaign(
+    speaks: bool, act: Act, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    vessel = Vessel(SPEED, speaks=speaks)
+    with vessel.afloat(), vehicle_at(tmp_path / "v", vessel.speed, on(vessel, tmp_path)) as vehicle:
+        put(vehicle.port, made_campaign(2, seconds=300.0))
+        if speaks:
             until(lambda: any(vessel.moments()[-1:]))
-        when(vessel)
+        act(vessel, monkeypatch)
         until(lambda: vehicle.store.state().campaigns[0].over)
-        state = vehicle.store.state().campaigns[0]
         until(lambda: vessel.moments()[-3:] in ([0.0] * 3, []))
+        assert str(vehicle.store.state().campaigns[0].why_stopped).startswith(why)
         marks = [name.rpartition("_")[2] for name in logs_in(vehicle.store.runs)]
-        assert marks == (["stopped.csv"] if any(vessel.moments()) else [])
-        return str(state.why_stopped)
-
-
-def test_a_compass_that_falls_silent_ends_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def mute(vessel: Vessel) -> None:
-        vessel.speaks = False
-        monkeypatch.setattr(can, "SILENT_S", 2.0)
-
-    why = _ends_early(Vessel(SPEED), tmp_path, mute, made_campaign(2, seconds=300.0))
-    assert why == "the compass fell silent; look at it before the next campaign"
-
-
-def test_without_a_compass_nothing_is_sent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(can, "SILENT_S", 2.0)
-    vessel = Vessel(SPEED, speaks=False)
-    why = _ends_early(vessel, tmp_path, lambda vessel: None, made_campaign(2))
-    assert why.startswith("no heading came from the bus; look at the compass") and set(vessel.moments()) <= {0.0}
-
-
-def test_a_second_sender_ends_the_campaign(tmp_path: Path) -> None:
-    def intrude(vessel: Vessel) -> None:
-        vessel.intrudes = True
-
-    why = _ends_early(Vessel(SPEED), tmp_path, intrude, made_campaign(2, seconds=300.0))
-    assert why == "somebody else sends 0x124, by which the run is driven; make that sender stop"
+        assert (
+            marks == ["stopped.csv"] * speaks == ["stopped.csv"] * any(vessel.moments())
+        )  # without a compass: nothing
 
 
 def test_two_thrusters_get_pulses(tmp_path: Path) -> None:
     curve = Curve(a=1e-3, n_0=0.0, p=2.0)
     drive = Drive(curve, curve, 0.1, 100.0, True, 1.0)
     campaign = replace(made_campaign(2), moment_unit="N m")
-    found = on(Vessel(SPEED), tmp_path, PULSES, drive).steps(campaign, campaign.runs[0])
+    steps = on(Vessel(SPEED), tmp_path, PULSES, drive).steps(campaign, campaign.runs[0])
     n = (0.4 / 0.1 / 2 / 1e-3) ** 0.5  # each pulls half of moment / arm
     pulse = round(1500 + 4 * n)
     still, driven = ("0", "0"), (f"{(pulse - 1500) / 4:g}", f"{(1500 - pulse) / 4:g}")
-    assert [one.readings for one in found] == [still, driven, still, still]
-    ports = [int.from_bytes(one.frames[0].data[:2], "little") for one in found]
+    assert [one.readings for one in steps] == [still, driven, still, still]
+    ports = [int.from_bytes(one.frames[0].data[:2], "little") for one in steps]
     assert ports == [1500, pulse, 1500, 1500]
 
 
@@ -183,16 +168,9 @@ def test_commands_beyond_the_signal_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_dry_run_over_can(run: Callable[..., Result], tmp_path: Path) -> None:
-    (tmp_path / "campaign.json").write_text(made_campaign(2).text)
-    asked = [
-        "serve",
-        str(tmp_path / "v"),
-        "--vehicle",
-        "can",
-        "--dry-run",
-        "--campaign",
-        str(tmp_path / "campaign.json"),
-    ]
+    campaign = tmp_path / "campaign.json"
+    campaign.write_text(made_campaign(2).text)
+    asked = ["serve", str(tmp_path / "v"), "--vehicle", "can", "--dry-run", "--campaign", str(campaign)]
     with_map = [*asked, "--bus", "virtual:dry", "--columns", str(column_map(tmp_path))]
     assert "2 runs in 0.2 min" in run(*with_map).stdout
     (tmp_path / "yaw_model.json").write_text(json.dumps(MODEL_FILE))

@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-import http.client
 import json
 import os
 import socket
@@ -11,65 +10,42 @@ import time
 from pathlib import Path
 
 import pytest
+from link_requests import ask, collected, logs_in, put, until
 from made_link import MODEL, TOKEN, CuttingProxy, expected_logs, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server
 from automarine_cli.link.collector import Client, Collector
-from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.player import Player
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.simulated import Simulated
 
 
-def logs_in(folder: Path) -> dict[str, bytes]:
-    """Name and bytes of the logs."""
-    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.csv"))}
-
-
-def ask(port: int, method: str, path: str, body: bytes | None = None, **headers: str) -> tuple[int, bytes]:
-    """Status and content of one request."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=600)
-    token = {"Authorization": f"Bearer {TOKEN}"}
-    connection.request(method, path, body, token | {key.capitalize(): value for key, value in headers.items()})
-    answer = connection.getresponse()
-    found = answer.status, answer.read()
-    connection.close()
-    return found
-
-
-def put(port: int, campaign: LinkCampaign) -> int:
-    """Status of putting a campaign."""
-    return ask(port, "PUT", f"/campaigns/{campaign.id}", campaign.text.encode())[0]
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_what_comes_over_a_cut_link_is_what_was_sent(seed: int, tmp_path: Path) -> None:
+def test_what_comes_over_a_cut_link_is_what_was_sent(tmp_path: Path) -> None:
     campaign = made_campaign(5, seconds=30.0)
     with vehicle_at(tmp_path / "vehicle") as vehicle:
-        proxy = CuttingProxy(vehicle.port, ("reset", "reset", "stall", "half-open", "slow", "none"), 2000, seed)
+        proxy = CuttingProxy(vehicle.port, ("reset", "reset", "stall", "half-open", "slow", "none"), 2000, seed=1)
         with proxy.running() as url:
             client = Client.of(url, TOKEN)
             collector = Collector(Client(client.host, client.port, TOKEN, 0.2), tmp_path / "pool", 600.0, poll_s=0.02)
-            state = collector.collect(campaign, stop=False)
-    assert proxy.cuts >= 5 and collector.cuts >= 5
-    assert logs_in(tmp_path / "pool") == expected_logs(campaign) == logs_in(vehicle.store.runs)
-    assert [(one.played, one.over) for one in state.campaigns] == [(5, True)]
-    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in expected_logs(campaign).items()}
-    assert collector.ledger() == hashes
+            (state,) = collector.collect(campaign, stop=False).campaigns
+    assert proxy.cuts >= 5 and collector.cuts >= 5 and (state.played, state.over) == (5, True)
+    logs = expected_logs(campaign)
+    assert logs_in(tmp_path / "pool") == logs == logs_in(vehicle.store.runs)
+    assert collector.ledger() == {name: hashlib.sha256(content).hexdigest() for name, content in logs.items()}
 
 
 def test_a_campaign_put_many_times_is_played_once(tmp_path: Path) -> None:
     campaign = made_campaign(2)
     with vehicle_at(tmp_path) as vehicle:
-        found: list[int] = []
-        many = [threading.Thread(target=lambda: found.append(put(vehicle.port, campaign))) for _ in range(6)]
-        for one in many:
-            one.start()
-        for one in many:
-            one.join()
-        assert sorted(found) == [200] * 5 + [201]
-        Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02).collect(campaign, stop=False)
+        answers: list[int] = []
+        many = [threading.Thread(target=lambda: answers.append(put(vehicle.port, campaign))) for _ in range(6)]
+        for thread in many:
+            thread.start()
+        for thread in many:
+            thread.join()
+        assert sorted(answers) == [200] * 5 + [201]
+        collected(vehicle.url, tmp_path / "pool", campaign)
     assert logs_in(vehicle.store.runs) == expected_logs(campaign)
 
 
@@ -91,8 +67,7 @@ def test_nothing_is_commanded_after_a_stop(tmp_path: Path, monkeypatch: pytest.M
     campaign = made_campaign(3, seconds=600.0)
     with vehicle_at(tmp_path, speed=20.0) as vehicle:
         assert put(vehicle.port, campaign) == 201
-        while not any(_is_driven(path) for path in vehicle.store.runs.glob("*.part")):
-            time.sleep(0.01)
+        until(lambda: any(_is_driven(path) for path in vehicle.store.runs.glob("*.part")))
         status, content = ask(vehicle.port, "POST", "/stop")
         assert (status, json.loads(content)) == (200, {"stopped": True, "quiet": True})
         after = logs_in(vehicle.store.runs)
@@ -140,9 +115,8 @@ def test_a_stop_comes_before_the_campaign(tmp_path: Path) -> None:
     first, second = made_campaign(2, seconds=100.0), made_campaign(3)
     with vehicle_at(tmp_path / "vehicle", speed=50.0) as vehicle:
         put(vehicle.port, first)
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02)
-        state = collector.collect(second, stop=True)
-    assert [one.why_stopped for one in state.campaigns] == ["asked to stop", None]
+        state = collected(vehicle.url, tmp_path / "pool", second, stop=True)
+    assert [campaign.why_stopped for campaign in state.campaigns] == ["asked to stop", None]
     assert set(expected_logs(second)) <= set(logs_in(tmp_path / "pool"))
 
 
@@ -151,9 +125,9 @@ def test_nothing_is_told_to_who_has_no_token(token: str, tmp_path: Path) -> None
     with vehicle_at(tmp_path) as vehicle:
         for method, path in (("GET", "/state"), ("GET", "/runs"), ("GET", "/runs/x.csv"), ("POST", "/stop")):
             assert ask(vehicle.port, method, path, authorization=f"Bearer {token}")[0] == 401
-        campaign = made_campaign()
-        found = ask(vehicle.port, "PUT", f"/campaigns/{campaign.id}", b"", authorization=f"Bearer {token}")
-        assert found[0] == 401 and vehicle.store.accepted() == []
+        path = f"/campaigns/{made_campaign().id}"
+        assert ask(vehicle.port, "PUT", path, b"", authorization=f"Bearer {token}")[0] == 401
+        assert vehicle.store.accepted() == []
         with pytest.raises(SettingError, match="refuses the token; give the one that serve printed with --token"):
             Collector(Client.of(vehicle.url, token), tmp_path / "pool", 5.0).collect(None, stop=False)
 
@@ -161,9 +135,7 @@ def test_nothing_is_told_to_who_has_no_token(token: str, tmp_path: Path) -> None
 def test_ranges_and_names(tmp_path: Path) -> None:
     campaign = made_campaign(1)
     with vehicle_at(tmp_path) as vehicle:
-        put(vehicle.port, campaign)
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02)
-        collector.collect(campaign, stop=False)
+        collected(vehicle.url, tmp_path / "pool", campaign)
         ((name, whole),) = expected_logs(campaign).items()
         place = f"/runs/{name.replace('+', '%2B')}"
         assert ask(vehicle.port, "GET", place) == (200, whole)
@@ -180,16 +152,15 @@ def test_ranges_and_names(tmp_path: Path) -> None:
 def test_a_log_that_is_not_what_it_was_closed_as_is_refused(tmp_path: Path) -> None:
     campaign = made_campaign(1)
     with vehicle_at(tmp_path / "vehicle") as vehicle:
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02)
-        collector.collect(campaign, stop=False)
+        collected(vehicle.url, tmp_path / "pool", campaign)
         (log,) = vehicle.store.runs.glob("*.csv")
         log.write_bytes(log.read_bytes().replace(b"0.5", b"0.6", 1)[:-1] + b"9")
         with pytest.raises(SettingError, match="came 3 times with another SHA-256"):
-            Collector(collector.client, tmp_path / "other", 10.0).collect(None, stop=False)
+            collected(vehicle.url, tmp_path / "other")
         assert logs_in(tmp_path / "other") == {} and logs_in(tmp_path / "pool") == expected_logs(campaign)
         (tmp_path / "pool" / log.name).write_text("changed")
         with pytest.raises(SettingError, match="was changed here since it was fetched"):
-            collector.collect(None, stop=False)
+            collected(vehicle.url, tmp_path / "pool")
 
 
 def test_no_contact_ends_after_the_time_given(tmp_path: Path) -> None:
@@ -199,7 +170,7 @@ def test_no_contact_ends_after_the_time_given(tmp_path: Path) -> None:
         Collector(Client.of(f"http://127.0.0.1:{port}", TOKEN), tmp_path / "pool", 0.3).collect(None, stop=False)
 
 
-@pytest.mark.parametrize("url", ["ftp://a:1", "http://a", "a", "http://a:x", "http://a:1/path"])
+@pytest.mark.parametrize("url", ["ftp://a:1", "http://a", "http://a:x", "http://a:1/path"])
 def test_an_address_that_is_none(url: str) -> None:
     with pytest.raises(SettingError, match=r"expected http://HOST:PORT"):
         Client.of(url, TOKEN)

@@ -10,17 +10,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fake_ardusub import PORTS, FakeSub, Tank, campaign_of
+from fake_ardusub import FakeSub, Tank, campaign_of
+from link_requests import logs_in
 from made_link import MODEL, TOKEN, expected_logs, made_campaign
-from test_link_cuts import logs_in
 
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link import store as store_module
-from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.document import CampaignState, LinkCampaign
 from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer
 from automarine_cli.link.store import DEATHS, Store
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.link.vehicles.simulated import Simulated
 
 CAMPAIGN = campaign_of(0.5, -0.5, seconds=4.0)
@@ -32,11 +33,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
-    if (
-        sys.platform != "linux"
-        or shutil.which("mount") is None
-        or subprocess.run(mount, capture_output=True).returncode
-    ):
+    if sys.platform != "linux" or not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
         pytest.skip("a small file system can be mounted by root on Linux only")
     try:
         yield folder
@@ -59,14 +56,14 @@ def handed_over(folder: Path, campaign: LinkCampaign = CAMPAIGN) -> Store:
     return store
 
 
-def play(store: Store, vehicle: FakeSub) -> None:
-    """Play until the campaign is over."""
-    sub = ArduSub(vehicle.address, clock=Tank(vehicle))
-    try:
-        Player(store, sub, 1e3, lambda: bool(store.accepted()) or store.is_playing()).play()
-    finally:
-        while PORTS:
-            PORTS.pop().close()
+def play(store: Store, vehicle: Vehicle) -> CampaignState:
+    """Play until the first campaign is over; what became of it."""
+    Player(store, vehicle, 1e9, lambda: bool(store.accepted()) or store.is_playing()).play()
+    return store.state().campaigns[0]
+
+
+def sub_of(vehicle: FakeSub) -> ArduSub:
+    return ArduSub(vehicle.address, clock=Tank(vehicle))
 
 
 def arms(vehicle: FakeSub) -> int:
@@ -81,12 +78,11 @@ def test_a_full_disk_arms_nothing_and_can_be_stopped(small_disk: Path) -> None:
     store.accept(other.text.encode(), other.id)
     fill(small_disk)
     store.stop("somebody had a reason", [other.id])  # in force, and its reason kept
-    play(store, vehicle)
+    play(store, sub_of(vehicle))
     assert arms(vehicle) == 0 and not vehicle.sticks() and list(store.runs.iterdir()) == []
     first, second = Store(small_disk).state().campaigns  # as a process that begins now reads it
     assert (first.over, first.played) == (True, 0) and first.why_stopped is not None
-    assert first.why_stopped.endswith("cannot be logged (No space left on device); make room on the vehicle's disk, "
-                                      "then plan anew")  # fmt: skip
+    assert "cannot be logged (No space left on device); make room on the vehicle's disk" in first.why_stopped
     assert (second.over, second.why_stopped) == (True, "somebody had a reason")
 
 
@@ -99,7 +95,7 @@ def test_a_run_that_has_its_room_is_logged_on_a_full_disk(small_disk: Path) -> N
             fill(small_disk)
             return super().drive(*given)  # type: ignore[arg-type]
 
-    Player(store, Filled(MODEL, 1e9), 1e9, lambda: bool(store.accepted())).play()
+    play(store, Filled(MODEL, 1e9))
     assert logs_in(store.runs) == expected_logs(campaign)
 
 
@@ -107,8 +103,7 @@ def test_a_log_without_room_arms_nothing(tmp_path: Path, monkeypatch: pytest.Mon
     """The same where nobody can mount a disk: the run needs more room than any disk here has."""
     store, vehicle = handed_over(tmp_path), FakeSub()
     monkeypatch.setattr(LinkCampaign, "room", lambda *_: 1 << 43)
-    play(store, vehicle)
-    (state,) = store.state().campaigns
+    state = play(store, sub_of(vehicle))
     assert arms(vehicle) == 0 and state.over and " cannot be logged (" in str(state.why_stopped)
     assert list(store.runs.iterdir()) == []
 
@@ -125,8 +120,7 @@ def test_a_log_that_breaks_off_ends_the_run_and_the_campaign(tmp_path: Path, mon
 
     os_write = os.write
     monkeypatch.setattr(store_module.os, "write", write)
-    play(store, vehicle)
-    (state,) = store.state().campaigns
+    state = play(store, sub_of(vehicle))
     assert state.over and (state.played, arms(vehicle)) == (1, 1) and not vehicle.armed
     assert "cannot be logged (Input/output error)" in str(state.why_stopped)
     ((name, content),) = logs_in(store.runs).items()
@@ -142,33 +136,25 @@ def test_a_player_that_dies_before_its_log_begins_is_started_a_few_times_only(tm
         os.close(store.begin(name, 1000))  # and then there is silence
         store.close_leftovers()
     vehicle = FakeSub()
-    play(store, vehicle)
-    (state,) = store.state().campaigns
+    state = play(store, sub_of(vehicle))
     assert arms(vehicle) == 0 and state.over and state.played == 0
     assert f"ended {DEATHS} times before {name} had a line in its log; look at" in str(state.why_stopped)
 
 
-def no_room(*_: object, **__: object) -> None:
-    """What writing a file says on a full disk."""
-    raise OutputError("no space left on device")
+def test_neither_a_stop_nor_a_hash_needs_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_room(*_: object, **__: object) -> None:
+        raise OutputError("no space left on device")
 
-
-def test_a_stop_needs_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store = handed_over(tmp_path)
-    monkeypatch.setattr(store_module, "write_whole", no_room)
-    store.stop()
-    assert store.accepted() == [] and store.state().campaigns[0].why_stopped == "asked to stop"
-
-
-def test_a_log_is_closed_without_room_for_its_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = made_campaign(2)
-    store = handed_over(tmp_path, campaign)
-    monkeypatch.setattr(store_module, "write_whole", no_room)
-    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: bool(store.accepted())).play()
+    store, stopped = handed_over(tmp_path, campaign), handed_over(tmp_path / "stopped")
+    with monkeypatch.context() as patch:
+        patch.setattr(store_module, "write_whole", no_room)
+        stopped.stop()
+        assert stopped.accepted() == [] and stopped.state().campaigns[0].why_stopped == "asked to stop"
+        play(store, Simulated(MODEL, 1e9))
     assert logs_in(store.runs) == expected_logs(campaign)
-    monkeypatch.undo()
     whole = handed_over(tmp_path / "other", campaign)
-    Player(whole, Simulated(MODEL, 1e9), 1e9, lambda: bool(whole.accepted())).play()
+    play(whole, Simulated(MODEL, 1e9))
     assert store.listing() == whole.listing()
 
 
@@ -192,13 +178,10 @@ def test_a_disk_that_keeps_no_stop_ends_the_lease(tmp_path: Path, monkeypatch: p
     def refused(*_: object) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    server = LinkServer(("127.0.0.1", 0), store, Simulated(MODEL), TOKEN)
-    try:
+    with LinkServer(("127.0.0.1", 0), store, Simulated(MODEL), TOKEN) as server:
         monkeypatch.setattr(Path, "replace", refused)
         assert server.stop() and not store.lease.exists()
         (trouble,) = server.state().troubles
         assert "nothing is driven until `automarine serve` is started again" in trouble and "Read-only" in trouble
         with pytest.raises(SettingError, match="nothing is driven until"):
             server.accept(b"", "0" * 64)
-    finally:
-        server.server_close()

@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_link import BATTERY, MODEL, TOKEN, expected_logs, made_campaign, vehicle_at
+from link_requests import collected
+from made_link import BATTERY, MODEL, expected_logs, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.document import PlannedRun, campaign_in, read_campaign
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.replay import Replay
@@ -16,10 +16,16 @@ from automarine_cli.link.vehicles.simulated import Simulated
 from automarine_cli.pipeline.records import to_mapping
 
 
-def test_a_document_is_read_back_as_it_was_written() -> None:
-    campaign = made_campaign()
-    assert campaign_in(campaign.text.encode()) == campaign
-    assert campaign_in(campaign.text.encode()).id == campaign.id
+def test_a_document_is_read_back_as_it_was_written_and_accepted_once_and_whole(tmp_path: Path) -> None:
+    store, campaign = Store(tmp_path), made_campaign()
+    store.prepare()
+    content = campaign.text.encode()
+    assert campaign_in(content) == campaign and campaign_in(content).id == campaign.id
+    with pytest.raises(SettingError, match="try again"):
+        store.accept(content[:-20], campaign.id)
+    assert store.accepted() == []
+    assert (store.accept(content, campaign.id), store.accept(content, campaign.id)) == (True, False)
+    assert store.accepted() == [campaign]
 
 
 @pytest.mark.parametrize(
@@ -54,29 +60,17 @@ def test_moments_beyond_what_the_battery_is_known_for_are_refused(side: float) -
 def test_the_paper_s_battery_carries_an_hour_and_a_half_at_a_quarter_of_the_thrust() -> None:
     """24 V, two batteries of 12 V and 2.9 Ah: 2.9 Ah in 1.5 h are 1.933 A, here at a quarter of the moment."""
     idle, quarter = 0.3, 0.25**1.5
-    full = (2.9 / 1.5 - idle) / quarter
-    spent = replace(BATTERY, full_A=full, reserve_percent=0.0)
+    spent = replace(BATTERY, full_A=(2.9 / 1.5 - idle) / quarter, reserve_percent=0.0)
     runs = tuple(PlannedRun(f"{i:02d}", ((0.25 * (-1) ** i, 600.0),)) for i in range(10))
-    carried = replace(made_campaign(), battery=spent, rest_s=0.0, runs=runs[:9])  # nine times ten minutes
-    assert carried.charge(9) == pytest.approx(0.0, abs=1e-9)
-    replace(carried, battery=replace(spent, charge_Ah=2.9001)).refuse_beyond_reserve()
-    with pytest.raises(SettingError, match=r"in run 10 of 10, 09, it falls to -0.322 Ah of 2.9001, below the reserve"):
-        replace(carried, battery=replace(spent, charge_Ah=2.9001), runs=runs).refuse_beyond_reserve()
-    with pytest.raises(
-        SettingError, match=r"in run 8 of 10, 07, it falls to 0.322 Ah of 2.9, below the reserve of 0.58 Ah"
+    campaign = replace(made_campaign(), battery=spent, rest_s=0.0, runs=runs[:9])  # nine times ten minutes
+    assert campaign.charge(9) == pytest.approx(0.0, abs=1e-9)
+    replace(campaign, battery=replace(spent, charge_Ah=2.9001)).refuse_beyond_reserve()
+    for change, says in (
+        ({"charge_Ah": 2.9001}, "in run 10 of 10, 09, it falls to -0.322 Ah of 2.9001, below the reserve"),
+        ({"reserve_percent": 20.0}, "in run 8 of 10, 07, it falls to 0.322 Ah of 2.9, below the reserve of 0.58 Ah"),
     ):
-        replace(carried, battery=replace(spent, reserve_percent=20.0), runs=runs).refuse_beyond_reserve()
-
-
-def test_a_campaign_is_accepted_once_and_whole(tmp_path: Path) -> None:
-    store, campaign = Store(tmp_path), made_campaign()
-    store.prepare()
-    content = campaign.text.encode()
-    with pytest.raises(SettingError, match="try again"):
-        store.accept(content[:-20], campaign.id)
-    assert store.accepted() == []
-    assert (store.accept(content, campaign.id), store.accept(content, campaign.id)) == (True, False)
-    assert store.accepted() == [campaign]
+        with pytest.raises(SettingError, match=says):
+            replace(campaign, battery=replace(spent, **change), runs=runs).refuse_beyond_reserve()
 
 
 def test_a_vehicle_refuses_moments_of_another_unit_and_runs_that_were_not_recorded(tmp_path: Path) -> None:
@@ -99,11 +93,10 @@ def test_recorded_runs_are_replayed_byte_for_byte(tmp_path: Path) -> None:
 
 
 def test_the_surface_refuses_what_the_vehicle_refuses(tmp_path: Path) -> None:
-    with vehicle_at(tmp_path / "vehicle") as vehicle:
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", wait_s=5.0)
-        with pytest.raises(SettingError, match="the vehicle refuses: the campaign's moments are in N m"):
-            collector.collect(replace(made_campaign(), moment_unit="N m"), stop=False)
+    refused = pytest.raises(SettingError, match="the vehicle refuses: the campaign's moments are in N m")
+    with vehicle_at(tmp_path / "vehicle") as vehicle, refused:
+        collected(vehicle.url, tmp_path / "pool", replace(made_campaign(), moment_unit="N m"))
+    plan = tmp_path / "plan.json"
+    plan.write_text(json.dumps({"schema": "automarine/plan/1", "moment_unit": "nu"}))
     with pytest.raises(SettingError, match=r'limits\.logger: key "rate_hz" is missing; give a file as `automarine'):
-        plan = tmp_path / "plan.json"
-        plan.write_text(json.dumps({"schema": "automarine/plan/1", "moment_unit": "nu"}))
         read_campaign(plan)

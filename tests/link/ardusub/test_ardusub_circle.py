@@ -1,18 +1,14 @@
 """From a plan to a model on ArduSub: served, played, collected, checked and fitted, the truth known."""
 
 import json
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import Result
 from fake_ardusub import FakeSub, Tank
-from made_link import TOKEN
+from made_link import TOKEN, vehicle_at
 
-from automarine_cli.link.player import Player
-from automarine_cli.link.server import LinkServer
-from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 
 pytestmark = pytest.mark.slow
@@ -45,26 +41,11 @@ def test_a_campaign_on_ardusub_finds_the_truth(
     planned = run("plan", str(guess), "--limits", str(limits), "-o", str(tmp_path / "plan"))
     assert planned.exit_code == 0, planned.stderr
     vehicle = FakeSub(**TRUTH, frame=frame, gain=gain)
-    sub, store = ArduSub(vehicle.address, clock=Tank(vehicle)), Store(tmp_path / "vehicle")
-    store.prepare()
-    server = LinkServer(("127.0.0.1", 0), store, sub, TOKEN)
-    lives = threading.Event()
-    lives.set()
-    player = Player(store, sub, 50.0, lives.is_set)
-    threads = [threading.Thread(target=work) for work in (player.play, server.serve_forever)]
-    for thread in threads:
-        thread.start()
-    try:
-        url = f"http://127.0.0.1:{server.server_address[1]}"
-        asked = ["collect", url, "--token", TOKEN, "-o", str(tmp_path / "pool"), "--campaign", str(tmp_path / "plan")]
-        collected = run(*asked, "--json")
+    sub = ArduSub(vehicle.address, clock=Tank(vehicle))
+    with vehicle_at(tmp_path / "vehicle", 50.0, sub) as served:
+        asked = ["collect", served.url, "--token", TOKEN, "-o", str(tmp_path / "pool")]
+        collected = run(*asked, "--campaign", str(tmp_path / "plan"), "--json")
         assert collected.exit_code == 0, collected.stderr
-    finally:
-        lives.clear()
-        server.shutdown()
-        server.server_close()
-        for thread in threads:
-            thread.join()
     (state,) = json.loads(collected.stdout)["state"]["campaigns"]
     assert (state["played"], state["interrupted"], state["why_stopped"]) == (state["runs"], 0, None)
     logs = sorted((tmp_path / "pool").glob("*.csv"))
@@ -75,6 +56,5 @@ def test_a_campaign_on_ardusub_finds_the_truth(
     assert fitted.exit_code == 0, fitted.stderr
     model = json.loads((tmp_path / "yaw/yaw_model.json").read_text())["models"]["3"]
     for name, truth in TRUTH.items():
-        found = model[name]
-        assert abs(found["value"] - truth) < 3.0 * found["stderr"] < 0.01 * truth
+        assert abs(model[name]["value"] - truth) < 3.0 * model[name]["stderr"] < 0.01 * truth
     assert abs(vehicle.turned / 360.0) <= 0.6  # the tether

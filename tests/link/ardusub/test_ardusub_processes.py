@@ -8,16 +8,15 @@ import socket
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import Result
 from fake_ardusub import FakeSub, alive, campaign_of
 from link_processes import ALONE, children_of, collecting, ended, free_port, token_in
+from link_requests import until
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
@@ -31,14 +30,6 @@ def served(folder: Path, vehicle: FakeSub, port: int) -> subprocess.Popen[bytes]
     """The vehicle's computer."""
     options = ["--vehicle", "ardusub", "--mavlink", vehicle.address, "--address", f"127.0.0.1:{port}"]
     return subprocess.Popen([*ALONE, "serve", str(folder), *options], stdout=subprocess.DEVNULL)
-
-
-def until(what: Any, seconds: float = 600.0) -> None:
-    """Wait until something is so."""
-    ends = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < ends
-        time.sleep(0.02)
 
 
 def begun(tmp_path: Path, vehicle: FakeSub, campaign: LinkCampaign) -> list[subprocess.Popen[bytes]]:
@@ -76,8 +67,8 @@ def test_killed_in_a_run_there_is_silence_and_the_dead_man_disarms(tmp_path: Pat
 class Peer:
     """What MAVSDK sees on the vehicle's link: when [s], and what each message says."""
 
-    seen: dict[str, list[tuple[float, dict[str, Any]]]] = field(default_factory=dict)
-    _kept: list[Any] = field(default_factory=list)
+    messages: dict[str, list[tuple[float, dict[str, Any]]]] = field(default_factory=dict)
+    _alive: list[Any] = field(default_factory=list)
 
     def join(self, vehicle: FakeSub) -> Any:
         """Connect; the library's own object, for its questions."""
@@ -95,13 +86,13 @@ class Peer:
         found = next(one for one in peer.get_systems() if one.get_system_id() == system)
         direct = MavlinkDirect(found)
         direct.subscribe_message("", self._hear)
-        self._kept += [found, direct]
+        self._alive += [found, direct]
         return found
 
     def _hear(self, message: Any, _: Any = None) -> None:
         if message.component_id == 190:
-            told = (time.monotonic(), json.loads(message.fields_json))
-            self.seen.setdefault(message.message_name, []).append(told)
+            content = (time.monotonic(), json.loads(message.fields_json))
+            self.messages.setdefault(message.message_name, []).append(content)
 
 
 def test_an_independent_stack_sees_a_well_behaved_sender(tmp_path: Path) -> None:
@@ -119,11 +110,9 @@ def test_an_independent_stack_sees_a_well_behaved_sender(tmp_path: Path) -> None
                 assert processes[1].wait(timeout=120) == 0
         finally:
             peer.destroy()
-    beats = [when for when, _ in watch.seen["HEARTBEAT"]]
-    told = {(one["type"], one["autopilot"]) for _, one in watch.seen["HEARTBEAT"]}
-    assert told == {(6, 8)}  # a ground station
-    assert np.diff(beats).max() < 2.0
-    sticks = [(when, one) for when, one in watch.seen["MANUAL_CONTROL"]]
+    beats, sticks = (watch.messages[name] for name in ("HEARTBEAT", "MANUAL_CONTROL"))
+    assert {(one["type"], one["autopilot"]) for _, one in beats} == {(6, 8)}  # a ground station
+    assert np.diff([when for when, _ in beats]).max() < 2.0
     assert {(one["x"], one["y"], one["z"], one["buttons"], one["target"]) for _, one in sticks} == {(0, 0, 500, 0, 1)}
     assert max(abs(one["r"]) for _, one in sticks) <= 1000 and {500} <= {one["r"] for _, one in sticks}
     assert [one["r"] for _, one in sticks[-10:]] == [0] * 10
@@ -167,15 +156,3 @@ def test_an_independent_autopilot_understands_us() -> None:
             ArduSub(address).look(campaign_of(0.5))
     finally:
         peer.destroy()
-
-
-def test_a_dry_run_at_the_prompt(run: Callable[..., Result], tmp_path: Path) -> None:
-    campaign = tmp_path / "campaign.json"
-    campaign.write_text(campaign_of(0.5, -0.5).text)
-    asked = ["serve", str(tmp_path / "v"), "--vehicle", "ardusub", "--dry-run", "--campaign", str(campaign)]
-    with alive(FakeSub(charge_percent=90.0)) as vehicle:
-        found = run(*asked, "--mavlink", vehicle.address)
-        assert found.exit_code == 0 and "2 runs in 0.3 min" in found.stdout
-        vehicle.charge_percent = 5.0
-        found = run(*asked, "--mavlink", vehicle.address)
-        assert found.exit_code == 1 and "the battery holds 5 %" in found.stderr and not vehicle.sticks()

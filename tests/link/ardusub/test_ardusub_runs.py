@@ -57,11 +57,8 @@ def test_sticks_come_steadily_and_push_nowhere_else(side: float) -> None:
     flown(vehicle, campaign_of(side * 0.5))
     sticks = vehicle.sticks()
     assert {(one.message.x, one.message.y, one.message.z, one.message.buttons) for one in sticks} == {(0, 0, 500, 0)}
-    assert {one.message.target for one in sticks} == {1} and {(one.system, one.component) for one in sticks} == {
-        (255, 190)
-    }
-    driven = np.array([one.time for one in sticks if one.time >= vehicle.driven_since])
-    gaps = np.diff(driven)
+    assert {(one.message.target, one.system, one.component) for one in sticks} == {(1, 255, 190)}
+    gaps = np.diff([one.time for one in sticks if one.time >= vehicle.driven_since])
     assert np.median(gaps) == pytest.approx(1 / 40, abs=0.006) and gaps.max() < 0.1
     beats = np.diff([one.time for one in vehicle.packets if one.name == "HEARTBEAT"])
     assert beats.max() < 1.2 and beats.min() > 0.8
@@ -95,8 +92,7 @@ def test_what_a_busy_computer_missed_is_not_sent_in_a_burst() -> None:
             vehicle.advance(0.6)
 
     flown(vehicle, campaign_of(0.5), hang)
-    driven = np.array([one.time for one in vehicle.sticks() if one.time >= vehicle.driven_since])
-    gaps = np.diff(driven)
+    gaps = np.diff([one.time for one in vehicle.sticks() if one.time >= vehicle.driven_since])
     assert np.count_nonzero(gaps > 0.3) == 1 and np.count_nonzero(gaps < 0.01) <= 1
 
 
@@ -105,8 +101,7 @@ def test_the_tether_is_unwound(turns: float) -> None:
     """What the vehicle counted before the run is taken back on the way to the start heading."""
     vehicle = FakeSub(tether=turns)
     flown(vehicle, campaign_of(0.2))
-    assert abs(vehicle.tether + vehicle.turned / 360.0) <= 0.5
-    assert abs(vehicle.turned) > 360.0
+    assert abs(vehicle.tether + vehicle.turned / 360.0) <= 0.5 and abs(vehicle.turned) > 360.0
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

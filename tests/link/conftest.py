@@ -1,4 +1,4 @@
-"""What tests of ArduSub share."""
+"""What tests of the link share."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def _closed() -> Iterator[None]:
-    """No socket outlives its test."""
+    """No socket of a vehicle with ArduSub outlives its test."""
     yield
     while fake_ardusub.PORTS:
         fake_ardusub.PORTS.pop().close()
