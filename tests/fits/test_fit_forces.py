@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identified import identify
+from made_driven import turned
 from repository import SAMPLE_RUNS
 from specified import read_specification
 
@@ -19,7 +20,6 @@ from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.half_turn import Trim, half_turns
 from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
 
@@ -79,15 +79,10 @@ def test_a_vehicle_that_floats_up_is_told_the_ballast_it_lacks(fits: Fits) -> No
     assert json.loads((out / "heave_model.json").read_text())["buoyancy"]["ballast_in_water"]["unit"] == "kg"
 
 
-def mirrored(run: Run) -> Run:
-    """The run with ahead and astern, down and up, exchanged."""
-    return replace(run, position=-run.position, moment=-run.command)
-
-
 @MOTIONS
 def test_a_mirrored_campaign_has_the_mirrored_vehicle(fits: Fits, motion: str) -> None:
     dof, here = DOFS[motion], fits[motion][0].preferred.estimates
-    runs = [mirrored(run) for run in load_runs(LOGS[motion], dof=dof).runs]
+    runs = [turned(run) for run in load_runs(LOGS[motion], dof=dof).runs]
     trim = Trim(3.0) if motion == "surge" else Trim(None, -3.6, 0.0)
     there = identify(runs, trim=trim).preferred.estimates
     for name, estimate in here.items():
@@ -98,7 +93,7 @@ def test_a_mirrored_campaign_has_the_mirrored_vehicle(fits: Fits, motion: str) -
 def test_drag_that_is_the_same_both_ways_is_pooled() -> None:
     """Each way of the same runs mirrored: no difference is left."""
     runs = [run for run in load_runs(LOGS["surge"], dof=SURGE).runs if run.command.max() > 0]
-    both = [*runs, *(replace(mirrored(run), name=f"{run.name}_back") for run in runs)]
+    both = [*runs, *(replace(turned(run), name=f"{run.name}_back") for run in runs)]
     fit = identify(both, trim=Trim(3.0)).preferred
     assert fit.ways is not None and not fit.ways.differ and "half_difference" not in fit.estimates
     assert holds(fit.estimates["X_uu"], 21.0)

@@ -188,21 +188,6 @@ def test_the_slope_of_the_likelihood_is_exact(restricted: bool, sensors: int) ->
     assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
 
 
-@SENSORS
-def test_expected_second_derivatives_are_those_of_the_dense_covariance(sensors: int) -> None:
-    linear, variances = Linear(6), NOISES[sensors]
-    scale, deviation = linear.effects.deviation(variances), linear.deviation(variances)
-    expected = np.zeros((len(variances), len(variances)))
-    for i, (_, v, _, covariance) in enumerate(linear.dense(variances)):
-        noise, first = np.diag(deviation[linear.seen[i]] ** 2), np.arange(SAMPLES)[linear.seen[i]] < 12
-        slopes = [2.0 * noise * one for one in ((first, ~first) if sensors == 2 else (1.0,))]
-        slopes += [2.0 * v[:, k : k + 1] * scale[i, k] ** 2 @ v[:, k : k + 1].T for k in (1, 2)]
-        inverse = np.linalg.inv(covariance)
-        expected += [[np.trace(inverse @ one @ inverse @ other) for one in slopes] for other in slopes]
-    _, _, found = scored_deviance(linear.gram(sensors=sensors), linear.effects, variances, restricted=False)
-    assert_close(found, expected, "closed form")
-
-
 def test_variances_are_those_of_greatest_restricted_likelihood() -> None:
     linear = Linear(1)
 

@@ -164,29 +164,6 @@ def test_model_2_finds_its_truth_when_both_drags_act() -> None:
     assert np.ptp(fit.inertia["2"].per_run) < 0.02 * 1.1 < np.ptp(fit.inertia["3"].per_run)
 
 
-def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shift() -> None:
-    data = noise_free()
-    fit = fitted(data)
-    zero = np.zeros(len(data.moment))
-    lines = tail_lines(data.time, data.heading, zero, fit.tails.used, YAW)
-    later = tail_lines(data.time - 0.03, data.heading, zero, fit.tails.used, YAW)
-    assert_close(later.rate, lines.rate, "closed form")
-    assert_close(later.error - lines.error, 0.03 * lines.rate, "closed form")
-    quarter = fitted(data, offset=0.25)  # of intervals of 0.1 s
-    moved = quarter.tails.error - fit.tails.error
-    assert moved == pytest.approx(0.025 * fit.tails.rate, abs=1e-3)  # the tail may start elsewhere now
-
-
-def test_table_2_is_the_mean_of_its_runs_and_of_each_moment() -> None:
-    runs = campaign([0.4, 0.4, -0.4, 0.8, 0.8, -0.8], seed=3)
-    seed_method = identify(runs).seed_method
-    assert seed_method is not None
-    table = seed_method.inertia["3"]
-    assert_close(table.overall.value, table.per_run.mean(), "same arithmetic")
-    assert_close(table.per_moment[0.4], table.per_run[:2].mean(), "same arithmetic")
-    assert set(table.per_moment) == {0.4, -0.4, 0.8, -0.8}
-
-
 def test_standard_error_of_the_inertia_is_its_spread_over_campaigns() -> None:
     """60 campaigns of 12 runs with noise; drag is estimated from the same tails."""
     fits = [noisy(seed, 1.0) for seed in range(60)]

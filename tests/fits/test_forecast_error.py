@@ -30,7 +30,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 
-NOTHING, STILL = Estimate(0.0, 0.0, (0.0, 0.0), "1"), Sea(size=0.1)
+NOTHING = Estimate(0.0, 0.0, (0.0, 0.0), "1")
 
 
 def problem_of(runs: Sequence[Run]) -> DrivenProblem:
@@ -39,7 +39,8 @@ def problem_of(runs: Sequence[Run]) -> DrivenProblem:
     return driven_problem(model, make_course(runs, np.zeros(len(runs), dtype=bool)))
 
 
-def free_runs(sea: Sea = STILL) -> list[Run]:
+@cache
+def free_runs(sea: Sea | None = None) -> list[Run]:
     """Runs of commands that no controller sent."""
     return steered(4, 3, sea, length=40.0, free=True)
 
@@ -88,7 +89,7 @@ def test_a_run_left_out_is_that_fit_to_the_others() -> None:
 
 
 def test_states_by_later_readings_too_are_nearer_to_the_truth_and_end_as_filtered() -> None:
-    runs = free_runs(Sea(size=0.1, noise_deg=2.0))
+    runs = free_runs(Sea(noise_deg=2.0))
     problem = problem_of(runs)
     theta = begin(problem)
     theta[:2] = 1.0, 1.2
@@ -96,42 +97,34 @@ def test_states_by_later_readings_too_are_nearer_to_the_truth_and_end_as_filtere
     after = smoothed(problem.model, problem.course, theta[:2], noises).states
     before = follow(problem.model, problem.course, theta[None, :2], noises, keep=True).states
     assert after is not None and before is not None and np.allclose(after[..., -1], before[..., -1])
-    truth, last = free_runs(Sea(size=0.1, noise_deg=0.0)), len(runs[0]) - 1
+    truth, last = free_runs(Sea(noise_deg=0.0)), len(runs[0]) - 1
     at = [np.interp(problem.course.time[r], runs[r].time - runs[r].time[0], truth[r].position) for r in range(4)]
     missed = [np.std((states[0, 0] - np.array(at))[:, 8:last]) for states in (after, before)]
     assert missed[0] < 0.8 * missed[1]
 
 
-def three_models() -> dict[str, OutputErrorFit]:
-    """With one outcome: only their numbers of parameters count."""
-    found, start = complete(), begin(forecasts()[0])
-    one = OutputErrorFit(
-        "3", YawModel.base("3", 1.0, [1.0], "nu", YAW), {}, None, NOTHING, NOTHING, None, found, found.covariance, start
-    )
-    two = replace(one, number="2", model=YawModel.base("2", 1.0, [1.0, 1.0], "nu", YAW))
-    return {"1": replace(one, number="1"), "2": two, "3": one}
-
-
-def test_of_equally_simple_models_the_smaller_error_wins() -> None:
+def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance_is_said() -> None:
     """Model 3 is worse than model 1 in one run by far and so passes as level; model 1 is worse by a sure little."""
-    run, sizes = np.arange(4), {"1": [1.01, 1.02, 1.01, 1.02], "2": [1.0] * 4, "3": [0.9, 1.0, 1.0, 1.6]}
+    found, (problem, _), run = complete(), forecasts(), np.arange(4)
+    bases = {n: YawModel.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW) for n in "123"}
+    start, covariance = begin(problem), found.covariance  # one outcome: only the numbers of parameters count
+    models = {
+        n: OutputErrorFit(n, base, {}, None, NOTHING, NOTHING, None, found, covariance, start)
+        for n, base in bases.items()
+    }
+    sizes = {"1": [1.01, 1.02, 1.01, 1.02], "2": [1.0] * 4, "3": [0.9, 1.0, 1.0, 1.6]}
     errors = {number: np.array(row) for number, row in sizes.items()}
     ahead = {
         number: tuple(Predicted(h, run, run, run, error, 9.0 * error, 9.0 * error) for h in (2.0, 5.0))
         for number, error in errors.items()
     }
-    preference = prefer_driven(three_models(), ahead, YAW)
+    preference = prefer_driven(models, ahead, YAW)
     assert preference is not None and preference.number == "1"
-
-
-def test_a_disturbance_as_large_as_the_commands_is_said() -> None:
-    course, fit = forecasts()[0].course, three_models()["3"]
-    assert large_disturbance(course, fit) == ""
-    found = fit.mixed
+    assert large_disturbance(problem.course, models["3"]) == ""
     theta = found.theta.copy()
     theta[found.names.index("yaw.disturbance")] = 2.0
-    said = large_disturbance(course, replace(fit, mixed=replace(found, theta=theta)))
-    assert said.startswith("The disturbance is as large as the commands: a moment of 2 nu where")
+    sentence = large_disturbance(problem.course, replace(models["3"], mixed=replace(found, theta=theta)))
+    assert sentence.startswith("The disturbance is as large as the commands: a moment of 2 nu where")
 
 
 def test_a_fit_that_constants_beat_is_not_usable_whatever_fitted_it() -> None:
@@ -166,7 +159,7 @@ def test_intervals_hold_what_a_missing_delay_does_and_else_stay() -> None:
         return replace(run, position=(total[3:] - total[:-3]) / 3)
 
     for seed, late in ((1002, True), (1000, False)):
-        runs = [averaged(run) if late else run for run in steered(5, seed, STILL, length=40.0)]
+        runs = [averaged(run) if late else run for run in steered(5, seed, length=40.0)]
         course = make_course(runs, np.ones(5, dtype=bool))
         plain = fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3")
         wider, gains = widened(course, plain)
