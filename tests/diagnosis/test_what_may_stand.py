@@ -67,6 +67,7 @@ def test_gains_that_go_up_and_down_with_a_column_are_seen() -> None:
     warm = np.array([run.extras["water_temp_C"][0] for run in runs])
     luck = 0.05 * np.random.default_rng(1).standard_normal(len(runs))
     assert follows(runs, 0.3 * np.sin(1.9 * (warm - 14.0)) + luck) == "water_temp_C"
+    assert follows(runs[:4], luck[:4]) == ""  # too few to say
     drawn = np.random.default_rng(7).standard_normal((100, len(runs)))
     assert sum(bool(follows(runs, gains)) for gains in drawn) <= 5  # of 100 at 1 %: more than 5 once in 1000
 

@@ -171,6 +171,8 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     assert model.free == ("surge.m_u", "yaw.I_r", "surge.X_uu", "yaw.k_rr")
     planar = model.with_theta([20.0, 3.0, 18.0, 4.0]).model
     assert planar.inertia == Inertia(20.0, 20.0, 3.0) and planar.sway == (Term("linear-drag", (20.0,)),)
+    with pytest.raises(KeyError, match=r"no parameter surge.X_u"):
+        Tied(planar, ("surge.X_u",), {})
     near = list(structure.neighbours())
     assert {each.couplings for each in near} == {(), ("N_ur",)} and not any(n.current or n.skewed for n in near)
     tried = search(runs, seen, Scripted())

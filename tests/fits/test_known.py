@@ -52,7 +52,8 @@ def test_it_is_read_as_people_write_it(given: object, expected: dict[str, Prior]
     [
         ("I_r=915kg", "known is 'I_r=915kg'; expected a name, a number and perhaps its standard error"),
         ("I_r=915±0", "the standard error of I_r is 0; expected a number above 0"),
-        ("I_r=1,yaw.I_r=2", "I_r is given twice"),
+        ("I_r=1,I_r=2", "I_r is given twice"),
+        ("I_r=1,yaw.I_r=2", "yaw.I_r is given twice"),
         ({"I_r": [1, 2, 3]}, "expected a finite number, or one and its standard error"),
         ({"I_r": "heavy"}, "I_r is 'heavy'; expected a number"),
         ("I_r=-3", "I_r is -3; expected a number above 0"),
