@@ -18,7 +18,8 @@ from automarine_cli.diagnosis.search import (
     drag_right,
     without_idle_drag,
 )
-from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 
@@ -35,54 +36,43 @@ def campaign(*names: str) -> list[Run]:
 def test_an_effect_beside_a_wrong_drag_is_named_and_the_drag_counts_for_nothing() -> None:
     with few_candidates({"tether-spring", "quadratic-drag", "battery-sag"}):
         found = diagnose_runs(campaign("tether-spring"), LINEAR, hold_out=[])
+    with few_candidates({"quadratic-drag", "cubic-drag"}):  # a drag that is missing alone has its name
+        alone = diagnose_runs(campaign(), LINEAR, hold_out=[])
     assert found.verdict == "named"
-    assert {one.name for one in found.effects} == {"tether-spring", "quadratic-drag"}
+    assert {effect.name for effect in found.effects} == {"tether-spring", "quadratic-drag"}
     assert found.result.final.counted == ("tether-spring",)
     assert found.gap.after < 1.05 * found.gap.floor
     assert "drag of the base" in verdict_sentence(found)
+    assert alone.verdict == "named" and [effect.name for effect in alone.effects] == ["quadratic-drag"]
 
 
-@pytest.mark.slow
-def test_a_drag_that_is_missing_alone_has_its_name() -> None:
-    with few_candidates({"quadratic-drag", "cubic-drag"}):
-        found = diagnose_runs(campaign(), LINEAR, hold_out=[])
-    assert found.verdict == "named" and [one.name for one in found.effects] == ["quadratic-drag"]
+def trial(study: DiagnosisProblem, model: YawModel, *added: str) -> CandidateFit:
+    return candidate_fit(study, model, added, study.fit(model))
 
 
 def test_drag_that_nothing_asks_for_is_dropped_and_what_is_lacking_added() -> None:
-    study = study_of(campaign("bias-moment"), base_for(""))
-    model = base_for("").with_effect("bias-moment", [0.05])
-    right = candidate_fit(study, model, ("bias-moment",), study.fit(model))
+    runs = campaign("bias-moment")
+    study, model = study_of(runs, base_for("")), base_for("").with_effect("bias-moment", [0.05])
+    right = trial(study, model, "bias-moment")
     assert drag_right(study, right) is right
-    wide = model.with_effect("linear-drag", [0.01])
-    both = candidate_fit(study, wide, ("bias-moment", "linear-drag"), study.fit(wide))
+    both = trial(study, model.with_effect("linear-drag", [0.01]), "bias-moment", "linear-drag")
     assert drag_right(study, both).added == ("bias-moment",)
-    wrong = study_of(campaign("bias-moment"), LINEAR)
-    model = LINEAR.with_effect("bias-moment", [0.05])
-    bare = candidate_fit(wrong, model, ("bias-moment",), wrong.fit(model))
+    wrong = study_of(runs, LINEAR)
+    bare = trial(wrong, LINEAR.with_effect("bias-moment", [0.05]), "bias-moment")
     mended = drag_right(wrong, bare)
     assert mended.added == ("bias-moment", "quadratic-drag") and mended.counted == ("bias-moment",)
     assert without_idle_drag(wrong, bare) is bare
     lean = without_idle_drag(wrong, mended)
     assert lean.added == mended.added and lean.model.drag()[0] == 0.0
-    own = base_estimates(wrong, lean)
-    assert own["k_r"].value == own["k_r"].ci95[1] == 0.0
-    assert own["I_r"].ci95[0] < LINEAR.inertia < own["I_r"].ci95[1]
-
-
-def test_drag_of_the_base_that_has_something_to_do_stays() -> None:
-    truth = LINEAR.with_effect("quadratic-drag", [0.8])
-    study = study_of(planted(truth, "bias-moment", seed=1, plans=short_plans()), LINEAR)
-    model = truth.with_effect("bias-moment", [0.05])
-    both = candidate_fit(study, model, ("quadratic-drag", "bias-moment"), study.fit(model))
-    assert without_idle_drag(study, both) is both
-
-
-def test_only_drag_is_what_counts_where_nothing_else_was_added() -> None:
-    study = study_of(campaign(), LINEAR)
-    fit = study.fit(LINEAR)
-    assert CandidateFit(("quadratic-drag",), LINEAR, fit, 0.0).counted == ("quadratic-drag",)
-    assert CandidateFit((), LINEAR, fit, 0.0).counted == ()
+    estimates = base_estimates(wrong, lean)
+    assert estimates["k_r"].value == estimates["k_r"].ci95[1] == 0.0
+    assert estimates["I_r"].ci95[0] < LINEAR.inertia < estimates["I_r"].ci95[1]
+    assert replace(bare, added=("quadratic-drag",)).counted == ("quadratic-drag",)  # where nothing else was added
+    assert replace(bare, added=()).counted == ()
+    truth = LINEAR.with_effect("quadratic-drag", [0.8])  # drag of the base that has something to do stays
+    needed = study_of(planted(truth, "bias-moment", seed=1, plans=short_plans()), LINEAR)
+    both = trial(needed, truth.with_effect("bias-moment", [0.05]), "quadratic-drag", "bias-moment")
+    assert without_idle_drag(needed, both) is both
 
 
 @pytest.mark.slow
@@ -109,13 +99,13 @@ def test_a_fit_that_stopped_in_a_valley_is_begun_from_many_starts(monkeypatch: p
     plans = [[(side * size, 8.0), (0.0, 4.0)] for size in (0.3, 1.0) for side in (1.0, -1.0) for _ in range(2)]
     runs = measured(truth, [unmeasured(plan, i) for i, plan in enumerate(plans)], seed=3)
     study = study_of(runs, base_for(""), driven=False)
-    base = candidate_fit(study, study.base, (), study.fit(study.base))
+    base = trial(study, study.base)
     stopped = add_effect(study, base, ("water-swirl", np.array([0.02, 150.0, 0.0, 1.2, 1.0])), iterations=4)
     assert stopped is not None and stopped.fit.noise > STANDS * study.sensor_floor
     done = {law_of("water-swirl", stopped.model.terms[-1].values): stopped}
     monkeypatch.setattr(search, "VALLEY", 0.5 * (base.evidence - stopped.evidence))
     found = search._from_many_starts(study, base, done, lambda f, work, label="": [f(one) for one in work])
-    best = min(found.values(), key=lambda trial: trial.evidence)
+    best = min(found.values(), key=lambda fit: fit.evidence)
     assert best.fit.noise < 1.05 * study.sensor_floor and best.model.terms[-1].values[2] == 2.0
     monkeypatch.setattr(search, "VALLEY", 2.0 * (base.evidence - stopped.evidence))
     assert search._from_many_starts(study, base, done, lambda f, work, label="": []) == {}

@@ -32,7 +32,6 @@ from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.diagnosis_report import planar_verdict
 from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure
 from automarine_cli.report.sections import sections
-from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import load_planar
 
 GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
@@ -66,16 +65,13 @@ def test_what_is_hidden_is_named(kind: str, added: str, truth: float) -> None:
     assert found.after.known[added] == pytest.approx(truth, rel=0.1)
 
 
-def test_nothing_hidden_nothing_named() -> None:
+def test_nothing_hidden_nothing_named_and_a_gap_without_a_name_is_unexplained() -> None:
     found = searched("nothing")
     assert found.verdict == "nothing-missing" and not found.suspected
-
-
-def test_a_gap_that_stands_out_and_has_no_name_is_unexplained() -> None:
-    found = searched("nothing")
+    here = find_planar_where(found, 0)
+    assert here is not None and here.regions == ()
     region = Region("sway", 0.1, 0.2, "m/s", 0.1, 0.004, ("run_0",), 0.3, "yaw moment")
     where: Any = SimpleNamespace(regions=(region,))
-    assert replace(found, where=SimpleNamespace(regions=())).verdict == "nothing-missing"  # type: ignore[arg-type]
     open_gap = replace(found, where=where)
     assert open_gap.verdict == "unexplained"
     assert "where sway is 0.1 to 0.2 m/s" in open_gap.why and "No candidate gains" in open_gap.why
@@ -117,16 +113,10 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "missing yaw moment [N m]")
 
 
-def test_the_evidence_shows_every_candidate() -> None:
-    found = searched("N_v")
-    (bars,) = sections(PlanarDiagnosis(found, (), "")).figures["why"]().axes
-    assert len(bars.patches) == len(found.rounds[0].promised) > 8
-    assert bars.get_yticklabels()[-1].get_text() == "cross-coupling N_v"
-
-
 @pytest.mark.parametrize("kind", ["N_v", pytest.param("current", marks=pytest.mark.slow)])
 def test_before_and_after_are_drawn_beside_what_was_measured(kind: str) -> None:
-    figure = before_after_figure(searched(kind))
+    found = searched(kind)
+    figure = before_after_figure(found)
     errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
     assert errors and len({axes.get_ylim() for axes in errors}) == 1
     tracks = [axes for axes in figure.axes if axes.get_xlabel() == "East [m]"]
@@ -136,12 +126,10 @@ def test_before_and_after_are_drawn_beside_what_was_measured(kind: str) -> None:
         assert len(measured.get_xdata()) > 0 and len(before.get_xdata()) == len(after.get_xdata()) > 0
         (low, high), east = axes.get_xlim(), np.asarray(measured.get_xdata())
         assert low < east.min() and east.max() < high and high - low < 2.0 * np.ptp(east) + 1.0
-    assert figure.axes[-1].get_xlabel() == "gap before [deg]"
-
-
-def test_nothing_stands_out_where_nothing_is_missing() -> None:
-    where = find_planar_where(searched("nothing"), 0)
-    assert where is not None and where.regions == ()
+    (bars,) = sections(PlanarDiagnosis(found, (), "")).figures["why"]().axes
+    assert len(bars.patches) == len(found.rounds[0].promised) > 8
+    if kind == "N_v":
+        assert bars.get_yticklabels()[-1].get_text() == "cross-coupling N_v"
 
 
 @pytest.mark.slow
@@ -153,30 +141,19 @@ def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     model.write_text(json.dumps(planar_json(GIVEN)))
     done = CliRunner().invoke(automarine, ["diagnose", str(tmp_path), "--model", str(model), "-o", str(out)])
     assert done.exit_code == 0, done.output
-    assert done.output.startswith(
-        "Named: cross-coupling Y_r; the error of headings predicted 5 s ahead of the runs held"
-    )
+    assert done.output.startswith("Named: cross-coupling Y_r; the error of headings predicted 5 s ahead of the runs")
     names = {"diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png"}
     assert {path.name for path in out.iterdir()} == {*names, "manifest.json"}
-    told = json.loads((out / "diagnosis.json").read_text())
-    (effect,) = told["effects"]
-    assert effect["name"] == "cross-coupling" and effect["parameters"]["sway.Y_r"]["value"] == pytest.approx(
-        4.0, rel=0.1
-    )
-    held_out = told["prediction"]["held_out_runs"]
-    assert all(
-        ahead["after_deg"] < ahead["before_deg"] for ahead in (told["gap"]["held_out_runs"], *held_out["horizons"])
-    )
-    fitted, floor = told["gap"]["fitted_runs"], told["gap"]["fitted_runs"]["noise_floor_deg"]
+    result = json.loads((out / "diagnosis.json").read_text())
+    (effect,), gap, prediction = result["effects"], result["gap"], result["prediction"]
+    assert effect["name"] == "cross-coupling"
+    assert effect["parameters"]["sway.Y_r"]["value"] == pytest.approx(4.0, rel=0.1)
+    for ahead in (gap["held_out_runs"], *prediction["held_out_runs"]["horizons"]):
+        assert ahead["after_deg"] < ahead["before_deg"]
+    fitted, floor = gap["fitted_runs"], gap["fitted_runs"]["noise_floor_deg"]
     assert max(fitted["before_deg"], fitted["after_deg"]) < 1.5 * floor  # a side force hardly moves the heading
-    for runs in ("fitted_runs", "held_out_runs"):
-        ahead = told["prediction"][runs]
-        assert ahead["log_density_gain"] > 10.0 and ahead["horizon_s"] == 5.0
-    extended = load_planar_model(out / "extended_model.json")
-    again = find_missing(extended, *_split(tmp_path))
+    for which in ("fitted_runs", "held_out_runs"):
+        assert prediction[which]["log_density_gain"] > 10.0 and prediction[which]["horizon_s"] == 5.0
+    extended, runs = load_planar_model(out / "extended_model.json"), list(load_planar([tmp_path], ColumnMap()).runs)
+    again = find_missing(extended, runs[:4], runs[4:], observed(runs))
     assert again.verdict == "nothing-missing" and set(extended.random) == set(again.after.random)
-
-
-def _split(folder: Path) -> tuple[list[Run], list[Run], Observed]:
-    runs = list(load_planar([folder], ColumnMap()).runs)
-    return runs[:4], runs[4:], observed(runs)

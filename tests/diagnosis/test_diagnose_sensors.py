@@ -1,13 +1,17 @@
 """Three lags that look alike in headings of steps, and what a gyro makes of them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from few_candidates import few_candidates
 from made_runs import INERTIA, K_RR
+from tank import pool_campaign
 
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, parameter_estimates
+from automarine_cli.diagnosis.search import add_effect, candidate_fit
+from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
@@ -22,20 +26,18 @@ PERIOD, REST = 0.1, 2.0
 
 def steps(effect: str, seed: int = 1) -> list[Run]:
     """Two steps of each moment to either side with the effect, by a compass of 1 degree and a gyro of 0.3 degrees/s."""
-    random = np.random.default_rng(seed)
-    runs = []
+    random, runs = np.random.default_rng(seed), []
     for i, moment in enumerate(side * size for _ in range(2) for size in SIZES for side in (1, -1)):
         time = np.arange(0.0, REST + 1.2 * np.pi * np.sqrt(K_RR / abs(moment)) + 1.0, PERIOD)
         start = np.full(len(time), random.uniform(-3.0, 3.0))
         command = np.where(time >= REST, moment, 0.0)
         runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + time, start, command, "nu", dof=YAW))
-    batch = make_batch(runs, 0.02)
     start = Start(
         np.array([[run.position[0] for run in runs]]),
         log_gain=0.03 * random.standard_normal((1, len(runs))),
         switch_delay=PERIOD * (random.uniform(size=(1, len(runs), 1)) - 0.5),
     )
-    truth = simulate(BASE.with_effect(effect, (LAGS[effect],)), batch, start=start)
+    truth = simulate(BASE.with_effect(effect, (LAGS[effect],)), make_batch(runs, 0.02), start=start)
     noise = np.deg2rad([1.0, 0.3, 1.0])
     for i, run in enumerate(runs):
         heading, rate = truth.position[0, i, : len(run)], truth.velocity[0, i, : len(run)]
@@ -45,10 +47,10 @@ def steps(effect: str, seed: int = 1) -> list[Run]:
     return runs
 
 
-def told(runs: list[Run], channels: str = "auto") -> Diagnosis:
+def told(runs: list[Run], channels: str = "auto", hold_out: Sequence[Run] = ()) -> Diagnosis:
     """A diagnosis that tries the three lags only."""
     with few_candidates(LAGS):
-        return diagnose_runs(runs, BASE, hold_out=[], channels=channels)
+        return diagnose_runs(runs, BASE, hold_out=hold_out, channels=channels)
 
 
 @pytest.mark.slow
@@ -69,8 +71,7 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str) -> None:
 def test_without_it_they_are_rivals() -> None:
     def tied(lag: str) -> bool:
         found = told(steps(lag), channels="position")
-        assert found.channels.names == ("heading",)
-        return any(named.rivals for named in found.effects)
+        return found.channels.names == ("heading",) and any(named.rivals for named in found.effects)
 
     assert any(map(tied, LAGS))  # the first will do
 
@@ -83,7 +84,22 @@ def test_a_gyro_alone_sees_no_lag_of_the_compass() -> None:
 @pytest.mark.slow
 def test_runs_held_out_may_lack_the_gyro() -> None:
     runs = steps("thruster-lag")
-    with few_candidates(LAGS):
-        found = diagnose_runs(runs[:14], BASE, hold_out=[replace(run, extras={}) for run in runs[14:]])
-    assert [one.name for one in found.effects] == ["thruster-lag"]
+    found = told(runs[:14], hold_out=[replace(run, extras={}) for run in runs[14:]])
+    assert [named.name for named in found.effects] == ["thruster-lag"]
     assert found.held_out_gap is not None and found.held_out_gap.after < found.held_out_gap.before
+
+
+@pytest.mark.slow
+def test_a_delay_is_found_from_every_start() -> None:
+    """It shares its direction with the instants at which commands switch."""
+    delay = {"name": "input-delay", "t_d": 0.25}
+    runs = pool_campaign(seed=3, noise_deg=2.0, gain=0.05, repeats=1, turn_deg=400.0, effects=[delay])
+    study = study_of(runs, YawModel.base("3", 1.0, [1.2], runs[0].moment_unit, YAW))
+    base, evidence = candidate_fit(study, study.base, (), study.fit(study.base)), []
+    for start in (0.05, 0.1, 0.2, 0.4):
+        trial = add_effect(study, base, ("input-delay", np.array([start, 0.0, 0.1])))
+        assert trial is not None and trial.fit.converged
+        estimate = parameter_estimates(study, trial, "input-delay")["t_d"]
+        assert abs(estimate.value - 0.25) < 3.0 * estimate.stderr < 3.0 * 0.05
+        evidence.append(trial.evidence)
+    assert np.ptp(evidence) < 1.0

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ STRONG = 3.0
 """Times the usual start of an effect's size: it shows at once."""
 pytestmark = pytest.mark.slow
 VARYING = [name for name in effects.names() if effects.get(name).per_run and effects.get(name).acts_in(YAW)]
+assert VARYING
 MIRROR = "[columns]\nheading_deg = { from = 'heading_deg', sign = -1 }\ntau = { from = 'tau', sign = -1 }\n"
 
 
@@ -33,18 +33,6 @@ def hidden(name: str) -> dict[str, object]:
         for p in effects.get(name).parameters
     }
     return {"name": name, **values}
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """Ten long steps in which `effect` is hidden, and in `folder` their fit and their diagnosis."""
-
-    effect: str
-    folder: Path
-
-    @property
-    def logs(self) -> list[Path]:
-        return sorted((self.folder / "logs").rglob("*.csv"))
 
 
 def diagnosed(out: Path, *arguments: object) -> dict[str, Any]:
@@ -66,65 +54,58 @@ def few() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module", params=VARYING)
-def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, few: None) -> Campaign:
-    """The campaign, simulated, fitted as whole runs and diagnosed."""
+def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[str, Path]:
+    """An effect, and a folder with ten long steps in which it is hidden, their fit as whole runs and a diagnosis."""
     folder = tmp_path_factory.mktemp(request.param)
-    steps = {"kind": "step", "moments": {"from": -1.0, "to": 1.0, "step": 0.2}, "duration_s": 12.0}
     specification = {
-        "schema": "automarine/simulation/1",
-        "seed": 3,
-        "vehicle": {"I_r": 1.018, "k_rr": 1.257, "moment_unit": "nu"},
-        "logger": {"rate_hz": 5, "noise_deg": 0.5},
+        "schema": "automarine/simulation/1", "seed": 3, "effects": [hidden(request.param)],
+        "vehicle": {"I_r": 1.018, "k_rr": 1.257, "moment_unit": "nu"}, "logger": {"rate_hz": 5, "noise_deg": 0.5},
         "scatter": {"gain": 0.02, "start_heading_deg": "random"},
         "campaign": {"rest_before_s": 1.0, "rest_after_s": 0.0},
-        "runs": [steps],
-        "effects": [hidden(request.param)],
-    }
+        "runs": [{"kind": "step", "moments": {"from": -1.0, "to": 1.0, "step": 0.2}, "duration_s": 12.0}],
+    }  # fmt: skip
     (folder / "made.toml").write_text(toml_text(specification))
     (folder / "mirror.toml").write_text(MIRROR)
     simulate(folder / "made.toml", out=folder / "logs")
     fit_yaw([folder / "logs"], fit_to="whole-runs", out=folder / "yaw")
     diagnosed(folder / "diagnosis", folder / "logs", "--model", folder / "yaw" / "yaw_model.json")
-    return Campaign(request.param, folder)
+    return request.param, folder
 
 
-def test_the_library_holds_such_an_effect() -> None:
-    assert VARYING
+def result_in(folder: Path) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())
+    assert result["verdict"] == "named"
+    return result
 
 
-def test_it_is_named_and_its_share_is_its_own(campaign: Campaign) -> None:
+def test_it_is_named_and_its_share_is_its_own(campaign: tuple[str, Path], tmp_path: Path) -> None:
     """What the runs have of their own of it counts as the effect's, not as scatter between runs."""
-    out = campaign.folder / "diagnosis"
-    found = json.loads((out / "diagnosis.json").read_text())
-    assert found["verdict"] == "named" and [one["name"] for one in found["effects"]] == [campaign.effect]
-    assert len(found["held_out"]) == len(campaign.logs) // 4
-    gap = found["gap"]["held_out_runs"]
+    name, folder = campaign
+    logs, result = sorted((folder / "logs").rglob("*.csv")), result_in(folder)
+    assert [effect["name"] for effect in result["effects"]] == [name] and len(result["held_out"]) == len(logs) // 4
+    gap = result["gap"]["held_out_runs"]
     before, after = (gap[f"{when}_deg"] ** 2 - gap["noise_floor_deg"] ** 2 for when in ("before", "after"))
     assert after < 0.3 * before
+    options = [word for log in logs[::4] for word in ("--hold-out", log)]  # and with runs held out by name
+    fitted = [log for log in logs if log not in logs[::4]]
+    result = diagnosed(tmp_path / "out", *fitted, "--model", folder / "yaw" / "yaw_model.json", *options)
+    assert result["verdict"] == "named" and [effect["name"] for effect in result["effects"]] == [name]
+    assert len(result["held_out"]) == len(logs[::4])
 
 
-def test_with_runs_held_out_by_name(campaign: Campaign, tmp_path: Path) -> None:
-    apart = campaign.logs[::4]
-    options = [word for log in apart for word in ("--hold-out", log)]
-    fitted = [log for log in campaign.logs if log not in apart]
-    model = campaign.folder / "yaw" / "yaw_model.json"
-    found = diagnosed(tmp_path / "out", *fitted, "--model", model, *options)
-    assert found["verdict"] == "named" and [one["name"] for one in found["effects"]] == [campaign.effect]
-    assert len(found["held_out"]) == len(apart)
-
-
-def test_mirrored_it_is_the_same(campaign: Campaign, tmp_path: Path) -> None:
-    there = json.loads((campaign.folder / "diagnosis" / "diagnosis.json").read_text())
-    model, mirror = campaign.folder / "yaw" / "yaw_model.json", campaign.folder / "mirror.toml"
-    back = diagnosed(tmp_path / "out", campaign.folder / "logs", "--model", model, "--columns", mirror)
-    one, other = there["effects"][0], back["effects"][0]
-    assert back["verdict"] == "named" and other["name"] == one["name"] == campaign.effect
-    for name, estimate in one["parameters"].items():
-        assert abs(other["parameters"][name]["value"]) == pytest.approx(abs(estimate["value"]), rel=1e-4)
+def test_mirrored_it_is_the_same(campaign: tuple[str, Path], tmp_path: Path) -> None:
+    (name, folder), there = campaign, result_in(campaign[1])
+    model, mirror = folder / "yaw" / "yaw_model.json", folder / "mirror.toml"
+    back = diagnosed(tmp_path / "out", folder / "logs", "--model", model, "--columns", mirror)
+    effect, other = there["effects"][0], back["effects"][0]
+    assert back["verdict"] == "named" and other["name"] == effect["name"] == name
+    for parameter, estimate in effect["parameters"].items():
+        assert abs(other["parameters"][parameter]["value"]) == pytest.approx(abs(estimate["value"]), rel=1e-4)
     assert back["gap"]["fitted_runs"] == pytest.approx(there["gap"]["fitted_runs"], rel=1e-4)
 
 
-def test_a_model_that_has_it_is_diagnosed_again(campaign: Campaign, tmp_path: Path) -> None:
+def test_a_model_that_has_it_is_diagnosed_again(campaign: tuple[str, Path], tmp_path: Path) -> None:
     """The extended model is the base of the next diagnosis: now the base, too, lets something vary."""
-    model = campaign.folder / "diagnosis" / "extended_model.json"
-    assert diagnosed(tmp_path / "out", campaign.folder / "logs", "--model", model)["verdict"] == "nothing-missing"
+    folder = campaign[1]
+    model = folder / "diagnosis" / "extended_model.json"
+    assert diagnosed(tmp_path / "out", folder / "logs", "--model", model)["verdict"] == "nothing-missing"

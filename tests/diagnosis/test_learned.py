@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -28,47 +28,31 @@ from automarine_cli.errors import ModelError
 from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
 
-CLOSE = 1e-9
-"""Of splines that should be exact."""
 EVERY_VARIABLE = ["yaw-rate", "heading", "turned-angle", "moment", "time-in-run", "campaign-clock", "depth_m", "a {b}"]
 
 
-def flat(name: str, kind: float = 0.0, *, value: float = 0.0, spread: float = 0.1) -> YawModel:
-    """The base model with a curve that is `value` everywhere."""
-    return BASE.with_effect(f"learned:{name}", [0.0, 1.0, 1.2, spread, *[value] * KNOTS, kind])
-
-
-def test_the_curve_is_exact_for_cubics_and_constant_beyond() -> None:
+def test_the_curve_is_exact_for_cubics_and_constant_beyond_or_comes_back_to_itself() -> None:
     knots, x = np.linspace(-1.0, 3.0, KNOTS), np.linspace(-1.0, 3.0, 41)
     values = 0.3 - knots + 0.7 * knots**2 - 0.2 * knots**3
-    found = basis(x, -1.0, 3.0, closed=False) @ values
-    np.testing.assert_allclose(found, 0.3 - x + 0.7 * x**2 - 0.2 * x**3, atol=CLOSE)
+    inside = basis(x, -1.0, 3.0, closed=False) @ values
+    np.testing.assert_allclose(inside, 0.3 - x + 0.7 * x**2 - 0.2 * x**3, atol=1e-9)
     outside = basis(np.array([-9.0, 12.0]), -1.0, 3.0, closed=False) @ values
-    np.testing.assert_allclose(outside, values[[0, -1]], atol=CLOSE)
-
-
-@pytest.mark.parametrize("closed", [False, True])
-def test_where_a_simulation_runs_away_the_curve_is_no_number(closed: bool) -> None:
-    """A fit may try what no vehicle is; it sees the infinity and goes back."""
-    found = basis(np.array([np.nan, 0.5]), 0.0, 1.0, closed=closed)
-    assert np.all(np.isnan(found[0])) and np.all(np.isfinite(found[1]))
-
-
-def test_a_closed_curve_comes_back_to_itself() -> None:
-    values = np.cos(2.0 * np.pi * np.arange(KNOTS) / KNOTS)
-    x = np.linspace(0.0, 6.0, 50)
+    np.testing.assert_allclose(outside, values[[0, -1]], atol=1e-9)
+    values, x = np.cos(2.0 * np.pi * np.arange(KNOTS) / KNOTS), np.linspace(0.0, 6.0, 50)
     once, again = (basis(x + turns * 6.0, 0.0, 6.0, closed=True) @ values for turns in (0, 2))
-    np.testing.assert_allclose(once, again, atol=CLOSE)
+    np.testing.assert_allclose(once, again, atol=1e-9)
     np.testing.assert_allclose(once, np.cos(2.0 * np.pi * x / 6.0), atol=2e-3)
 
 
 @pytest.mark.parametrize("closed", [False, True])
 def test_smooth_curves_are_likelier_than_rough_ones(closed: bool) -> None:
-    at = np.arange(KNOTS)
-    stiff = roughness(closed)
+    """And where a simulation runs away the curve is no number: a fit may try what no vehicle is, and goes back."""
+    at, stiff = np.arange(KNOTS), roughness(closed)
     smooth, rough = np.cos(2.0 * np.pi * at / KNOTS), (-1.0) ** at
     assert np.linalg.eigvalsh(stiff).min() > 0.0
     assert 10.0 * smooth @ stiff @ smooth < rough @ stiff @ rough
+    away = basis(np.array([np.nan, 0.5]), 0.0, 1.0, closed=closed)
+    assert np.all(np.isnan(away[0])) and np.all(np.isfinite(away[1]))
 
 
 @pytest.mark.parametrize("name", EVERY_VARIABLE)
@@ -79,21 +63,14 @@ def test_a_curve_at_zero_adds_exactly_nothing(name: str) -> None:
     state = State(*drawn, np.arange(3.0), {name: np.arange(3.0)})
     assert np.all(np.asarray(effect.moment(state, values)) == 0.0)
     assert f"learned:{name}" not in effects.names() and effects.known(f"learned:{name}")
-    for dof in DOFS.values():
-        if effect.acts_in(dof):
-            assert name in effect.card(dof).says
+    assert all(name in effect.card(dof).says for dof in DOFS.values() if effect.acts_in(dof))
 
 
-def test_over_the_speed_a_moment_has_its_sign() -> None:
-    effect = effects.get("learned:yaw-rate")
-    model = flat("yaw-rate", value=0.5)
-    values = tuple(np.full((1, 1), value) for value in model.terms[-1].values)
-    rates = np.array([[-0.7, 0.7]])
-    found = np.asarray(effect.moment(State(rates, rates, rates, rates, rates, rates, {}), values))
-    np.testing.assert_allclose(found, [[-0.6, 0.6]], atol=CLOSE)
-
-
-def test_a_name_without_a_variable_is_refused() -> None:
+def test_over_the_speed_a_moment_has_its_sign_and_a_variable_it_needs() -> None:
+    effect, rates = effects.get("learned:yaw-rate"), np.array([[-0.7, 0.7]])
+    values = tuple(np.full((1, 1), value) for value in [0.0, 1.0, 1.2, 0.1, *[0.5] * KNOTS, 0.0])
+    moment = np.asarray(effect.moment(State(rates, rates, rates, rates, rates, rates, {}), values))
+    np.testing.assert_allclose(moment, [[-0.6, 0.6]], atol=1e-9)
     assert not effects.known("learned:")
     with pytest.raises(ModelError, match="expected learned: and a variable"):
         effects.get("learned:")
@@ -124,6 +101,10 @@ def few() -> Iterator[None]:
         yield
 
 
+def run(*words: object) -> Result:
+    return CliRunner().invoke(automarine, [str(word) for word in words])
+
+
 @pytest.fixture(scope="module")
 def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Path, MotionDiagnosis]:
     """Logs of a campaign in which thrust follows the temperature, fitted and diagnosed into a folder."""
@@ -132,11 +113,6 @@ def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Pat
     assert run("fit-yaw", logs, "--fit-to", "whole-runs", "-o", folder / "fit").exit_code == 0
     with drawn():
         return folder, diagnose([logs], model=folder / "fit" / "yaw_model.json", out=folder / "diagnosis")
-
-
-@pytest.fixture(scope="module")
-def folder(by_command: tuple[Path, MotionDiagnosis]) -> Path:
-    return by_command[0]
 
 
 @pytest.fixture(scope="module", params=["temperature", "rate", "depth", "product"])
@@ -148,20 +124,14 @@ def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
 
 
 @pytest.mark.slow
-def test_the_right_variable_is_named(found: tuple[str, Diagnosis]) -> None:
+def test_the_right_variable_is_named_and_the_band_holds_the_truth(found: tuple[str, Diagnosis]) -> None:
     name, diagnosis = found
-    assert (diagnosis.verdict, diagnosis.result.final.added) == ("named", (f"learned:{LAWS[name][0]}",))
+    variable, kind, _ = LAWS[name]
+    assert (diagnosis.verdict, diagnosis.result.final.added) == ("named", (f"learned:{variable}",))
     assert diagnosis.held_out_gap is not None and diagnosis.result.rivals == ()
     assert diagnosis.held_out_gap.after < 1.1 * true_gap(name, diagnosis)
-
-
-@pytest.mark.slow
-def test_the_band_holds_the_truth(found: tuple[str, Diagnosis]) -> None:
-    name, diagnosis = found
-    kind = LAWS[name][1]
-    curve = diagnosis.effects[0].learned
+    curve, truth = diagnosis.effects[0].learned, true_curve(name, diagnosis)
     assert curve.kind == kind and kind.replace("gain", "thrust") in diagnosis.effects[0].says
-    truth = true_curve(name, diagnosis)
     assert np.mean((truth > curve.low) & (truth < curve.high)) > 0.85
 
 
@@ -191,34 +161,23 @@ def test_clean_campaigns_stay_silent(few: None) -> None:
         assert diagnose_runs(campaign("nothing", seed, repeats=1), BASE, seed=seed).verdict == "nothing-missing"
 
 
-def run(*words: object) -> Result:
-    return CliRunner().invoke(automarine, [str(word) for word in words])
-
-
-def learned(folder: Path) -> dict[str, Any]:
-    """The result's own entry of the curve."""
-    effect = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())["effects"][0]
-    assert effect["name"] == "learned:water_temp_C" and effect["says"].startswith("The thrust depends on")
-    entry: dict[str, Any] = effect["learned"]
-    return entry
-
-
 @pytest.mark.slow
-def test_the_result_holds_the_curve(folder: Path) -> None:
-    entry = learned(folder)
+def test_the_result_holds_the_curve_and_its_model_is_better_on_the_logs_and_exported(
+    by_command: tuple[Path, MotionDiagnosis], tmp_path: Path
+) -> None:
+    folder = by_command[0]
+    (effect,) = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())["effects"]
+    assert effect["name"] == "learned:water_temp_C" and effect["says"].startswith("The thrust depends on")
+    entry = effect["learned"]
     x, y, low, high = (np.array(entry[key]) for key in ("x", "y", "low", "high"))
     assert entry["variable"] == "water_temp_C" and entry["kind"] == "gain"
     assert len(x) == len(y) and np.all((low < y) & (y < high)) and np.all(np.diff(x) > 0)
     assert (folder / "diagnosis" / "learned.png").stat().st_size > 1000
     assert "![What was learned](learned.png)" in (folder / "diagnosis" / "diagnosis.md").read_text()
-
-
-@pytest.mark.slow
-def test_the_extended_model_is_better_on_the_logs_and_is_exported(folder: Path, tmp_path: Path) -> None:
     model, errors = folder / "diagnosis" / "extended_model.json", []
-    for number, one in enumerate([folder / "fit" / "yaw_model.json", model]):
+    for number, path in enumerate([folder / "fit" / "yaw_model.json", model]):
         out = tmp_path / str(number)
-        assert run("validate", folder / "logs", "--model", one, "-o", out, "--no-figures").exit_code == 0
+        assert run("validate", folder / "logs", "--model", path, "-o", out, "--no-figures").exit_code == 0
         errors.append(json.loads((out / "validation.json").read_text())["models"]["3"]["rmse_deg"])
     assert errors[1] < 0.5 * errors[0]
     assert run("export", model, "--to", "card", "-o", tmp_path / "card.md").exit_code == 0

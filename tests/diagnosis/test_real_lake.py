@@ -64,19 +64,24 @@ def nominal(tmp_path_factory: pytest.TempPathFactory) -> YawFit:
     return fit_yaw([str(LAKE / "run_*.csv")], columns=columns, jobs=2)
 
 
-def test_all_ten_runs_are_fitted_whole(nominal: YawFit) -> None:
-    content = nominal.to_json()
-    assert content["fitted_to"] == "whole runs" and len(nominal.read) == 10
+def test_all_ten_runs_are_fitted_whole_and_the_delay_of_the_thrusters_is_proposed(nominal: YawFit) -> None:
+    """run_11 jumps by 48 degrees within a sample at 1.4 s, surge speed with it, and by 21 at 6.3 s, and is split; left
+    in, the jumps moved the inertia by 40 %."""
+    assert nominal.to_json()["fitted_to"] == "whole runs" and len(nominal.read) == 10
     assert nominal.seed_method is None and nominal.why_no_seed_method.startswith("0 of 10 runs")
+    assert [aside.run for aside in nominal.set_aside] == ["run_11.1", "run_11.2"]
+    assert all("jump of the heading" in aside.why for aside in nominal.set_aside)
+    assert not any(warning.startswith("run_11") for warning in nominal.warnings)
+    (asks,) = (warning for warning in nominal.warnings if "The data need more than drag" in warning)
+    assert "input-delay" in asks and "--with " in asks
 
 
 def test_drag_and_inertia_are_positive_and_of_the_size_of_a_small_boat(nominal: YawFit) -> None:
     """Signs right: else drag would drive. A boat of 29 kg and 1.3 m has some N m s² of inertia before added water."""
     for fit in nominal.output_error.values():
-        assert fit.mixed.converged
-        assert 5.0 < fit.estimates["I_r"].value < 60.0
-    one = nominal.output_error["1"].estimates["k_r"]
-    assert 10.0 < one.value < 40.0 and one.ci95[0] > 0
+        assert fit.mixed.converged and 5.0 < fit.estimates["I_r"].value < 60.0
+    linear = nominal.output_error["1"].estimates["k_r"]
+    assert 10.0 < linear.value < 40.0 and linear.ci95[0] > 0
     assert nominal.output_error["3"].estimates["k_rr"].value > 0
 
 
@@ -87,19 +92,6 @@ def test_the_model_is_of_use(nominal: YawFit) -> None:
     assert judged is not None and judged.horizon == 5.0
     assert np.degrees(judged.error) < 12.0 < np.degrees(judged.constant) < np.degrees(judged.constant_rate)
     assert nominal.use.sentence(YAW).startswith("The model predicts 5 s ahead to ")
-
-
-def test_the_delay_of_the_thrusters_is_proposed(nominal: YawFit) -> None:
-    (asks,) = [warning for warning in nominal.warnings if "The data need more than drag" in warning]
-    assert "input-delay" in asks and "--with " in asks
-
-
-def test_the_run_whose_heading_jumps_is_split(nominal: YawFit) -> None:
-    """run_11 jumps by 48 degrees within a sample at 1.4 s, surge speed with it, and by 21 at 6.3 s; left in, the jumps
-    moved the inertia by 40 %."""
-    assert [aside.run for aside in nominal.set_aside] == ["run_11.1", "run_11.2"]
-    assert all("jump of the heading" in aside.why for aside in nominal.set_aside)
-    assert not any(warning.startswith("run_11") for warning in nominal.warnings)
 
 
 def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: Path) -> None:

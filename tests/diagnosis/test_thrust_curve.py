@@ -10,7 +10,7 @@ import pytest
 
 import automarine_cli as am
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.search import candidate_fit, curved, gain_exponent
+from automarine_cli.diagnosis.search import CandidateFit, candidate_fit, curved, gain_exponent
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.linear_mixed import GAIN
@@ -18,7 +18,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
 
-def steps(power: float, idle: float, scatter: float = 0.02) -> DiagnosisProblem:
+def studied(power: float, idle: float, scatter: float = 0.02) -> tuple[DiagnosisProblem, CandidateFit]:
     """Steps of six sizes to both sides of a vehicle of 0.08 and 0.15, whose thrust is a power of the command beyond a
     dead-band: the closed form of a step, ln cosh."""
     random, runs = np.random.default_rng(3), []
@@ -30,17 +30,16 @@ def steps(power: float, idle: float, scatter: float = 0.02) -> DiagnosisProblem:
             heading = side * turned + np.deg2rad(1.0) * random.standard_normal(len(time))
             command = np.where(time >= 1.0, side * size, 0.0)
             runs.append(Run(f"{side * size:+g}", "", time, heading, command, "nu", dof=YAW))
-    return study_of(runs, YawModel.base("3", 0.1, [0.2], "nu", YAW), driven=False)
+    study = study_of(runs, YawModel.base("3", 0.1, [0.2], "nu", YAW), driven=False)
+    return study, candidate_fit(study, study.base, (), study.fit(study.base))
 
 
 @pytest.mark.parametrize(("power", "idle"), [(1.6, 0.06), (2.0, 0.1)])
 def test_both_are_found_together(power: float, idle: float) -> None:
     """The base hides them in gains that scatter by 0.3, the most that a fit takes."""
-    study = steps(power, idle)
-    base = candidate_fit(study, study.base, (), study.fit(study.base))
-    steep = gain_exponent(study, base.fit)
+    study, base = studied(power, idle)
+    steep, found = gain_exponent(study, base.fit), curved(study, base)
     assert base.fit.factor(GAIN) > 0.29 and steep is not None and steep.value > power - 1.0
-    found = curved(study, base)
     assert found is not None and found.added == ("dead-band", "thrust-exponent") and found.count == 1
     theta = dict(zip(found.model.parameter_names, found.model.theta))
     assert theta["dead-band.width"] == pytest.approx(idle, abs=0.015)
@@ -50,8 +49,7 @@ def test_both_are_found_together(power: float, idle: float) -> None:
 
 
 def test_nothing_is_looked_for_where_gains_scatter_by_chance() -> None:
-    study = steps(1.0, 0.0, scatter=0.15)
-    base = candidate_fit(study, study.base, (), study.fit(study.base))
+    study, base = studied(1.0, 0.0, scatter=0.15)
     assert base.fit.factor(GAIN) > 0.1 and curved(study, base) is None
 
 

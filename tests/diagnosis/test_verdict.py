@@ -1,113 +1,115 @@
 """What a search is entitled to say: names need more than chance, and runs that no fit saw."""
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from effect_contract import base_for, planted, short_plans
+from effect_contract import Plan, base_for, long_plans, measured, planted, short_plans, unmeasured
+from few_candidates import few_candidates
+from made_driven import turned
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import diagnose, search
-from automarine_cli.diagnosis import diagnose as verdicts
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, split_by
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.diagnosis.scores import Scores
-from automarine_cli.diagnosis.search import WEAK, AlternativeModel, CollinearPair, SearchResult
+from automarine_cli.diagnosis.scores import Scores, score
+from automarine_cli.diagnosis.search import (
+    WEAK,
+    AlternativeModel,
+    CandidateFit,
+    CollinearPair,
+    SearchResult,
+    SearchStep,
+    add_effect,
+    candidate_fit,
+    compensating,
+    single_effect_alternative,
+)
+from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 
 NAME, SMALL = "thrust-asymmetry", "gyro-drift"
 
 
-def campaign(*names: str, seed: int = 1) -> list[Run]:
-    return planted(base_for(NAME), *names, seed=seed, plans=short_plans())
+Judge = Callable[..., Diagnosis]
 
 
-def diagnosed(runs: list[Run], hold_out: list[Run], monkeypatch: pytest.MonkeyPatch, *among: str) -> Diagnosis:
+def campaign(*names: str, seed: int = 1, wave: tuple[float, float] = (0.0, 0.0)) -> list[Run]:
+    """Runs with these effects, and with a wave of so many degrees and rad/s on their headings."""
+    runs = planted(base_for(NAME), *names, seed=seed, plans=short_plans())
+    size, rate = np.radians(wave[0]), wave[1]
+    return [replace(run, position=run.position + size * np.sin(rate * (run.time - run.time[0]))) for run in runs]
+
+
+@pytest.fixture
+def diagnosed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Judge]:
     """Judged against few candidates, to be quick, and without curves, which explain what no law does."""
     monkeypatch.setattr(diagnose, "learn", lambda study, found, *rest: found)
-    monkeypatch.setattr(
-        search, "candidates",
-        lambda study, model: [n for n in (NAME, SMALL) if n not in {t.name for t in model.terms}],
-    )  # fmt: skip
-    return diagnose_runs(runs, base_for(NAME), hold_out=hold_out)
+    with few_candidates({NAME, SMALL}):
+        yield lambda runs, hold_out=(): diagnose_runs(runs, base_for(NAME), hold_out=hold_out)
 
 
-def mirrored(run: Run) -> Run:
-    return replace(run, position=-run.position, moment=-run.command)
-
-
-def test_what_chance_reaches_now_and_then_is_suspected_and_not_added(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_chance_reaches_now_and_then_is_suspected_and_not_added(
+    diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bar = Scores.threshold
     monkeypatch.setattr(Scores, "threshold", lambda self, at: bar(self, at) if at >= WEAK else np.inf)
-    found = diagnosed(campaign(SMALL), [], monkeypatch)
-    assert found.verdict == "suspected" and [one.name for one in found.effects] == [SMALL]
+    found = diagnosed(campaign(SMALL))
+    assert found.verdict == "suspected" and [effect.name for effect in found.effects] == [SMALL]
     assert found.conclusion.leaves is found.result.base and "Chance would gain as much" in found.conclusion.why
     assert found.conclusion.why in verdict_sentence(found) and found.words == f"suspected {SMALL}"
 
 
-def test_runs_that_contradict_a_name_take_it_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = [mirrored(run) for run in campaign(NAME, seed=2)[:6]]  # of a vehicle with the other side the weaker one
-    found = diagnosed(campaign(NAME), held, monkeypatch)
+def test_runs_that_contradict_a_name_take_it_back(diagnosed: Judge) -> None:
+    kept = [turned(run) for run in campaign(NAME, seed=2)[:6]]  # of a vehicle with the other side the weaker one
+    found = diagnosed(campaign(NAME), kept)
     assert found.verdict == "unexplained" and found.effects == () and found.result.final is found.result.base
     assert "makes the held-out runs worse" in found.conclusion.why and NAME in found.conclusion.why
     assert found.gap.after == found.gap.before and found.conclusion.why in verdict_sentence(found)
 
 
-def test_runs_that_agree_let_it_stand(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6], monkeypatch)
+def test_runs_that_agree_let_it_stand_and_what_stays_beside_it_is_said(diagnosed: Judge) -> None:
+    found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6])
     assert found.verdict == "named" and found.conclusion.why == found.conclusion.remainder == ""
     assert found.conclusion.leaves is found.result.final
-
-
-def test_what_stays_beside_a_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    tied = [
-        replace(run, position=run.position + np.radians(1.2) * np.sin(0.9 * (run.time - run.time[0])))
-        for run in campaign(NAME, seed=2)[:6]
-    ]
-    found = diagnosed(campaign(NAME), tied, monkeypatch)
+    found = diagnosed(campaign(NAME), campaign(NAME, seed=2, wave=(1.2, 0.9))[:6])
     assert found.verdict == "named" and "A residual remains" in found.conclusion.remainder
     assert f"{found.held_out_gap.after / found.held_out_gap.floor:.1f} times" in verdict_sentence(found)  # type: ignore[union-attr]
 
 
-def test_a_variable_that_stands_out_is_named_where_no_effect_gains(monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = [
-        replace(run, position=run.position + np.radians(1.5) * np.sin(2.0 * (run.time - run.time[0])))
-        for run in campaign(seed=3)
-    ]
-    found = diagnosed(runs, [], monkeypatch)
+def test_a_variable_that_stands_out_is_named_where_no_effect_gains(diagnosed: Judge) -> None:
+    found = diagnosed(campaign(seed=3, wave=(1.5, 2.0)))
     assert found.verdict == "unexplained" and found.where.regions
-    why = found.conclusion.why
-    assert found.where.regions[0].variable in why and "No effect of the library" in why
+    assert found.where.regions[0].variable in found.conclusion.why
+    assert "No effect of the library" in found.conclusion.why
 
 
-def test_effects_that_undo_each_other_are_only_suspected(monkeypatch: pytest.MonkeyPatch) -> None:
-    pair = CollinearPair((NAME, SMALL), 0.93, 0.1)
-    monkeypatch.setattr(search, "compensating", lambda *of: (pair,))
-    found = diagnosed(campaign(NAME), [], monkeypatch)
-    assert found.verdict == "suspected" and found.conclusion.why == pair.says and "93" in pair.says.replace(".", "")
-    assert found.conclusion.leaves is found.result.base
-
-
-@pytest.mark.slow
-def test_effects_that_undo_each_other_keep_their_names_where_runs_held_out_are_followed(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("followed", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_effects_that_undo_each_other_keep_their_names_only_where_runs_held_out_are_followed(
+    followed: bool, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pair = CollinearPair((NAME, SMALL), 0.93, 0.1)
     monkeypatch.setattr(search, "compensating", lambda *of: (pair,))
-    found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6], monkeypatch)
-    assert found.verdict == "named" and found.conclusion.leaves is found.result.final
+    found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6] if followed else [])
+    if followed:
+        assert found.verdict == "named" and found.conclusion.leaves is found.result.final
+    else:
+        assert found.verdict == "suspected" and found.conclusion.why == pair.says and "0.93" in pair.says
+        assert found.conclusion.leaves is found.result.base
 
 
-def test_nothing_is_missing_only_where_nothing_stands_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_missing_only_where_nothing_stands_out(diagnosed: Judge, monkeypatch: pytest.MonkeyPatch) -> None:
     runs, look = campaign(), diagnose.find_where
-    assert diagnosed(runs, [], monkeypatch).verdict == "nothing-missing"
+    assert diagnosed(runs).verdict == "nothing-missing"
     region = Region("voltage", 12.0, 13.0, "V", 0.01, 0.009, ("run_00",), 0.2, "thrust")
     monkeypatch.setattr(diagnose, "find_where", lambda *of: replace(look(*of), regions=(region,)))
-    found = diagnosed(runs, [], monkeypatch)
+    found = diagnosed(runs)
     assert found.verdict == "unexplained" and "voltage is 12 to 13 V" in found.conclusion.why
 
 
@@ -115,8 +117,8 @@ def test_nothing_is_missing_only_where_nothing_stands_out(monkeypatch: pytest.Mo
 def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tied: bool) -> None:
     blank: Any = SimpleNamespace(counted=(NAME,))
     rivals = tuple(AlternativeModel(NAME, f"other-{far:g}", far, blank) for far in behind)
-    said = verdicts._no_name(SearchResult(blank, blank, blank, (), {}, rivals), None)
-    assert ("A tie" in said) == tied and all((rival.name in said) == tied for rival in rivals)
+    why = diagnose._no_name(SearchResult(blank, blank, blank, (), {}, rivals), None)
+    assert ("A tie" in why) == tied and all((rival.name in why) == tied for rival in rivals)
 
 
 @pytest.mark.parametrize(
@@ -129,3 +131,75 @@ def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tie
 def test_the_card_of_the_look_alike_says_what_tells_two_effects_apart(name: str, rival: str, text_of: str) -> None:
     assert (rival in effects.get(name).mistaken_for) == (text_of == name)
     assert split_by(name, rival, YAW) == effects.get(text_of).card(YAW).separated_by
+
+
+# Several effects that are one in disguise, and effects that undo each other
+
+BASE = base_for("")
+
+
+def each(function: Callable[[Any], Any], work: Sequence[Any], label: str) -> list[Any]:
+    return [function(one) for one in work]
+
+
+def study_with(truth: YawModel, plans: Sequence[Plan]) -> tuple[DiagnosisProblem, CandidateFit]:
+    """Runs of a vehicle of that truth, and the base fitted to them."""
+    runs = [unmeasured(plan, i) for i, plan in enumerate(plans)]
+    study = study_of(measured(truth, runs, seed=4, gain=0.005), BASE)
+    return study, candidate_fit(study, BASE, (), study.fit(BASE))
+
+
+def first_step(study: DiagnosisProblem, base: CandidateFit, names: list[str], *trials: CandidateFit) -> SearchStep:
+    return SearchStep(base, score(study, BASE, base.fit, names, 0), trials, 0.0)
+
+
+def grown(study: DiagnosisProblem, base: CandidateFit, *added: tuple[str, tuple[float, ...]]) -> CandidateFit:
+    trial: CandidateFit | None = base
+    for name, start in added:
+        assert trial is not None
+        trial = add_effect(study, trial, (name, np.array(start)))
+    assert trial is not None
+    return trial
+
+
+@pytest.mark.slow
+def test_a_lag_of_the_thrust_takes_the_place_of_what_imitates_it() -> None:
+    plans = [[(-m, s) for m, s in plan] for plan in long_plans()[::2]]
+    study, base = study_with(BASE.with_effect("thruster-lag", (0.4, 1.0)), plans)
+    delay, slow = ("input-delay", (0.2, 0.0, 0.1)), ("sensor-lag", (0.2,))
+    several, trials = grown(study, base, delay, slow), (grown(study, base, delay), grown(study, base, slow))
+    first = first_step(study, base, ["input-delay", "sensor-lag", "thruster-lag"], *trials)
+    found, says = single_effect_alternative(study, several, first, each)
+    assert found.added == ("thruster-lag",) and found.model.terms[-1].values[1] == 1.0
+    assert found.model.terms[-1].values[0] == pytest.approx(0.4, abs=0.05)
+    assert says == "thruster-lag alone does as well as input-delay and sensor-lag together."
+    assert single_effect_alternative(study, found, first, each) == (found, "")
+
+
+@pytest.mark.slow
+def test_two_that_are_both_there_stay() -> None:
+    truth = BASE.with_effect("thruster-lag", (0.4,)).with_effect("bias-moment", (0.08,))
+    study, base = study_with(truth, long_plans()[1::4])
+    lag, bias = ("thruster-lag", (0.2, 0.0, 1.2, 1.0)), ("bias-moment", (0.03,))
+    both, trials = grown(study, base, lag, bias), (grown(study, base, lag), grown(study, base, bias))
+    first = first_step(study, base, ["bias-moment", "thruster-lag", "input-delay"], *trials)
+    assert single_effect_alternative(study, both, first, each) == (both, "")
+    assert compensating(study, base, both) == ()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_effects_that_undo_each_other_are_told(sign: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sizes of opposite pull, 100 in deviance gained together: told where neither gains half of it alone."""
+    study, base = study_with(BASE, long_plans()[:2])
+    model = BASE.with_effect("bias-moment", (0.1 * sign,)).with_effect("gyro-drift", (-0.05 * sign,))
+    both = CandidateFit(("bias-moment", "gyro-drift"), model, base.fit, base.evidence - 100.0)
+    covariance = np.eye(4)
+    monkeypatch.setattr(DiagnosisProblem, "covariance", lambda *_: covariance)
+    for correlation, gain, told in ((0.95, 20.0, True), (0.3, 20.0, False), (0.95, 70.0, False)):
+        covariance[2, 3] = covariance[3, 2] = -correlation  # the more bias, the more drift has to hide it
+        alone = replace(both, evidence=base.evidence - gain)
+        monkeypatch.setattr(search, "without", lambda *_, alone=alone: alone)
+        pairs = compensating(study, base, both)
+        assert bool(pairs) == told
+        assert not told or "undo each other (correlation 0.95; alone either gains at most 20% of" in pairs[0].says
+    assert compensating(study, base, replace(both, added=("bias-moment",))) == ()

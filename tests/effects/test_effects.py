@@ -3,7 +3,8 @@
 import inspect
 import json
 import re
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -29,19 +30,23 @@ from effect_contract import (
     unmeasured,
     with_planted,
 )  # fmt: skip
+from repository import SAMPLE_RUNS
 
 from automarine_cli import effects
+from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.validate import validate
 from automarine_cli.diagnosis.diagnose import parameter_estimates
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
-from automarine_cli.effects import Effect, Place, State
+from automarine_cli.effects import Effect, Parameter, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -90,14 +95,6 @@ def of_planted(name: str) -> Floats:
     return headings(with_effect(name))
 
 
-def off(effect: Effect, law: int) -> list[float]:
-    """The values with which it is off, in one of its laws."""
-    return [float(law) if p.choices else value for p, value in zip(effect.parameters, effect.off)]
-
-
-# What the registry finds
-
-
 def test_the_contracts_names_are_there() -> None:
     assert set(CONTRACT) <= set(effects.names())
     assert {*SIZES, *MIRRORED_SIGNS} <= {*effects.names(), *law_names()}
@@ -118,7 +115,7 @@ def test_is_complete(name: str) -> None:
 
 @EVERY_EFFECT
 @EVERY_MOTION
-def test_card_is_complete(name: str, dof: Dof) -> None:
+def test_card_is_complete_and_speaks_of_no_other_motion(name: str, dof: Dof) -> None:
     effect = effects.get(name)
     if not effect.acts_in(dof):
         return
@@ -129,42 +126,21 @@ def test_card_is_complete(name: str, dof: Dof) -> None:
     assert not re.search(r"[{}]", " ".join(texts_of(card)))
     assert len({p.name for p in card.parameters}) == len(effect.parameters) == len(card.parameters)
     assert tuple(p.name for p in card.parameters) == effect.names_in(dof)
-
-
-@EVERY_EFFECT
-@EVERY_MOTION
-def test_card_speaks_of_no_other_motion(name: str, dof: Dof) -> None:
-    effect = effects.get(name)
-    if effect.acts_in(dof):
-        for text in texts_of(effect.card(dof)):
-            assert not strange_to(dof, text, effect.needs), text
+    for text in texts_of(card):
+        assert not strange_to(dof, text, effect.needs), text
 
 
 def test_a_word_of_another_motion_is_seen() -> None:
-    assert strange_to(SURGE, "a heading of 3 rad under a moment, to port; k_rr |r|") == {
-        "heading", "rad", "moment", "port", "k_rr", "r",
-    }  # fmt: skip
-    assert strange_to(HEAVE, "headings turned ahead by m_u, X |u| u") == {
-        "headings", "turned", "ahead", "m_u", "X", "u",
-    }  # fmt: skip
-    assert strange_to(YAW, "the depth sensor reads m/s, mass, 3 cm, X_uu") == {"depth", "mass", "m", "cm", "X_uu"}
+    strange = strange_to(SURGE, "a heading of 3 rad under a moment, to port; k_rr |r|")
+    assert strange == {"heading", "rad", "moment", "port", "k_rr", "r"}
+    strange = strange_to(HEAVE, "headings turned ahead by m_u, X |u| u")
+    assert strange == {"headings", "turned", "ahead", "m_u", "X", "u"}
     assert strange_to(YAW, "surge speed u of 3 m/s") and not strange_to(YAW, "surge speed u of 3 m/s", ["surge"])
     assert not strange_to(YAW, "bias-moment against gyro-drift: turned to port by tau, k_rr |r| r")
-    assert not strange_to(SURGE, "bias-moment against gyro-drift: moved ahead by X, X_uu |u| u")
-
-
-def test_equations_have_the_letters_of_the_motion() -> None:
-    def equations(name: str) -> list[str]:
-        return [effects.get(name).card(dof).equation for dof in (YAW, SURGE, HEAVE)]
-
-    assert equations("quadratic-drag") == ["-k_rr |r| r", "-X_uu |u| u", "-Z_ww |w| w"]
-    assert equations("thrust-loss") == ["-b sqrt|tau| r", "-b sqrt|X| u", "-b sqrt|Z| w"]
-    assert equations("tether-spring")[1:] == ["-kappa (x - x_start)", "-kappa (z - z_start)"]
-    assert equations("water-swirl") == [
-        "drag on s = r - w, T_w w' = chi s - (1 - chi) w",
-        "drag on s = u - u_w, T_w u_w' = chi s - (1 - chi) u_w",
-        "drag on s = w - w_w, T_w w_w' = chi s - (1 - chi) w_w",
-    ]
+    equations = [effects.get("water-swirl").card(dof).equation for dof in (YAW, HEAVE)]
+    assert equations == [
+        "drag on s = r - w, T_w w' = chi s - (1 - chi) w", "drag on s = w - w_w, T_w w_w' = chi s - (1 - chi) w_w",
+    ]  # fmt: skip
 
 
 @EVERY_EFFECT
@@ -183,28 +159,29 @@ def test_parameters_have_units_and_bounds_that_hold_their_start(name: str) -> No
 
 
 @EVERY_EFFECT
-def test_methods_are_those_of_its_place(name: str) -> None:
+def test_methods_are_those_of_its_place_and_laws_are_declared(name: str) -> None:
     effect = effects.get(name)
-    own = {method for method in ("deliver", "moment", "water_rate", "read") if method in vars(type(effect))}
+    methods = {method for method in ("deliver", "moment", "water_rate", "read") if method in vars(type(effect))}
     wanted = {Place.ACTUATOR: "deliver", Place.MOMENT: "moment", Place.WATER: "water_rate", Place.SENSOR: "read"}
-    assert own == {wanted[effect.place]}
+    assert methods == {wanted[effect.place]}
     assert bool(effect.states) == ("derivatives" in vars(type(effect)))
+    choices = [p for p in effect.parameters if p.choices]
+    assert all(p.upper == len(p.choices) - 1 and p.start == p.lower == 0.0 for p in choices)
+    last = len(choices[0].choices) if choices else 0
+    assert len(choices) <= 1 and len(effect.laws) == max(last - 1, 0)
+    for law in effect.laws:
+        assert law.source and not law.source.endswith(".") and set(law.mistaken_for) <= set(effects.names()) - {name}
+    assert all(0 < law < last for p in effect.parameters for law in p.laws), "the first law is what it always was"
 
 
 @EVERY_LAW
 def test_says_whether_it_asks_for_the_heading(name: str) -> None:
     """Without `steered` the simulator gives no heading: what asks for one all the same must not pass unnoticed."""
     (effect, law), one = of_law(name), np.ones((1, 1))
-    own = np.zeros((effect.per_run, 1, 1))
-    values = (*(np.full((1, 1), value) for value in sizes_of(effect, law)), *own)
-    stored = [one] * len(effect.states)
-    unknown = State(
-        one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one), stored=stored
-    )
+    values = (*(np.full((1, 1), value) for value in sizes_of(effect, law)), *np.zeros((effect.per_run, 1, 1)))
+    needs, stored = dict.fromkeys(effect.needs, one), [one] * len(effect.states)
+    unknown = State(one * np.nan, one * np.nan, one, 0.5 * one, one, one, needs, stored=stored)
     assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
-
-
-# What it does to a simulation
 
 
 @EVERY_LAW
@@ -224,17 +201,12 @@ def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
 
 
 @EVERY_LAW
-def test_off_is_exactly_the_base_model(name: str) -> None:
+def test_off_is_exactly_the_base_model_and_on_is_not(name: str) -> None:
     effect, law = of_law(name)
-    found = headings(with_effect(name, off(effect, law)))
+    off = [float(law) if p.choices else value for p, value in zip(effect.parameters, effect.off)]
     close = 1e-5 if "lag" in name else 1e-9
-    np.testing.assert_allclose(found, of_base(effect.name), rtol=0, atol=close)
-
-
-@EVERY_LAW
-def test_on_is_not_the_base_model(name: str) -> None:
-    most = np.abs(of_planted(name) - of_base(of_law(name)[0].name)).max()
-    assert np.rad2deg(most) > 1.0
+    np.testing.assert_allclose(headings(with_effect(name, off)), of_base(effect.name), rtol=0, atol=close)
+    assert np.rad2deg(np.abs(of_planted(name) - of_base(effect.name)).max()) > 1.0
 
 
 @EVERY_LAW
@@ -277,9 +249,6 @@ def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
         start = problem.search(starts_near(problem, [model.theta], {}))
         density.append(float(problem.follow(start).log_density.sum()))
     assert np.isfinite(density).all() and density[0] > density[1]
-
-
-# What the data give back
 
 
 @pytest.mark.slow
@@ -333,19 +302,6 @@ def test_several_together_are_recovered() -> None:
 
 
 @EVERY_EFFECT
-def test_laws_and_what_only_they_use_are_declared(name: str) -> None:
-    effect = effects.get(name)
-    choices = [p for p in effect.parameters if p.choices]
-    assert len(choices) <= 1
-    assert all(p.upper == len(p.choices) - 1 and p.start == p.lower == 0.0 for p in choices)
-    last = len(choices[0].choices) if choices else 0
-    assert len(effect.laws) == max(last - 1, 0)
-    for law in effect.laws:
-        assert law.source and not law.source.endswith(".") and set(law.mistaken_for) <= set(effects.names()) - {name}
-    assert all(0 < law < last for p in effect.parameters for law in p.laws), "the first law is what it always was"
-
-
-@EVERY_EFFECT
 def test_laws_together_are_as_each_alone(name: str) -> None:
     """Parameter sets of different laws in one simulation do not touch each other."""
     effect = effects.get(name)
@@ -358,45 +314,32 @@ def test_laws_together_are_as_each_alone(name: str) -> None:
     assert all(np.rad2deg(np.abs(other - together[0]).max()) > 0.5 for other in together[1:])
 
 
-# The command
-
-
 @EVERY_MOTION
 def test_the_list_and_the_cards_of_a_motion(dof: Dof, run: Callable[..., Result]) -> None:
-    own = [name for name in effects.names() if effects.get(name).acts_in(dof)]
+    names = [name for name in effects.names() if effects.get(name).acts_in(dof)]
     lines = run("effects", "--motion", dof.name).stdout.splitlines()
-    assert {line.split(" ")[0] for line in lines} & set(effects.names()) == set(own)
-    whole = json.loads(run("effects", "--motion", dof.name, "--json").stdout)
-    assert [card["name"] for card in whole["effects"]] == own
-    assert whole.get("motion", YAW.name) == dof.name
+    assert {line.split(" ")[0] for line in lines} & set(effects.names()) == set(names)
+    text = run("effects", "--motion", dof.name, "--json").stdout
+    library = json.loads(text, parse_constant=lambda word: pytest.fail(word))  # without infinities
+    assert [card["name"] for card in library["effects"]] == names
+    assert library["schema"] == "automarine/effects/1" and library.get("motion", YAW.name) == dof.name
+    (card,) = (card for card in library["effects"] if card["name"] == "saturation")
+    limit = card["parameters"][0]
+    assert (limit["lower"], limit["upper"], limit["off"], limit["any_when_off"]) == (0.0, None, None, False)
     text = run("effects", "saturation", "--motion", dof.name).stdout
     assert effects.get("saturation").card(dof).equation in text
     assert not strange_to(dof, text.partition("source")[0])
 
 
-def test_an_effect_that_a_motion_does_not_have_is_refused(run: Callable[..., Result]) -> None:
-    found = run("effects", "compass-deviation", "--motion", "surge")
-    assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr == ("Error: compass-deviation does not act in surge; it acts in yaw: give --motion yaw\n")
-
-
-def test_json_is_the_library_without_infinities(run: Callable[..., Result]) -> None:
-    whole = json.loads(run("effects", "--json").stdout, parse_constant=lambda word: pytest.fail(word))
-    assert whole["schema"] == "automarine/effects/1"
-    assert [card["name"] for card in whole["effects"]] == list(effects.names())
-    (card,) = json.loads(run("effects", "saturation", "--json").stdout)["effects"]
-    assert card in whole["effects"]
-    limit, _ = card["parameters"]
-    assert (limit["lower"], limit["upper"], limit["off"], limit["any_when_off"]) == (0.0, None, None, False)
-
-
-def test_unknown_name_is_told_its_nearest(run: Callable[..., Result]) -> None:
-    found = run("effects", "Dead_bnd")
-    assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith("Error: effect 'Dead_bnd' is not in the library; known are backlash, battery-sag, ")
-    assert found.stderr.endswith(", water-swirl. Did you mean dead-band or thruster-dead-band?\n")
-    with pytest.raises(ModelError, match=r"water-swirl$"):
-        effects.get("quux")
+def test_effects_that_are_not_there_are_refused(run: Callable[..., Result]) -> None:
+    for words, start, end in (
+        (["compass-deviation", "--motion", "surge"], "compass-deviation does not act in surge", "give --motion yaw\n"),
+        (["Dead_bnd"], "effect 'Dead_bnd' is not in the library;", "Did you mean dead-band or thruster-dead-band?\n"),
+        (["quux"], "effect 'quux' is not in the library; known are backlash, battery-sag, ", "water-swirl\n"),
+    ):
+        refused = run("effects", *words)
+        assert (refused.exit_code, refused.stdout) == (1, "")
+        assert refused.stderr.startswith(f"Error: {start}") and refused.stderr.endswith(end)
 
 
 def test_actuators_act_in_the_order_of_the_vehicle_not_of_the_list() -> None:
@@ -406,3 +349,87 @@ def test_actuators_act_in_the_order_of_the_vehicle_not_of_the_list() -> None:
     one = base.with_effect("dead-band", [0.1, 0.0, 0.5]).with_effect("thruster-lag", [0.4, 0.0, 1.0, 1.0])
     other = base.with_effect("thruster-lag", [0.4, 0.0, 1.0, 1.0]).with_effect("dead-band", [0.1, 0.0, 0.5])
     assert np.array_equal(simulate(one, batch).position, simulate(other, batch).position)
+
+
+# Effects that are not of the library: registered by a script, or brought by an installed package
+
+
+class Push(Effect):
+    """A push."""
+
+    name = "push"
+    place = Place.MOMENT
+    parameters = (Parameter("k", "push", "{force}", 0.0, 9.0, 0.1),)
+    equation, says, reveals = "k", "Something pushes.", "any run"
+    mistaken_for, separated_by, source = ("bias-moment",), "nothing", "mine"
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
+        return values[0] + 0.0 * state.velocity
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The library with a push in it, for one test."""
+    monkeypatch.setattr(effects, "_REGISTERED", {})
+    effects.look_alikes("bias-moment")  # what was looked up before does not stay
+    effects.register(Push)
+    yield
+    effects.look_alikes.cache_clear()
+
+
+@pytest.fixture
+def forgotten() -> Iterator[None]:
+    """What is installed is looked up anew, in the test and after it."""
+    looked_up = (effects._entry_points, effects._loaded, effects.look_alikes)
+    for function in looked_up:
+        function.cache_clear()
+    yield
+    for function in looked_up:
+        function.cache_clear()
+    sys.modules.pop("my_package", None)
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_registered_effect_is_of_the_library() -> None:
+    assert "push" in effects.names() and isinstance(effects.get("push"), Push)
+    assert "push" in effects.look_alikes("bias-moment")
+    for name in ("push", "dead-band", "learned:depth"):
+        with pytest.raises(ModelError, match="is in the library already; give yours a new name"):
+            effects.register(type("Again", (Push,), {"name": name}))
+
+
+@pytest.mark.usefixtures("registered")
+def test_manifests_list_its_file(tmp_path: Path) -> None:
+    logs = sorted((SAMPLE_RUNS / "steps").glob("*_a.csv"))
+    fit_yaw(logs, out=tmp_path / "fit")
+    validate(logs[:2], model=tmp_path / "fit" / "yaw_model.json", out=tmp_path / "out", figures=False)
+    entries = read_manifest(tmp_path / "out" / "manifest.json").inputs
+    assert [entry.file for entry in entries if entry.role == "own_effect"] == [Path(__file__).name]
+
+
+@pytest.mark.usefixtures("forgotten")
+@pytest.mark.parametrize(
+    ("old", "new", "error"),
+    [
+        ("", "", ""),
+        ('"push"\n    place', '"pull"\n    place', "expected a subclass of Effect of that name"),
+        ("class Push(Effect)", "class Push(", "SyntaxError"),
+        ("class Push(Effect)", "class Other(Effect)", "AttributeError"),
+    ],
+)
+def test_a_package_brings_one(
+    old: str, new: str, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Result]
+) -> None:
+    imports = "from __future__ import annotations\nfrom automarine_cli.effects import Effect, Parameter, Place\n"
+    (tmp_path / "my_package.py").write_text((imports + inspect.getsource(Push)).replace(old, new, 1))
+    installed = tmp_path / "my_package-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text("[automarine.effects]\npush = my_package:Push\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    done = run("effects", "push")
+    if error:
+        assert done.exit_code == 1 and error in done.stderr and isinstance(done.exception, SystemExit)
+        assert done.stderr.startswith("Error: effect 'push' of the entry point my_package:Push: ")
+    else:
+        assert (done.exit_code, done.stderr) == (0, "") and "Something pushes." in done.stdout

@@ -22,15 +22,8 @@ MODEL = YawModel.base("1", INERTIA, [LINEAR], "nu", YAW)
 
 def noises(size: float = 0.1, time: float = 2.0, thrust: float = 0.03, reading: float = 0.02) -> Noises:
     """One parameter set of a run with the gain as logged."""
-    return Noises(
-        np.array([[size]]),
-        np.array([[time]]),
-        np.array([[thrust]]),
-        np.zeros(1),
-        np.zeros(1),
-        np.array([[reading]]),
-        {},
-    )
+    each = (np.array([[value]]) for value in (size, time, thrust))
+    return Noises(*each, np.zeros(1), np.zeros(1), np.array([[reading]]), {})
 
 
 def logged(time: Floats, heading: Floats, command: Floats, **extras: Floats) -> Run:
@@ -246,19 +239,13 @@ def test_predictions_of_a_sum_of_velocities_begin_where_the_sum_is(side: float) 
     """No filter is tied to such positions: what they are off by is no error of the model."""
     run = exact_run()
     run = replace(run, position=run.position + side * 7.0, summed_up=True)
-    course = make_course([run], REST, channels=("yaw_rate",))
-    assert course.channels[0].velocity and not shown_channel(course).counts
-    for one in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
-        assert np.rad2deg(np.abs(one.error).max()) < 2.0, one.horizon  # the sum by trapezoids is off by as much
-        assert np.rad2deg(one.rmse(one.constant)) > 5.0
-
-
-def test_predictions_without_noise_are_exact() -> None:
-    run = exact_run()
-    course = make_course([logged(run.time - 40.0, run.position, run.command)], REST)
-    for one in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
-        assert np.rad2deg(np.abs(one.error).max()) < 0.01, one.horizon
-        assert np.rad2deg(one.rmse(one.constant)) > 5.0
+    summed = make_course([run], REST, channels=("yaw_rate",))
+    assert summed.channels[0].velocity and not shown_channel(summed).counts
+    headings = make_course([replace(run, extras={}, summed_up=False)], REST)
+    for course, most in ((summed, 2.0), (headings, 0.01)):  # the sum by trapezoids is off by as much
+        for ahead in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
+            assert np.rad2deg(np.abs(ahead.error).max()) < most, ahead.horizon
+            assert np.rad2deg(ahead.rmse(ahead.constant)) > 5.0
 
 
 def test_constants_by_hand() -> None:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import Result
+from click.testing import CliRunner, Result
 from made_campaigns import campaign, moving_run
 from made_runs import INERTIA, K_RR, written
 
+from automarine_cli.commands import automarine
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 
@@ -24,6 +25,11 @@ def write_logs(runs: Sequence[Run], folder: Path, **columns: Any) -> Path:
     for run in runs:
         written(run, folder / f"{run.name}.csv", **columns)
     return folder
+
+
+def model_of(out: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((out / "yaw_model.json").read_text())
+    return content
 
 
 @pytest.fixture(scope="module")
@@ -40,17 +46,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def results(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
     """Where `fit-yaw` wrote its results, and what it said."""
-    from click.testing import CliRunner
-
-    from automarine_cli.commands import automarine
-
     out = tmp_path_factory.mktemp("fitted") / "out"
     return out, CliRunner().invoke(automarine, ["fit-yaw", str(logs), "-o", str(out)])
-
-
-def model_of(out: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((out / "yaw_model.json").read_text())
-    return content
 
 
 def one_sentence(result: Result, *parts: str) -> None:
@@ -80,78 +77,33 @@ def test_table_1_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Resu
     assert table["I_r_model_3"] == pytest.approx(eps * k_rr / np.log(2), rel=1e-9)
 
 
-def test_it_is_said_where_the_tails_start_and_what_is_expected_there(results: tuple[Path, Result]) -> None:
-    out, model = results[0], model_of(results[0])
-    found = model["models"]["3"]["velocity_error"]
-    start, expected = found["tail_from_deg"], found["tail_expected"]
+def test_it_is_said_where_the_tails_start_and_what_is_expected_there(
+    run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path
+) -> None:
+    out, entry = results[0], model_of(results[0])["models"]["3"]["velocity_error"]
+    start, expected = entry["tail_from_deg"], entry["tail_expected"]
     assert 30 <= round(start) <= 165 and start == pytest.approx(5 * round(start / 5))
     assert set(expected) == {"I_r", "drag", "dilution"} and expected["dilution"] < 0
-    for one in (expected["I_r"], expected["drag"]):
-        assert 0 < one["noise"] <= one["error"] < 0.05
-    assert found["tail_because"].startswith(
-        f"Tails start at {start:.0f} deg, where the errors to be expected are smallest: "
-        f"{100 * expected['drag']['error']:.2g} % in drag (noise "
-    )
+    for name in ("I_r", "drag"):
+        assert 0 < expected[name]["noise"] <= expected[name]["error"] < 0.05
     for name in ("table1.md", "table2.md"):
-        assert found["tail_because"] in (out / name).read_text()
-
-
-def test_a_tail_that_is_asked_for_is_taken_and_recorded(run: Command, logs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert run("fit-yaw", logs, "--tail", "100", "-o", out).exit_code == 0
-    entry = model_of(out)["models"]["3"]["velocity_error"]
-    assert entry["tail_from_deg"] == pytest.approx(100.0)
-    assert entry["tail_because"].startswith("Tails start at 100 deg, as asked; errors to be expected there: ")
-    assert json.loads((out / "manifest.json").read_text())["options"]["tail"] == 100.0
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (("--tail", "180"), "tail is 180; expected 15 to 165 degrees"),
-        (("--tail", "90", "--fit-to", "whole-runs"), "tail is given, but whole runs have no tails; leave it out"),
-    ],
-)
-def test_a_tail_that_cannot_be_is_refused(run: Command, logs: Path, options: tuple[str, ...], sentence: str) -> None:
-    one_sentence(run("fit-yaw", logs, *options), sentence)
-
-
-def test_a_tail_of_runs_that_have_none_is_refused(run: Command, tmp_path: Path) -> None:
-    folder = write_logs([moving_run(seed, length=18.0)[0] for seed in range(2)], tmp_path / "logs")
-    one_sentence(run("fit-yaw", folder, "--tail", "90"), "too few for Table 1, and whole runs have none")
+        assert entry["tail_because"] in (out / name).read_text()
+    assert run("fit-yaw", logs, "--tail", "100", "-o", tmp_path / "out").exit_code == 0
+    asked = model_of(tmp_path / "out")["models"]["3"]["velocity_error"]
+    assert asked["tail_from_deg"] == pytest.approx(100.0) and "as asked" in asked["tail_because"]
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["options"]["tail"] == 100.0
 
 
 def test_the_run_set_aside_is_told_on_standard_error_and_in_the_result(results: tuple[Path, Result]) -> None:
     out, result = results
     runs = model_of(out)["runs"]
-    assert runs["used"] == 12
     (aside,) = runs["set_aside"]
-    assert (aside["file"], aside["run"]) == ("logs/still.csv", "still")
+    assert runs["used"] == 12 and (aside["file"], aside["run"]) == ("logs/still.csv", "still")
     assert aside["why"].startswith("never moved")
-    assert "still" in result.stderr and "never moved" in result.stderr
-    assert "never moved" not in result.stdout
-
-
-def test_strict_refuses_what_would_be_set_aside(run: Command, logs: Path, tmp_path: Path) -> None:
-    one_sentence(run("fit-yaw", logs, "--strict", "-o", tmp_path / "out"), "still", "never moved", "--strict")
-    assert not (tmp_path / "out").exists()
-
-
-# Thrusters
+    assert "still" in result.stderr and "never moved" in result.stderr and "never moved" not in result.stdout
 
 
 A_F, A_B, ARM = 2.617e-4, 0.664e-4, 0.2  # the source paper's equation 3, N per count squared
-
-
-@pytest.fixture
-def thruster_map(run: Command, tmp_path: Path) -> Path:
-    """A map of one thruster, fitted to a noise-free bollard test."""
-    n = np.concatenate([np.arange(-150, 0, 15), np.arange(15, 151, 15)])
-    force = np.where(n > 0, A_F, A_B) * np.abs(n) * n
-    lines = "\n".join(f"{a},{b:.9f}" for a, b in zip(n, force))
-    (tmp_path / "bollard.csv").write_text(f"n,force_N\n{lines}\n")
-    assert run("fit-thrusters", tmp_path / "bollard.csv", "-o", tmp_path / "map").exit_code == 0
-    return tmp_path / "map" / "thrusters.json"
 
 
 def thruster_logs(folder: Path) -> Path:
@@ -167,8 +119,14 @@ def thruster_logs(folder: Path) -> Path:
     return folder
 
 
-def test_thruster_commands_become_newton_metres(run: Command, thruster_map: Path, tmp_path: Path) -> None:
-    result = run("fit-yaw", thruster_logs(tmp_path / "logs"), "--thrusters", thruster_map, "--arm", ARM, "--json")
+def test_thruster_commands_become_newton_metres_by_map_and_arm(run: Command, tmp_path: Path) -> None:
+    """Through the map of one thruster, fitted to a noise-free bollard test."""
+    n = np.concatenate([np.arange(-150, 0, 15), np.arange(15, 151, 15)])
+    lines = "\n".join(f"{a},{b:.9f}" for a, b in zip(n, np.where(n > 0, A_F, A_B) * np.abs(n) * n))
+    (tmp_path / "bollard.csv").write_text(f"n,force_N\n{lines}\n")
+    assert run("fit-thrusters", tmp_path / "bollard.csv", "-o", tmp_path / "map").exit_code == 0
+    logs, by_map = thruster_logs(tmp_path / "logs"), ("--thrusters", tmp_path / "map" / "thrusters.json")
+    result = run("fit-yaw", logs, *by_map, "--arm", ARM, "--json")
     assert result.exit_code == 0, result.output
     model = json.loads(result.stdout)
     assert model["moment_unit"] == "N m"
@@ -176,65 +134,67 @@ def test_thruster_commands_become_newton_metres(run: Command, thruster_map: Path
         entry = model["models"]["3"][name]
         assert entry["unit"] == "N m s²"
         assert abs(entry["value"] - true) < 4 * entry["stderr"] + 1e-3
-
-
-def test_thruster_commands_need_map_and_arm(run: Command, thruster_map: Path, tmp_path: Path) -> None:
-    logs = thruster_logs(tmp_path / "logs")
     one_sentence(run("fit-yaw", logs), "--thrusters MAP.json", "--arm METRES")
-    one_sentence(run("fit-yaw", logs, "--thrusters", thruster_map), "--arm METRES")
+    one_sentence(run("fit-yaw", logs, *by_map), "--arm METRES")
     one_sentence(run("fit-yaw", logs, "--arm", ARM), "--thrusters MAP.json")
 
 
-# What cannot be: one sentence each
+def of_two_units() -> list[Run]:
+    return [run.with_moment(run.command, "nu" if i < 6 else "N m") for i, run in enumerate(campaign(seed=1))]
 
 
-def test_units_that_are_mixed_are_refused(run: Command, tmp_path: Path) -> None:
-    runs = campaign(seed=1)
-    write_logs(runs[:6], tmp_path / "logs")
-    for one in runs[6:]:
-        path = written(one, tmp_path / "logs" / f"{one.name}.csv")
-        path.write_text(path.read_text().replace("tau", "tau_Nm", 1))
-    one_sentence(run("fit-yaw", tmp_path / "logs"), "expected one unit in a campaign", "--columns")
+def moved_by(factor: float) -> list[Run]:
+    """A campaign whose logs tell so many times the moments that acted."""
+    return [run.with_moment(factor * run.command, "nu") for run in campaign(seed=1)]
 
 
-def test_runs_that_all_stand_still_are_refused(run: Command, tmp_path: Path) -> None:
-    runs = [one.with_moment(np.zeros(len(one)), "nu") for one in campaign([0.5, -0.5, 0.8], seed=1)]
-    one_sentence(run("fit-yaw", write_logs(runs, tmp_path / "logs")), "none of 3 runs can be fitted")
+HALF_TURNS = ("--fit-to", "half-turns")
 
 
-def test_half_turns_of_one_size_of_moment_are_refused_when_asked_for(run: Command, tmp_path: Path) -> None:
-    folder = write_logs(campaign([0.5, -0.5, 0.5, -0.5], seed=1), tmp_path / "logs")
-    one_sentence(
-        run("fit-yaw", folder, "--fit-to", "half-turns"),
-        "4 half-turns at 1 size of moment are usable", "at least 3 at 2 are needed", "--fit-to whole-runs",
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ("make", "options", "parts"),
+    [
+        (lambda: campaign(seed=1), ("--tail", "180"), ["tail is 180; expected 15 to 165 degrees"]),
+        (lambda: campaign(seed=1), ("--tail", "90", "--fit-to", "whole-runs"), ["whole runs have no tails; leave it"]),
+        (lambda: [moving_run(seed, length=18.0)[0] for seed in range(2)], ("--tail", "90"), ["too few for Table 1"]),
+        (of_two_units, (), ["expected one unit in a campaign", "--columns"]),
+        (lambda: moved_by(0.0), (), ["none of 12 runs can be fitted"]),
+        (
+            lambda: campaign([0.5, -0.5, 0.5, -0.5], seed=1), HALF_TURNS,
+            ["4 half-turns at 1 size of moment are usable", "at least 3 at 2 are needed", "--fit-to whole-runs"],
+        ),
+        (lambda: moved_by(-1.0), HALF_TURNS, ["turned the vehicle", "sign = -1"]),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_fitted_is_refused_in_one_sentence(
+    run: Command, tmp_path: Path, make: Callable[[], list[Run]], options: tuple[str, ...], parts: list[str]
+) -> None:
+    for each in make():
+        path = written(each, tmp_path / "logs" / f"{each.name}.csv")
+        if each.moment_unit == "N m":
+            path.write_text(path.read_text().replace("tau", "tau_Nm", 1))
+    one_sentence(run("fit-yaw", tmp_path / "logs", *options), *parts)
 
 
-def test_moments_all_equal_are_fitted_whole(run: Command, tmp_path: Path) -> None:
-    """One size of moment tells inertia and one drag, from how the turn begins and how it ends."""
-    folder = write_logs(campaign([0.5, -0.5, 0.5, -0.5], seed=1), tmp_path / "logs")
-    result = run("fit-yaw", folder, "--json")
-    assert result.exit_code == 0, result.output
-    model = json.loads(result.stdout)
-    assert model["models"]["3"]["velocity_error"] is None and "whole runs" in model["models"]["3"]["why"]
-    entry = model["models"]["3"]["k_rr"]
-    assert abs(entry["value"] - K_RR) < 5 * entry["stderr"]
+def test_strict_refuses_what_would_be_set_aside(run: Command, logs: Path, tmp_path: Path) -> None:
+    one_sentence(run("fit-yaw", logs, "--strict", "-o", tmp_path / "out"), "still", "never moved", "--strict")
+    assert not (tmp_path / "out").exists()
 
 
-def test_turns_to_one_side_only_are_enough_and_told(run: Command, tmp_path: Path) -> None:
-    folder = write_logs(campaign([0.2, 0.4, 0.6, 0.8, 1.0], seed=1), tmp_path / "logs")
+@pytest.mark.parametrize("moments", [[0.5, -0.5, 0.5, -0.5], [0.2, 0.4, 0.6, 0.8, 1.0]])
+def test_drag_of_one_size_of_moment_or_one_side_is_the_truth(
+    run: Command, tmp_path: Path, moments: list[float]
+) -> None:
+    """One size tells inertia and one drag, from how the turn begins and how it ends; then runs are fitted whole."""
+    folder = write_logs(campaign(moments, seed=1), tmp_path / "logs")
     result = run("fit-yaw", folder, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
     model = model_of(tmp_path / "out")
-    entry = model["models"]["3"]["k_rr"]
-    assert abs(entry["value"] - K_RR) < 4 * entry["stderr"]
-    (told,) = (warning for warning in model["warnings"] if warning.startswith("Every run turns to starboard"))
-    assert f"Warning: {told}" in result.stdout.replace("\n", " ")
-    for table in ("table1", "table2"):
-        assert told in (tmp_path / "out" / f"{table}.md").read_text()
-
-
-def test_a_moment_against_the_heading_is_refused_with_the_sign_in_mind(run: Command, tmp_path: Path) -> None:
-    runs = [one.with_moment(-one.command, "nu") for one in campaign(seed=1)]
-    folder = write_logs(runs, tmp_path / "logs")
-    one_sentence(run("fit-yaw", folder, "--fit-to", "half-turns"), "turned the vehicle", "sign = -1")
+    entry = model["models"]["3"]
+    assert abs(entry["k_rr"]["value"] - K_RR) < 4 * entry["k_rr"]["stderr"]
+    if len(moments) == 4:
+        assert entry["velocity_error"] is None and "whole runs" in entry["why"]
+    else:
+        (warning,) = (one for one in model["warnings"] if one.startswith("Every run turns to starboard"))
+        assert f"Warning: {warning}" in result.stdout.replace("\n", " ")
+        assert all(warning in (tmp_path / "out" / f"table{i}.md").read_text() for i in (1, 2))

@@ -1,23 +1,35 @@
 """The mixed model's algebra against dense covariances, its search within bounds, and leaving runs out."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
 import pytest
+from made_campaigns import both_ways, campaign
+from made_runs import mirrored
 from numpy.typing import NDArray
 from scipy import optimize, stats
 from tolerances import assert_close
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.half_turns import half_turn_data, step_problem
 from automarine_cli.fits.linear_mixed import Block, Gram, Grams, RunEffects, choose_variances, deviance, scored_deviance
-from automarine_cli.fits.mixed_model import Problem, Slot, fit_mixed, jackknife
+from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
+from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
+from automarine_cli.runs.half_turn import half_turns
+from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
 
-RUNS, SAMPLES, PARAMETERS, EFFECTS = 6, 25, 2, 3
-VARIANCES = np.log([0.3, 0.6, 0.2])  # noise, and the factors of the second and third effect
+RUNS, SAMPLES, PARAMETERS, EFFECTS = 10, 25, 2, 3
+NOISES = {1: np.log([0.3, 0.6, 0.2]), 2: np.log([0.3, 0.8, 0.6, 0.2])}
+"""By the number of sensors: the noise of each, and the factors of the second and third effect."""
+VARIANCES = NOISES[1]
+FREE = ((-np.inf, np.inf), (-np.inf, np.inf))
+SENSORS = pytest.mark.parametrize("sensors", NOISES)
 TRUTH = np.array([1.5, -0.8])
 
 
@@ -45,21 +57,30 @@ class Linear:
         for array in (self.j, self.v, self.w):
             array[~self.seen] = 0.0
 
-    def problem(self, low: float = -np.inf, high: float = np.inf) -> Problem:
+    def problem(self, bounds: Sequence[tuple[float, float]] = FREE) -> Problem:
         def response(theta: Floats, b: Floats) -> Floats:
             return np.einsum("rnp,sp->srn", self.j, theta) + np.einsum("rnq,srq->srn", self.v, b)
 
-        bounds = np.array([(low, high), (-np.inf, np.inf)])
         slots = (Slot("heading", slice(0, SAMPLES)),)
         return Problem(
-            response, self.w, self.seen, self.effects, bounds, np.zeros(2, dtype=bool), ("one", "two"), slots
+            response, self.w, self.seen, self.effects, np.array(bounds), np.zeros(2, dtype=bool), ("a", "b"), slots
         )
 
-    def gram(self, phi: Floats | None = None, b: Floats | None = None) -> Grams:
-        """Linearised about phi and b, zero where not given."""
+    def fit(self, bounds: Sequence[tuple[float, float]] = FREE, start: Sequence[float] = (0.0, 0.0)) -> MixedFit:
+        return fit_mixed(self.problem(bounds), np.array(start), noise=1.0, factors=np.ones(2))
+
+    def gram(self, phi: Floats | None = None, b: Floats | None = None, sensors: int = 1) -> Grams:
+        """Linearised about phi and b, zero where not given; a second sensor reads all but the first twelve samples."""
         phi, b = np.zeros(PARAMETERS) if phi is None else phi, np.zeros((RUNS, EFFECTS)) if b is None else b
         residual = np.where(self.seen, self.w - self.j @ phi - np.einsum("rnq,rq->rn", self.v, b), 0.0)
-        return Grams((Gram.of(self.j, self.v, residual, self.seen.sum(axis=1), b),))
+        parts = (slice(0, 12), slice(12, SAMPLES)) if sensors == 2 else (slice(0, SAMPLES),)
+        return Grams(
+            tuple(Gram.of(self.j[:, p], self.v[:, p], residual[:, p], self.seen[:, p].sum(axis=1), b) for p in parts)
+        )
+
+    def deviation(self, variances: Floats) -> Floats:
+        """Noise (N,) of each sample, by its sensor."""
+        return np.exp(variances[:-2])[np.minimum(np.arange(SAMPLES) // 12, len(variances) - 3)]
 
     def dense(self, variances: Floats = VARIANCES) -> list[tuple[Floats, Floats, Floats, Floats]]:
         """(J, V, w, R) of each run, R its covariance written out."""
@@ -67,7 +88,7 @@ class Linear:
         rows = []
         for i, seen in enumerate(self.seen):
             v = self.v[i, seen]
-            covariance = np.exp(2 * variances[0]) * np.eye(len(v)) + v @ np.diag(scale[i] ** 2) @ v.T
+            covariance = np.diag(self.deviation(variances)[seen] ** 2) + v @ np.diag(scale[i] ** 2) @ v.T
             rows.append((self.j[i, seen], v, self.w[i, seen], covariance))
         return rows
 
@@ -84,34 +105,35 @@ class Linear:
         return float(np.sum(parts))
 
 
-def test_likelihood_is_that_of_the_dense_covariance() -> None:
-    linear = Linear()
-    _, hessian = linear.least_squares()
-    constant = linear.seen.sum() * np.log(2 * np.pi)
-    found = deviance(linear.gram(), linear.effects, VARIANCES, restricted=False)
-    assert_close(-0.5 * (found + constant), linear.log_likelihood(), "closed form")
-    restricted = deviance(linear.gram(), linear.effects, VARIANCES, restricted=True)
-    assert_close(restricted - found, np.linalg.slogdet(hessian)[1], "closed form")
+@cache
+def linear_fit() -> tuple[Linear, MixedFit]:
+    linear = Linear(1)
+    return linear, linear.fit()
 
 
-def test_least_squares_and_run_effects_are_those_of_the_dense_covariance() -> None:
-    linear = Linear()
-    theta, hessian = linear.least_squares()
-    weighted = linear_mixed.weigh(linear.gram(), linear.effects, VARIANCES)
-    free = np.array([(-np.inf, np.inf)] * PARAMETERS)
-    assert_close(
-        linear_mixed.bounded_solution(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), free),
-        theta,
-        "closed form",
-    )
-    assert_close(weighted.hessian.sum(axis=0), hessian, "closed form")
-    scale = linear.effects.deviation(VARIANCES)
-    expected = [
-        np.diag(s**2) @ v.T @ np.linalg.solve(r, w - j @ theta) for s, (j, v, w, r) in zip(scale, linear.dense())
-    ]
-    found = linear_mixed.posterior_mean(linear.gram(), linear.effects, VARIANCES, theta)
-    assert_close(found, expected, "closed form")
-    assert found[2, 1] == 0.0
+@SENSORS
+def test_likelihood_and_least_squares_are_those_of_the_dense_covariance(sensors: int) -> None:
+    """Wherever it was linearised."""
+    linear, variances, rng = Linear(4), NOISES[sensors], np.random.default_rng(4)
+    theta, hessian = linear.least_squares(variances)
+    scale, rows = linear.effects.deviation(variances), linear.dense(variances)
+    effects = [np.diag(s**2) @ v.T @ np.linalg.solve(r, w - j @ theta) for s, (j, v, w, r) in zip(scale, rows)]
+    for size in (0.0, 1.0):
+        phi, b = size * rng.normal(size=PARAMETERS), size * rng.normal(size=(RUNS, EFFECTS))
+        b[2, 1] = 0.0
+        grams = linear.gram(phi, b, sensors)
+        plain, restricted = (deviance(grams, linear.effects, variances, restricted=own) for own in (False, True))
+        constant = linear.seen.sum() * np.log(2 * np.pi)
+        assert_close(-0.5 * (plain + constant), linear.log_likelihood(variances), "closed form")
+        assert_close(restricted - plain, np.linalg.slogdet(hessian)[1], "closed form")
+        weighted = linear_mixed.weigh(grams, linear.effects, variances)
+        assert_close(weighted.hessian.sum(axis=0), hessian, "closed form")
+        normal = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
+        assert_close(phi + linear_mixed.bounded_solution(*normal, np.array(FREE)), theta, "closed form")
+        assert_close(phi + linear_mixed.solve_scaled(*normal), theta, "closed form")
+        found = linear_mixed.posterior_mean(grams, linear.effects, variances, theta - phi)
+        assert_close(found, effects, "closed form")
+        assert found[2, 1] == 0.0
 
 
 def test_a_bounded_solution_is_the_best_of_all_active_sets() -> None:
@@ -137,20 +159,6 @@ def test_a_bounded_solution_is_the_best_of_all_active_sets() -> None:
         assert 0.5 * solution @ hessian @ solution - gradient @ solution == pytest.approx(min(able), rel=1e-6)
 
 
-def test_the_point_of_linearisation_does_not_matter_to_a_linear_problem() -> None:
-    linear = Linear()
-    rng = np.random.default_rng(4)
-    phi, b = rng.normal(size=PARAMETERS), rng.normal(size=(RUNS, EFFECTS))
-    b[2, 1] = 0.0
-    theta, _ = linear.least_squares()
-    here, there = linear.gram(), linear.gram(phi, b)
-    for restricted in (False, True):
-        two = [deviance(g, linear.effects, VARIANCES, restricted=restricted) for g in (here, there)]
-        assert_close(two[0], two[1], "closed form")
-    found = linear_mixed.posterior_mean(there, linear.effects, VARIANCES, theta - phi)
-    assert_close(found, linear_mixed.posterior_mean(here, linear.effects, VARIANCES, theta), "closed form")
-
-
 def test_headings_of_a_hundred_radians_do_not_drown_the_likelihood() -> None:
     """The lake runs: run effects explain 1e4 times the noise, and the deviance must still be smooth."""
     linear = Linear()
@@ -165,88 +173,19 @@ def test_headings_of_a_hundred_radians_do_not_drown_the_likelihood() -> None:
     assert np.max(np.abs(second)) < 1e-8
 
 
+@SENSORS
 @pytest.mark.parametrize("restricted", [False, True])
-def test_the_slope_of_the_likelihood_is_exact(restricted: bool) -> None:
-    linear = Linear(3)
-    gram = linear.gram(b=np.where(linear.effects.scale > 0, 0.3, 0.0))
+def test_the_slope_of_the_likelihood_is_exact(restricted: bool, sensors: int) -> None:
+    linear, variances = Linear(3), NOISES[sensors]
+    gram = linear.gram(b=np.where(linear.effects.scale > 0, 0.3, 0.0), sensors=sensors)
 
     def value(variances: Floats) -> float:
         return deviance(gram, linear.effects, variances, restricted=restricted)
 
-    _, slope, _ = scored_deviance(gram, linear.effects, VARIANCES, restricted=restricted)
-    steps = 1e-5 * np.eye(len(VARIANCES))
-    numeric = [(value(VARIANCES + step) - value(VARIANCES - step)) / 2e-5 for step in steps]
+    _, slope, _ = scored_deviance(gram, linear.effects, variances, restricted=restricted)
+    steps = 1e-5 * np.eye(len(variances))
+    numeric = [(value(variances + step) - value(variances - step)) / 2e-5 for step in steps]
     assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
-
-
-def two_channels(seed: int) -> tuple[Linear, Grams]:
-    """The first twelve readings of each run are of one sensor, the rest of another."""
-    linear = Linear(seed)
-    b = np.where(linear.effects.scale > 0, 0.3, 0.0)
-    left = np.where(linear.seen, linear.w - np.einsum("rnq,rq->rn", linear.v, b), 0.0)
-    parts = (slice(0, 12), slice(12, SAMPLES))
-    channels = tuple(
-        Gram.of(linear.j[:, p], linear.v[:, p], left[:, p], linear.seen[:, p].sum(axis=1), b) for p in parts
-    )
-    return linear, Grams(channels)
-
-
-TWO_NOISES = np.log([0.3, 0.8, 0.6, 0.2])
-
-
-def test_two_channels_have_the_likelihood_of_their_dense_covariance() -> None:
-    linear, grams = two_channels(4)
-    deviation = np.where(np.arange(SAMPLES) < 12, 0.3, 0.8)
-    scale = linear.effects.deviation(TWO_NOISES)
-    hessian, gradient, rows = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS), []
-    for i, seen in enumerate(linear.seen):
-        v, j, w = linear.v[i, seen], linear.j[i, seen], linear.w[i, seen]
-        covariance = np.diag(deviation[seen] ** 2) + v @ np.diag(scale[i] ** 2) @ v.T
-        hessian += j.T @ np.linalg.solve(covariance, j)
-        gradient += j.T @ np.linalg.solve(covariance, w)
-        rows.append((j, w, covariance))
-    theta = np.linalg.solve(hessian, gradient)
-    logs = [stats.multivariate_normal(j @ theta, r).logpdf(w) for j, w, r in rows]
-    found = deviance(grams, linear.effects, TWO_NOISES, restricted=False)
-    expected = -2.0 * np.sum(logs) - linear.seen.sum() * np.log(2 * np.pi)
-    assert_close(np.array(found), np.array(expected), "closed form")
-    weighted = linear_mixed.weigh(grams, linear.effects, TWO_NOISES)
-    assert_close(
-        linear_mixed.solve_scaled(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)), theta, "closed form"
-    )
-
-
-@pytest.mark.parametrize("restricted", [False, True])
-def test_the_slope_by_each_channels_noise_is_exact(restricted: bool) -> None:
-    linear, grams = two_channels(5)
-
-    def value(variances: Floats) -> float:
-        return deviance(grams, linear.effects, variances, restricted=restricted)
-
-    _, slope, _ = scored_deviance(grams, linear.effects, TWO_NOISES, restricted=restricted)
-    steps = 1e-5 * np.eye(len(TWO_NOISES))
-    numeric = [(value(TWO_NOISES + step) - value(TWO_NOISES - step)) / 2e-5 for step in steps]
-    assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
-
-
-@pytest.mark.parametrize("channels", [1, 2])
-def test_expected_second_derivatives_are_those_of_the_dense_covariance(channels: int) -> None:
-    linear, grams = two_channels(6)
-    variances, noises = TWO_NOISES, [0.3, 0.8]
-    if channels == 1:
-        grams, variances, noises = linear.gram(), VARIANCES, [0.3, 0.3]
-    scale = linear.effects.deviation(variances)
-    expected = np.zeros((len(variances), len(variances)))
-    for i, seen in enumerate(linear.seen):
-        v, first = linear.v[i, seen], np.arange(SAMPLES)[seen] < 12
-        squares = np.where(first, *np.square(noises))
-        own = [np.diag(squares * one) for one in ((first, ~first) if channels == 2 else (np.ones(len(v)),))]
-        slopes = [2.0 * one for one in own]
-        slopes += [2.0 * v[:, k : k + 1] * scale[i, k] ** 2 @ v[:, k : k + 1].T for k in (1, 2)]
-        inverse = np.linalg.inv(np.diag(squares) + v @ np.diag(scale[i] ** 2) @ v.T)
-        expected += [[np.trace(inverse @ one @ inverse @ other) for one in slopes] for other in slopes]
-    _, _, found = scored_deviance(grams, linear.effects, variances, restricted=False)
-    assert_close(found, expected, "closed form")
 
 
 def test_variances_are_those_of_greatest_restricted_likelihood() -> None:
@@ -262,23 +201,21 @@ def test_variances_are_those_of_greatest_restricted_likelihood() -> None:
 
 
 def test_fit_of_a_linear_problem_is_generalised_least_squares() -> None:
-    linear = Linear(1)
-    fit = fit_mixed(linear.problem(), np.zeros(2), noise=1.0, factors=np.ones(2))
-    variances = np.log([fit.noise, *fit.factors])
-    theta, hessian = linear.least_squares(variances)
+    linear, fit = linear_fit()
+    theta, hessian = linear.least_squares(np.log([fit.noise, *fit.factors]))
     assert fit.converged and fit.at_bound == ()
     assert_close(fit.theta, theta, "optimiser")
+    assert_close(linear.fit(((0.0, 5.0), FREE[1]), (1.0, 1.0)).theta, theta, "optimiser")  # a bound not in the way
     assert fit.covariance == pytest.approx(np.linalg.inv(hessian), rel=1e-6, abs=1e-9)
-    assert fit.fitted == pytest.approx(
-        np.where(linear.seen, linear.j @ theta + np.einsum("rnq,rq->rn", linear.v, fit.run_effects), fit.fitted),
-        abs=1e-6,
-    )
+    response = linear.j @ theta + np.einsum("rnq,rq->rn", linear.v, fit.run_effects)
+    assert fit.fitted == pytest.approx(np.where(linear.seen, response, fit.fitted), abs=1e-6)
     assert np.abs(fit.theta - TRUTH).max() < 4 * np.sqrt(np.diagonal(fit.covariance)).max()
+    best = optimize.minimize(lambda v: -linear.log_likelihood(v), VARIANCES, method="Nelder-Mead")
+    assert fit.log_likelihood == pytest.approx(-best.fun, abs=1e-4)
 
 
 def test_leaving_runs_out_is_exact_for_a_linear_problem() -> None:
-    linear = Linear(1)
-    fit = fit_mixed(linear.problem(), np.zeros(2), noise=1.0, factors=np.ones(2))
+    linear, fit = linear_fit()
     variances = np.log([fit.noise, *fit.factors])
     refits = np.array([linear.least_squares(variances, without=i)[0] for i in range(RUNS)])
     assert fit.left_out == pytest.approx(refits, abs=1e-7)
@@ -291,17 +228,10 @@ def test_leaving_runs_out_is_exact_for_a_linear_problem() -> None:
     assert jackknife(fit.left_out) == pytest.approx((RUNS - 1) / RUNS * spread.T @ spread, rel=1e-5)
 
 
-def test_log_likelihood_is_the_greatest_of_all_variances() -> None:
-    linear = Linear(1)
-    fit = fit_mixed(linear.problem(), np.zeros(2), noise=1.0, factors=np.ones(2))
-    best = optimize.minimize(lambda v: -linear.log_likelihood(v), VARIANCES, method="Nelder-Mead")
-    assert fit.log_likelihood == pytest.approx(-best.fun, abs=1e-4)
-
-
 @pytest.mark.parametrize(("low", "high"), [(-np.inf, 0.5), (2.5, np.inf)])
 def test_a_bound_is_kept_and_the_other_parameter_is_best_beside_it(low: float, high: float) -> None:
-    linear = Linear(1)
-    fit = fit_mixed(linear.problem(low, high), np.clip(np.zeros(2), low, high), noise=1.0, factors=np.ones(2))
+    linear, bounds = Linear(1), ((low, high), FREE[1])
+    fit = linear.fit(bounds, np.clip([0.0, 0.0], low, high))
     edge = high if np.isfinite(high) else low
     theta, hessian = linear.least_squares(np.log([fit.noise, *fit.factors]))
     beside = theta[1] - hessian[1, 0] / hessian[1, 1] * (edge - theta[0])
@@ -309,24 +239,24 @@ def test_a_bound_is_kept_and_the_other_parameter_is_best_beside_it(low: float, h
     assert fit.theta[1] == pytest.approx(beside, rel=1e-6)
     assert np.all(fit.covariance[0] == 0) and np.all(fit.left_out[:, 0] == edge)
     assert fit.covariance[1, 1] == pytest.approx(1 / hessian[1, 1], rel=1e-6)
+    moved = left_out_changes(linear.problem(bounds), fit)
+    assert np.all(moved[:, 0] == 0.0) and np.ptp(moved[:, 1]) > 0.0
 
 
-def test_a_bound_that_is_not_in_the_way_changes_nothing() -> None:
-    linear = Linear(1)
-    free = fit_mixed(linear.problem(), np.zeros(2), noise=1.0, factors=np.ones(2))
-    bound = fit_mixed(linear.problem(0.0, 5.0), np.ones(2), noise=1.0, factors=np.ones(2))
-    assert_close(bound.theta, free.theta, "optimiser")
-    assert bound.at_bound == ()
+def test_a_direction_that_cannot_move_has_the_runs_less_one() -> None:
+    linear, bounds = Linear(1), ((-1.0, 0.5), (-0.2, 1.0))
+    fit = linear.fit(bounds)
+    assert fit.at_bound == (0, 1)
+    assert degrees_of_freedom(fit, np.array([1.0, 0.0])) == RUNS - 1
+    assert np.all(run_covariance(fit, linear.problem(bounds)) == 0.0)
 
 
 def test_an_effect_of_no_scale_stays_at_zero_and_counts_for_nothing() -> None:
-    linear = Linear(1)
-    without = RunEffects(linear.effects.blocks[:2])
-    zero = replace(linear.problem(), effects=linear.effects.with_scale(instant=0.0))
-    fit = fit_mixed(zero, np.zeros(2), noise=1.0, factors=np.ones(2))
-    linear.v = linear.v[:, :, :2]
-    smaller = replace(linear.problem(), effects=without)
-    expected = fit_mixed(smaller, np.zeros(2), noise=1.0, factors=np.ones(1))
+    linear, smaller = Linear(1), Linear(1)
+    linear.effects = linear.effects.with_scale(instant=0.0)
+    smaller.effects, smaller.v = RunEffects(smaller.effects.blocks[:2]), smaller.v[:, :, :2]
+    fit = linear.fit()
+    expected = fit_mixed(smaller.problem(), np.zeros(2), noise=1.0, factors=np.ones(1))
     assert np.all(fit.run_effects[:, 2] == 0.0)
     assert fit.theta == pytest.approx(expected.theta, rel=1e-6)
     assert fit.noise == pytest.approx(expected.noise, rel=1e-5)
@@ -356,16 +286,68 @@ def test_interval_of_a_factor_holds_the_truth() -> None:
     assert held >= 25  # 28.5 expected; fewer than 25 has one chance in a hundred
 
 
-def test_fewer_samples_than_parameters_are_refused() -> None:
-    linear = Linear()
-    linear.seen[:] = False
-    linear.seen[0, :3] = True
-    with pytest.raises(FitError, match="3 samples cannot carry 2 parameters; give more or longer runs"):
-        fit_mixed(linear.problem(), np.zeros(2), noise=1.0, factors=np.ones(2))
-
-
-def test_a_response_that_is_not_finite_at_the_start_is_refused() -> None:
+def test_what_cannot_be_fitted_is_refused() -> None:
     linear = Linear()
     broken = replace(linear.problem(), response=lambda theta, b: np.full((len(theta), RUNS, SAMPLES), np.inf))
     with np.errstate(invalid="ignore"), pytest.raises(FitError, match="no motion of a vehicle fits these runs"):
         fit_mixed(broken, np.zeros(2), noise=1.0, factors=np.ones(2))
+    linear.seen[:] = False
+    linear.seen[0, :3] = True
+    with pytest.raises(FitError, match="3 samples cannot carry 2 parameters; give more or longer runs"):
+        linear.fit()
+
+
+# How far each run pulls the parameters
+
+
+def test_of_a_linear_problem_it_is_the_linearised_jackknife() -> None:
+    linear, fit = linear_fit()
+    moved, expected = left_out_changes(linear.problem(), fit), fit.left_out - fit.phi
+    np.testing.assert_allclose(moved, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(run_covariance(fit, linear.problem()), jackknife(fit.left_out), rtol=1e-2, atol=1e-9)
+
+
+def half_turn_fit(runs: list[Run], of: MixedFit | None = None) -> tuple[Problem, MixedFit]:
+    """Model 3 on half-turns, well settled; with the scatter of another fit held where one is given."""
+    problem = step_problem(half_turn_data(half_turns(runs)[0]), "3")
+    begin, noise, factors = np.array([1.2, 1.0, 0.0]), 0.02, np.array([0.03, 0.5])
+    if of is not None:
+        limits = {name: (f, f * (1 + 1e-9)) for name, f in zip(problem.effects.factor_names, of.factors)}
+        blocks = tuple(replace(block, limits=limits.get(block.name)) for block in problem.effects.blocks)
+        problem = replace(problem, effects=RunEffects(blocks))
+        begin, noise, factors = of.theta, of.noise, of.factors
+    return problem, fit_mixed(problem, begin, noise=noise, factors=factors, settled=1e-5)
+
+
+def test_a_refit_without_a_run_moves_as_far_as_foreseen() -> None:
+    """Quiet runs whose instants are uniform in their sample intervals: the linearised change is often far off."""
+    runs = campaign(both_ways((0.3, 0.5, 0.7, 0.9, 1.1)), seed=4)
+    problem, fit = half_turn_fit(runs)
+    foreseen, linearised = left_out_changes(problem, fit), fit.left_out - fit.phi
+    found = np.array(
+        [half_turn_fit([r for j, r in enumerate(runs) if j != i], of=fit)[1].phi - fit.phi for i in range(len(runs))]
+    )
+    for i in range(2):
+        size = np.sqrt(np.mean(found[:, i] ** 2))
+        assert np.sqrt(np.mean((foreseen - found)[:, i] ** 2)) < 0.35 * size
+    wrong, right = (np.linalg.norm((one - found)[:, 0]) for one in (linearised, foreseen))
+    assert right < 0.6 * wrong
+    problem, fit = half_turn_fit([mirrored(run) for run in runs])
+    there = run_covariance(*reversed(half_turn_fit(runs)))
+    np.testing.assert_allclose(run_covariance(fit, problem), there, rtol=1e-3, atol=1e-3 * there[:2, :2].max())
+
+
+def test_two_runs_that_carry_a_parameter_count_as_two() -> None:
+    """One common slope through runs of equal reach, and through runs of which all but two show next to nothing."""
+    few = np.full(10, 0.01)
+    few[[2, 7]] = 1.0
+    for steep, expected in ((np.ones(10), 9.0), (few, 2 * 9 / 10)):
+        x = steep[:, None] * np.linspace(0.1, 1.0, 30)
+        noise = 0.1 * np.random.default_rng(1).standard_normal(x.shape)
+        problem = Problem(
+            lambda theta, b, x=x: theta[:, 0, None, None] * x + b[:, :, :1], 2.0 * x + noise, x > 0.0,
+            RunEffects((Block("offset", np.zeros((10, 1))),)), np.array(FREE[:1]), np.zeros(1, dtype=bool), ("slope",),
+            (Slot("heading", slice(0, 30)),),
+        )  # fmt: skip
+        fit = fit_mixed(problem, np.ones(1), noise=0.2, factors=np.array([]))
+        assert degrees_of_freedom(fit, np.ones(1)) == pytest.approx(expected, rel=1e-2 if expected < 9.0 else 1e-6)

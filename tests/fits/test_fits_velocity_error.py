@@ -12,7 +12,7 @@ from made_runs import mirrored
 from numpy.typing import NDArray
 from tolerances import assert_close
 
-from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
+from automarine_cli.dofs import SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.half_turns import StepData, half_turn_data, step_data
 from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, asked_tail, fit_velocity_error, tail_lines
@@ -25,8 +25,6 @@ Floats = NDArray[np.float64]
 TAILS = (0, 15, 30, 45, 54, 60, 75, 90, 105, 120, 150)
 KNOWN_DRAG = (-42.6, -14.2, -8.0, -4.9, -3.7, -3.1, -2.0, -1.30, -0.87, -0.59, -0.29)
 OWN_SLOPE = (-30.7, -9.3, -5.2, -3.2, -2.4, -2.0, -1.3, -0.88, -0.59, -0.41, -0.21)
-
-PAPER_MOMENTS = tuple(0.1 * i for i in range(1, 13))
 
 
 def noise_free(vehicle: Vehicle = PAPER, sizes: tuple[float, ...] = ODD_MOMENTS, samples: int = 150) -> StepData:
@@ -41,19 +39,17 @@ def fitted(data: StepData, offset: float = 0.0) -> VelocityErrorFit:
     return fit_velocity_error(data, np.zeros(len(data.moment)), offset)
 
 
-@pytest.mark.parametrize("moment", [0.1, 1.2, -0.6])
-@pytest.mark.parametrize(("tail", "known", "own"), list(zip(TAILS, KNOWN_DRAG, OWN_SLOPE)))
-def test_tail_lines_have_the_bias_that_theory_gives(moment: float, tail: int, known: float, own: float) -> None:
+@pytest.mark.parametrize("moment", [0.1, -1.2])
+def test_tail_lines_have_the_bias_that_theory_gives(moment: float) -> None:
     """PHYSICS 4.7, the same at every moment."""
     time = np.linspace(0.0, time_to_turn(np.pi, moment), 4000)[None]
     heading = response(time, moment, PAPER.inertia, 0.0, PAPER.k_rr)[0]
-    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail), YAW)
-    with_known = inertia_from_velocity_error(lines.error, moment, 0.0, PAPER.k_rr)
-    with_own = inertia_from_velocity_error(lines.error, moment, 0.0, np.abs(moment) / lines.rate**2)
-    digits = 0.006 if abs(known) < 1.5 else 0.06  # of the printed table
-    assert 100 * (with_known[0] / PAPER.inertia - 1) == pytest.approx(known, abs=digits)
-    digits = 0.006 if abs(own) < 1 else 0.06
-    assert 100 * (with_own[0] / PAPER.inertia - 1) == pytest.approx(own, abs=digits)
+    for tail, *biases in zip(TAILS, KNOWN_DRAG, OWN_SLOPE):
+        lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail), YAW)
+        for drag, bias, fine in zip((PAPER.k_rr, np.abs(moment) / lines.rate**2), biases, (1.5, 1.0)):
+            (found,) = inertia_from_velocity_error(lines.error, moment, 0.0, drag)
+            digits = 0.006 if abs(bias) < fine else 0.06  # of the printed table
+            assert 100 * (found / PAPER.inertia - 1) == pytest.approx(bias, abs=digits), tail
 
 
 def test_without_noise_the_bias_that_is_known_is_all_there_is_and_is_taken_off() -> None:
@@ -67,17 +63,15 @@ def test_without_noise_the_bias_that_is_known_is_all_there_is_and_is_taken_off()
     inertia = inertia_from_velocity_error(raw.error, data.moment, 0.0, drag).mean()
     assert [inertia / PAPER.inertia - 1, drag / PAPER.k_rr - 1] == pytest.approx(fit.expected.bias, abs=1e-6)
     assert np.degrees(fit.tail_from) == pytest.approx(165.0)  # without noise the latest is the best
+    linear = fitted(noise_free(Vehicle(1.0, 1.5, 0.0), sizes=(0.5, 0.8, 1.1)))
+    assert linear.inertia["1"].overall.value == pytest.approx(1.0, rel=1e-6)
+    assert linear.drag["1"].drag[0] == pytest.approx(1.5, rel=1e-6) and max(map(abs, linear.expected.bias)) > 1e-4
+    error = fit.tails.error  # equation 9: |eps| = (I/k) ln 2 at every moment, here within the tail's bias
+    assert np.ptp(np.abs(error)) < 1e-3 and np.all(np.sign(error) == -np.sign(data.moment))
+    assert np.abs(error).mean() == pytest.approx(PAPER.inertia * np.log(2) / PAPER.k_rr, rel=0.01)
 
 
-def test_without_noise_and_with_linear_drag_the_same_holds() -> None:
-    vehicle = Vehicle(1.0, 1.5, 0.0)
-    fit = fitted(noise_free(vehicle, sizes=(0.5, 0.8, 1.1)))
-    assert fit.inertia["1"].overall.value == pytest.approx(1.0, rel=1e-6)
-    assert fit.drag["1"].drag[0] == pytest.approx(1.5, rel=1e-6)
-    assert max(map(abs, fit.expected.bias)) > 1e-4
-
-
-@pytest.mark.parametrize("tail", [30.0, 60.0, 95.0, 150.0])
+@pytest.mark.parametrize("tail", [30.0, 95.0])
 def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: float) -> None:
     data = noise_free()
     fit = fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(tail))
@@ -88,31 +82,19 @@ def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: floa
     assert fit.drag["3"].drag[1] == pytest.approx(PAPER.k_rr, rel=1e-3)
 
 
-def test_a_tail_beyond_the_end_of_a_run_is_refused_with_its_name() -> None:
-    data = noise_free()
-    with pytest.raises(FitError, match=r"tails are to start at 190 deg, but 0\.\d ends at 180 deg; let them start"):
-        fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(190.0))
-
-
 @pytest.mark.parametrize(
     ("tail", "dof", "sentence"),
     [
         (180.0, YAW, "tail is 180; expected 15 to 165 degrees"),
-        (-20.0, YAW, "tail is -20; expected 15 to 165 degrees"),
         (np.nan, YAW, "tail is nan; expected 15 to 165 degrees"),
         (0.0, SURGE, "tail is 0; expected metres above 0"),
-        (np.inf, HEAVE, "tail is inf; expected metres above 0"),
     ],
 )
 def test_a_tail_that_cannot_be_is_refused(tail: float, dof: Dof, sentence: str) -> None:
     with pytest.raises(SettingError, match=re.escape(sentence)):
         asked_tail(tail, dof)
     assert asked_tail(None, dof) is None
-
-
-def test_asked_tails_are_degrees_or_metres() -> None:
-    assert asked_tail(90.0, YAW) == pytest.approx(np.pi / 2, rel=1e-15)
-    assert asked_tail(1.5, SURGE) == 1.5
+    assert asked_tail(90.0, YAW) == pytest.approx(np.pi / 2, rel=1e-15) and asked_tail(1.5, SURGE) == 1.5
 
 
 def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:
@@ -120,16 +102,6 @@ def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:
     starts = [np.degrees(noisy(0, noise_deg).tail_from) for noise_deg in (0.05, 0.3, 1.0, 3.0)]
     assert starts == sorted(starts, reverse=True) and starts[0] - starts[-1] > 30
     assert np.degrees(noisy(0, 1.0, Vehicle(0.5, 0.0, 1.257)).tail_from) < starts[2]
-
-
-@pytest.mark.slow
-def test_the_error_that_is_expected_is_that_of_campaigns() -> None:
-    fits = [noisy(seed, 1.0) for seed in range(60)]
-    found = np.array([(fit.inertia["3"].overall.value, fit.drag["3"].drag[1]) for fit in fits])
-    sd = found.std(axis=0, ddof=1) / (PAPER.inertia, PAPER.k_rr)
-    told = np.mean([fit.expected.noise for fit in fits], axis=0)
-    # the switch is known here, and expected to lie anywhere in its interval: that is of the inertia alone
-    assert told[1] == pytest.approx(sd[1], rel=0.3) and sd[0] < told[0] < 3 * sd[0]
 
 
 @pytest.mark.slow
@@ -163,58 +135,25 @@ def test_ten_campaigns_of_72_runs_come_out_right() -> None:
 
 def test_mirrored_campaigns_with_noise_give_the_same_tables() -> None:
     runs = campaign(2 * both_ways((0.2, 0.5, 0.9)), seed=4, gain_scatter=0.03)
-    turned = [mirrored(run) for run in runs]
-    one, other = (
-        fit_velocity_error(data, np.zeros(len(runs)))
-        for data in (half_turn_data(half_turns(each)[0]) for each in (runs, turned))
+    there, back = (
+        fit_velocity_error(half_turn_data(half_turns(each)[0]), np.zeros(len(runs)))
+        for each in (runs, [mirrored(run) for run in runs])
     )
-    assert one.tail_from == other.tail_from
+    assert there.tail_from == back.tail_from and there.expected.bias == pytest.approx(back.expected.bias, rel=1e-9)
     for number in ("1", "2", "3"):
-        for name, estimate in one.drag[number].estimates.items():
-            assert_close(other.drag[number].estimates[name].value, estimate.value, "closed form")
-            assert_close(other.drag[number].estimates[name].ci95, estimate.ci95, "closed form")
-        assert_close(other.inertia[number].per_run, one.inertia[number].per_run, "closed form")
-        assert_close(other.inertia[number].overall.ci95, one.inertia[number].overall.ci95, "closed form")
+        for name, estimate in there.drag[number].estimates.items():
+            assert_close(back.drag[number].estimates[name].value, estimate.value, "closed form")
+            assert_close(back.drag[number].estimates[name].ci95, estimate.ci95, "closed form")
+        one, other = there.inertia[number], back.inertia[number]
+        assert_close(other.per_run, one.per_run, "closed form")
+        assert_close(other.overall.ci95, one.overall.ci95, "closed form")
+        assert other.per_moment.keys() == {-moment for moment in one.per_moment}
 
 
 def paper_method(moments: Sequence[float], **how: Any) -> VelocityErrorFit:
     """The paper's method on a campaign as it would be logged."""
     data = half_turn_data(half_turns(campaign(moments, **how))[0])
     return fit_velocity_error(data, np.zeros(len(data.moment)))
-
-
-def test_velocity_error_of_model_3_does_not_depend_on_the_moment() -> None:
-    """Equation 9: |eps| = (I/k) ln 2, here within the tail's bias, to starboard and to port."""
-    data = noise_free()
-    error = fitted(data).tails.error
-    assert np.ptp(np.abs(error)) < 1e-3
-    assert np.all(np.sign(error) == -np.sign(data.moment))
-    assert np.abs(error).mean() == pytest.approx(PAPER.inertia * np.log(2) / PAPER.k_rr, rel=0.01)
-
-
-def test_inertia_of_model_1_from_it_falls_with_the_moment() -> None:
-    """PHYSICS 4.4: the paper's 0.7058 needs |tau| >= 0.5; over all its moments the mean would be 1.44."""
-    eps, k1 = 1.018 * np.log(2) / 1.257, 0.9961
-    moments = np.array(PAPER_MOMENTS)
-    inertia = inertia_from_velocity_error(-eps, moments, k1, 0.0)
-    assert_close(inertia, eps * k1**2 / moments, "closed form")
-    assert inertia[0] == pytest.approx(5.57, abs=0.005) and inertia[-1] == pytest.approx(0.464, abs=0.0005)
-    assert inertia.mean() == pytest.approx(1.44, abs=0.005)
-    assert inertia[moments > 0.45].mean() == pytest.approx(0.710, abs=0.0005)
-    assert inertia[moments > 0.25].mean() == pytest.approx(0.893, abs=0.0005)
-
-
-@pytest.mark.parametrize("moment", [0.1, -0.7, 1.2])
-def test_inertia_of_model_2_lies_between_equations_7_and_9(moment: float) -> None:
-    eps, k_r, k_rr = -np.sign(moment) * 0.5, 0.9, 1.3
-    equation_7 = abs(eps) * k_r**2 / abs(moment)
-    equation_9 = abs(eps) * k_rr / np.log(2)
-    assert_close(inertia_from_velocity_error(eps, moment, k_r, 1e-9), equation_7, "optimiser")
-    assert_close(inertia_from_velocity_error(eps, moment, 1e-9, k_rr), equation_9, "optimiser")
-    assert_close(inertia_from_velocity_error(eps, moment, k_r, 0.0), equation_7, "closed form")
-    assert_close(inertia_from_velocity_error(eps, moment, 0.0, k_rr), equation_9, "closed form")
-    both = inertia_from_velocity_error(eps, moment, k_r, k_rr)
-    assert both > max(equation_7, equation_9)  # two drags stop the transient sooner than either
 
 
 def test_model_2_finds_its_truth_when_both_drags_act() -> None:
@@ -225,52 +164,18 @@ def test_model_2_finds_its_truth_when_both_drags_act() -> None:
     assert np.ptp(fit.inertia["2"].per_run) < 0.02 * 1.1 < np.ptp(fit.inertia["3"].per_run)
 
 
-def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shift() -> None:
-    data = noise_free()
-    fit = fitted(data)
-    zero = np.zeros(len(data.moment))
-    lines = tail_lines(data.time, data.heading, zero, fit.tails.used, YAW)
-    later = tail_lines(data.time - 0.03, data.heading, zero, fit.tails.used, YAW)
-    assert_close(later.rate, lines.rate, "closed form")
-    assert_close(later.error - lines.error, 0.03 * lines.rate, "closed form")
-    quarter = fitted(data, offset=0.25)  # of intervals of 0.1 s
-    moved = quarter.tails.error - fit.tails.error
-    assert moved == pytest.approx(0.025 * fit.tails.rate, abs=1e-3)  # the tail may start elsewhere now
-
-
-def test_mirrored_turns_give_the_same_inertia() -> None:
-    data = noise_free(sizes=(0.2, 0.5, 0.9))
-    other = step_data(data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval), YAW)
-    there, back = fitted(data), fitted(other)
-    assert there.tail_from == back.tail_from and there.expected.bias == pytest.approx(back.expected.bias, rel=1e-12)
-    for number in ("1", "2", "3"):
-        assert_close(back.inertia[number].per_run, there.inertia[number].per_run, "closed form")
-        assert back.inertia[number].per_moment.keys() == {-m for m in there.inertia[number].per_moment}
-
-
-def test_table_2_is_the_mean_of_its_runs_and_of_each_moment() -> None:
-    runs = campaign([0.4, 0.4, -0.4, 0.8, 0.8, -0.8], seed=3)
-    seed_method = identify(runs).seed_method
-    assert seed_method is not None
-    table = seed_method.inertia["3"]
-    assert_close(table.overall.value, table.per_run.mean(), "same arithmetic")
-    assert_close(table.per_moment[0.4], table.per_run[:2].mean(), "same arithmetic")
-    assert set(table.per_moment) == {0.4, -0.4, 0.8, -0.8}
-
-
 def test_standard_error_of_the_inertia_is_its_spread_over_campaigns() -> None:
     """60 campaigns of 12 runs with noise; drag is estimated from the same tails."""
-    values, errors = [], []
-    for seed in range(60):
-        table = identify_seed(seed).inertia["3"].overall
-        values.append(table.value)
-        errors.append(table.stderr)
+    fits = [noisy(seed, 1.0) for seed in range(60)]
+    tables = [fit.inertia["3"].overall for fit in fits]
+    values, errors = [table.value for table in tables], [table.stderr for table in tables]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values, ddof=1), rel=0.3)
     assert abs(np.mean(values) / PAPER.inertia - 1) < 0.003  # the rest of it is chance
-
-
-def identify_seed(seed: int) -> VelocityErrorFit:
-    return noisy(seed, 1.0)
+    drags = [fit.drag["3"].drag[1] for fit in fits]
+    sd = np.std([values, drags], axis=1, ddof=1) / (PAPER.inertia, PAPER.k_rr)
+    expected = np.mean([fit.expected.noise for fit in fits], axis=0)
+    # the switch is known here, and expected to lie anywhere in its interval: that is of the inertia alone
+    assert expected[1] == pytest.approx(sd[1], rel=0.3) and sd[0] < expected[0] < 3 * sd[0]
 
 
 def noisy(seed: int, noise_deg: float, vehicle: Vehicle = PAPER) -> VelocityErrorFit:
@@ -298,24 +203,17 @@ def test_half_a_turn_is_not_enough_for_a_heavy_vehicle_and_that_is_said() -> Non
     assert abs(likely.value - 1.65) < 4 * likely.stderr
 
 
-def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
+def test_what_has_no_tails_is_refused() -> None:
     moments = both_ways((0.3, 0.6, 0.9))
     times = [np.linspace(0.0, 4.0, 60)] * len(moments)
     ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * t) for t, m in zip(times, moments)]
     data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments), YAW)
     with pytest.raises(FitError, match=r"negative inertia or drag: .*check the sign of the moment and of the heading"):
         fitted(data)
-
-
-def test_too_few_runs_or_moments_are_refused() -> None:
-    data = noise_free(sizes=(0.5,))
-    with pytest.raises(
-        FitError, match=r"2 half-turns at 1 size.* are too few for Table 1; run at least 3 steps at 2 moments"
-    ):
-        fitted(data)
-
-
-def test_tails_of_too_few_samples_are_refused() -> None:
+    with pytest.raises(FitError, match=r"2 half-turns at 1 size.* are too few for Table 1; run at least 3 steps at 2"):
+        fitted(noise_free(sizes=(0.5,)))
+    with pytest.raises(FitError, match=r"tails are to start at 190 deg, but 0\.\d ends at 180 deg; let them start"):
+        fit_velocity_error(noise_free(), np.zeros(12), tail=np.radians(190.0))
     time, used = np.arange(5.0)[None], np.array([[False, False, False, True, True]])
     with pytest.raises(FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"):
         tail_lines(time, time, np.zeros(1), used, YAW)

@@ -26,6 +26,8 @@ from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.report.fit_report import sentences, tables
+from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 
@@ -162,41 +164,26 @@ def test_the_evidence_asks_for_a_disturbance_where_there_is_one() -> None:
         assert disturbed(runs, rough, np.ones(3, dtype=bool), None) is asked
 
 
-def unrelated() -> list[Run]:
+def test_commands_that_move_nothing_give_no_model() -> None:
     """Runs whose logged commands are those of other runs: nothing in the motion answers them."""
     runs, others = steered(3, 1, Sea(size=1.0), length=33.0), steered(3, 2, length=33.0, free=True, held=0.5)
-    return [run.with_moment(other.command, "nu").cut(12, len(run)) for run, other in zip(runs, others)]
-
-
-def test_commands_that_move_nothing_give_no_model() -> None:
-    course = make_course(unrelated(), np.zeros(3, dtype=bool))
+    unrelated = [run.with_moment(other.command, "nu").cut(12, len(run)) for run, other in zip(runs, others)]
+    course = make_course(unrelated, np.zeros(3, dtype=bool))
     with pytest.raises(FitError, match=r"these runs do not determine the model: .* add runs with larger and quicker"):
         fit_driven(course, base(), "3")
-
-
-def test_starts_lie_about_rough_values() -> None:
-    problem = problem_of(steered(2, 0, length=20.0), base())
-    starts = base_starts(problem)
-    assert {round(float(x), 9) for x in starts[:, 0]} == {0.3, 1.0, 3.0}
-    assert np.all(starts >= problem.bounds[:, 0]) and np.all(starts <= problem.bounds[:, 1])
 
 
 @pytest.mark.slow
 def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[..., Result], tmp_path: Path) -> None:
     for i, one in enumerate(steered(3, 30, length=30.0)):
         written(one, tmp_path / "logs" / f"{i}.csv")
-    for inertia, says in (
-        (1.0, "Model 3, which the fit preferred, predicts 5 s ahead to "),
-        (60.0, "Model 3, which the fit preferred, is not usable on these runs: it predicts 5 s ahead to "),
-    ):
+    for inertia, says in ((1.0, "predicts 5 s ahead to "), (60.0, "is not usable on these runs: it predicts 5 s")):
         models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
-        model = model_file(tmp_path / f"{inertia:g}.json", models=models)
-        out = tmp_path / f"out_{inertia:g}"
+        model, out = model_file(tmp_path / f"{inertia:g}.json", models=models), tmp_path / f"out_{inertia:g}"
         result = run("validate", tmp_path / "logs", "--model", model, "-o", out, "--no-figures")
         assert result.exit_code == 0, result.output
-        assert result.stdout.startswith(says), result.stdout
         text = (out / "validation.md").read_text()
-        assert text.startswith(says) and "Predictions from the filtered state" in text
+        assert text.startswith(f"Model 3, which the fit preferred, {says}") and "from the filtered state" in text
         data = json.loads((out / "validation.json").read_text())["prediction"]
         assert list(data) == ["1", "3"]
         for each in data.values():
@@ -213,17 +200,12 @@ def test_validate_of_quiet_runs_is_as_it_was(tmp_path: Path) -> None:
     assert ahead_of(stored, quiet, None) is None
 
 
-def smooth_and_fast() -> list[Run]:
+@pytest.mark.parametrize("number", ["1", "3"])
+def test_rough_values_faster_than_the_filter_leave_a_start(number: str) -> None:
     """Logs at 110 Hz whose heading was filtered, so that the filter takes its longest steps."""
     time = np.arange(0, 12, 1 / 110)
-    return [
-        Run(f"{i}", "fast.csv", time, np.sin(time + i), np.cos(time + i), "nu", {}, dof=YAW) for i in range(3)
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize("number, drag", [("1", (0.5,)), ("3", (0.5,))])
-def test_rough_values_faster_than_the_filter_leave_a_start(number: str, drag: tuple[float, ...]) -> None:
-    problem = problem_of(smooth_and_fast(), base(number, 0.001, *drag))
+    runs = [Run(f"{i}", "fast.csv", time, np.sin(time + i), np.cos(time + i), "nu", dof=YAW) for i in range(3)]
+    problem = problem_of(runs, base(number, 0.001, 0.5))
     values = problem.value(problem.search(base_starts(problem)))  # warnings are errors here
     assert np.isfinite(values).mean() > 0.5
 
@@ -243,3 +225,25 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
             fit.warnings
         )
     assert "readings at 50 Hz were averaged over 0.1 s, commands count exactly" in fit.why_no_seed_method
+
+
+@pytest.mark.slow
+def test_results_of_driven_runs_show_effects_and_the_time_constant_of_model_1() -> None:
+    """Of a vehicle that answers 0.3 s late, fitted with that effect."""
+    runs = steered(3, 1, Sea(delay=0.3), length=15.0)
+    fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
+    (draw,) = sections(fit).figures.values()
+    assert draw().axes
+    (row,) = (row for row in tables(fit)[0].rows if str(row[0]).startswith("input-delay t_d"))
+    assert all("[" in str(cell) for cell in row[1:]) and "[s]" in str(row[0])
+    values = {row["model"]: row["value"] for row in sections(fit).rows if row["parameter"] == "input-delay t_d"}
+    (effect,) = fit.to_json()["models"]["3"]["effects"]  # type: ignore[index]
+    assert values["3"] == effect["parameters"]["t_d"]["value"] == pytest.approx(0.3, abs=0.2)
+    linear, quadratic = (replace(fit, preference=replace(fit.preference, number=number)) for number in "13")
+    assert "Time constant I_r/k_r: " in " ".join(sentences(linear))
+    assert "Inertial turn angle" not in " ".join(sentences(linear)) and quadratic.time_constant is None
+    constant, estimates = linear.time_constant, linear.preferred.estimates
+    assert constant is not None and linear.to_json()["time_constant_s"] == constant.to_json()
+    assert constant.value == pytest.approx(estimates["I_r"].value / estimates["k_r"].value)
+    assert constant.ci95[0] < constant.value < constant.ci95[1] and np.isfinite(constant.stderr)
+    assert linear.use is not None and linear.to_json()["proposed"] == dict(linear.use.proposed)

@@ -70,17 +70,9 @@ def steered(
             swift = rate + FINE * (drive - _drag(middle, sea))
             heading, rate, pushed = heading + 0.5 * FINE * (rate + swift), swift, fresh
     time = period * np.arange(samples)
+    extras = [{"water_temp_C": warm[:, i]} if sea.warmth else {} for i in range(count)]
     return [
-        Run(
-            f"driven_{i}",
-            "driven.csv",
-            100.0 * i + time,
-            shown[:, i],
-            commands[:-1, i],
-            "nu",
-            {"water_temp_C": warm[:, i]} if sea.warmth else {},
-            dof=YAW,
-        )
+        Run(f"driven_{i}", "driven.csv", 100.0 * i + time, shown[:, i], commands[:-1, i], "nu", extras[i], dof=YAW)
         for i in range(count)
     ]
 

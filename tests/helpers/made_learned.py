@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import made_runs
 import numpy as np
-import pandas as pd
 from effect_contract import long_plans, unmeasured
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
@@ -132,8 +132,6 @@ def _columns(run: Run, number: int, random: np.random.Generator) -> dict[str, Fl
 
 
 def written(runs: Sequence[Run], folder: Path) -> Path:
-    folder.mkdir(parents=True)
     for run in runs:
-        table = {"time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau": run.command}
-        pd.DataFrame(table | dict(run.extras)).to_csv(folder / f"{run.name}.csv", index=False)
+        made_runs.written(run, folder / f"{run.name}.csv", **run.extras)
     return folder

@@ -14,35 +14,27 @@ from fuzzing import COLUMN_MAP, KINDS, SPECIFICATION, THRUSTER_MAP
 
 from automarine_cli.pipeline.records import MOST_BYTES
 
-Command = Callable[..., Result]
+Ask = Callable[[str, bytes], list[Result]]
 
 YAW_MODEL = KINDS["yaw model"].good()
-JSON, TOML = (
-    {"yaw.json": YAW_MODEL, "map.json": THRUSTER_MAP},
-    {"spec.toml": SPECIFICATION, "columns.toml": COLUMN_MAP},
-)
-GOOD = JSON | TOML
-NUMBER = {"yaw.json": "models.3.k_rr.value", "map.json": "parameters.forward.a.value"}
-"""A number that each file needs, by its path."""
+JSON = {"yaw.json": YAW_MODEL, "map.json": THRUSTER_MAP}
+GOOD = JSON | {"spec.toml": SPECIFICATION, "columns.toml": COLUMN_MAP}
 
 
 @pytest.fixture
-def ask(run: Command, tmp_path: Path) -> Callable[[str, bytes], list[Result]]:
+def ask(run: Callable[..., Result], tmp_path: Path) -> Ask:
     """`ask("yaw.json", content)`: what each command says that takes such a file."""
     log, thrusters = tmp_path / "log.csv", tmp_path / "thrusters.csv"
     log.write_bytes(csv_of(good_table().rename(columns={"tau": "n_port"}).assign(n_stbd=0.0, tau=0.0)))
     thrusters.write_text("n,force_N\n" + "".join(f"{n},{0.01 * n * abs(n)}\n" for n in (-20, -10, 10, 20)))
+    (tmp_path / "good.json").write_bytes(YAW_MODEL)
+    validate = ("validate", log, "--model", tmp_path / "good.json")
     commands: dict[str, list[tuple[object, ...]]] = {
         "yaw.json": [("validate", log, "--model"), ("diagnose", log, "--model")],
-        "map.json": [
-            ("fit-yaw", log, "--arm", 0.4, "--thrusters"),
-            ("validate", log, "--model", tmp_path / "good" / "yaw.json", "--arm", 0.4, "--thrusters"),
-        ],
+        "map.json": [("fit-yaw", log, "--arm", 0.4, "--thrusters"), (*validate, "--arm", 0.4, "--thrusters")],
         "spec.toml": [("simulate", "-o", tmp_path / "out")],
         "columns.toml": [("check", log, "--columns"), ("fit-thrusters", thrusters, "--columns")],
     }
-    (tmp_path / "good").mkdir()
-    (tmp_path / "good" / "yaw.json").write_bytes(YAW_MODEL)
 
     def asked(name: str, content: bytes) -> list[Result]:
         (tmp_path / name).write_bytes(content)
@@ -51,26 +43,24 @@ def ask(run: Command, tmp_path: Path) -> Callable[[str, bytes], list[Result]]:
     return asked
 
 
-def say(results: list[Result], sentence: str) -> None:
-    """All refuse with exit status 1 and this sentence, and nothing was written."""
-    for found in results:
-        assert (found.exit_code, found.stdout, found.stderr) == (1, "", f"Error: {sentence}\n")
-        assert isinstance(found.exception, SystemExit)
+def say(results: list[Result], start: str) -> None:
+    """All refuse with exit status 1 and one line that begins so, and nothing was written."""
+    for result in results:
+        assert (result.exit_code, result.stdout) == (1, "") and isinstance(result.exception, SystemExit)
+        assert result.stderr.startswith(f"Error: {start}") and result.stderr.count("\n") == 1, result.stderr
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_no_data_at_all(ask: Callable[[str, bytes], list[Result]], name: str) -> None:
+def test_no_data_at_all(ask: Ask, name: str) -> None:
     kind = name[-4:].upper()
     most = 200_000 if name == "columns.toml" else MOST_BYTES[kind]  # type: ignore[index]
-    open_ended = b'{"a":' if kind == "JSON" else b"a = ["
+    begin, opened, close = (b'{"a": ', b'{"a":', b"}") if kind == "JSON" else (b"a = ", b"[", b"]")
+    deep = (b"" if kind == "JSON" else begin) + opened * 10_000 + b"1" * (kind == "JSON") + close * 10_000
     say(ask(name, b"\xff\xfe" + b"a"), f"{name}: expected UTF-8 text, found other bytes; save it as UTF-8")
     say(ask(name, b" " * (most + 1)), f"{name}: more than {most} bytes; expected a file of a few kilobytes")
-    deep = b'{"a":' * 10_000 + b"1" + b"}" * 10_000 if kind == "JSON" else b"a = " + b"[" * 10_000 + b"]" * 10_000
     say(ask(name, deep), f"{name}: not valid {kind}: nested too deep")
-    digits = b"9" * (most // 2)
-    long = b'{"a": ' + digits + b"}" if kind == "JSON" else b"a = " + digits
-    for found in (*ask(name, long), *ask(name, open_ended)):
-        assert found.exit_code == 1 and found.stderr.startswith(f"Error: {name}: not valid {kind}: ")
+    say(ask(name, begin + b"9" * (most // 2) + b"}" * (kind == "JSON")), f"{name}: not valid {kind}: ")
+    say(ask(name, begin if kind == "JSON" else b"a = ["), f"{name}: not valid {kind}: ")
 
 
 def changed(content: bytes, path: str, value: object) -> bytes:
@@ -84,60 +74,48 @@ def changed(content: bytes, path: str, value: object) -> bytes:
     return json.dumps(data).encode()
 
 
-@pytest.mark.parametrize("name", JSON)
-def test_numbers_that_are_none(ask: Callable[[str, bytes], list[Result]], name: str) -> None:
-    path = NUMBER[name]
-    for value in (float("nan"), float("inf"), float("-inf")):
-        content = changed(GOOD[name], path, value)
-        say(ask(name, content), f"{name}: {path}: found {json.dumps(value)}, expected a finite number")
-    say(
-        ask(name, changed(GOOD[name], path, 10**400)),
-        f"{name}: {path}: found a number of more than 300 digits, expected a smaller one",
-    )
-    say(
-        ask(name, changed(GOOD[name], path, 1e300)),
-        f"{name}: {path.removesuffix('.value')}: found 1e+300, expected 0 or a size of 1e-30 to 1e+30",
-    )
-    elsewhere = changed(GOOD[name], "runs" if name == "map.json" else "heading_noise_deg", float("nan"))
-    place = "runs" if name == "map.json" else "heading_noise_deg"
-    say(ask(name, elsewhere), f"{name}: {place}: found NaN, expected a finite number")
+@pytest.mark.parametrize(
+    ("name", "path"), [("yaw.json", "models.3.k_rr.value"), ("map.json", "parameters.forward.a.value")]
+)
+def test_numbers_that_are_none(ask: Ask, name: str, path: str) -> None:
+    for value, where, expected in (
+        (float("nan"), path, "found NaN, expected a finite number"),
+        (float("-inf"), path, "found -Infinity, expected a finite number"),
+        (10**400, path, "found a number of more than 300 digits, expected a smaller one"),
+        (1e300, path, "found 1e+300, expected 0 or a size of 1e-30 to 1e+30"),
+        (float("nan"), "runs" if name == "map.json" else "heading_noise_deg", "found NaN, expected a finite number"),
+    ):
+        place = where.removesuffix(".value") if value == 1e300 else where
+        say(ask(name, changed(GOOD[name], where, value)), f"{name}: {place}: {expected}")
 
 
 SPECIFICATIONS = {
     ("simulation/1", "simulation/2"): 'schema: found "automarine/simulation/2", expected the line schema = '
     '"automarine/simulation/1"',
     ("rate_hz = 10", "rate_hz = nan"): "logger.rate_hz: found NaN, expected 0 or a size of 1e-12 to 1e+12",
-    ("I_r = 1.018", "I_r = 1e-300"): "vehicle.I_r: found 1e-300, expected 0 or a size of 1e-12 to 1e+12",
-    ("levels = [-50, 50, 100]", "levels = [-50, 1e99]"): "bollard.levels[1]: found 1e+99, expected 0 or a size of "
-    "1e-12 to 1e+12",
+    ("levels = [-50, 50, 100]", "levels = [-50, 1e99]"): "bollard.levels[1]: found 1e+99, expected 0 or a size of ",
     ("seed = 4", "seed = 0x" + "f" * 400): "seed: found a number of more than 300 digits, expected a smaller one",
-    ("seed = 4", "seed = '4'"): 'seed: found "4", expected a whole number',
     ("I_r = 1.018", "I_r = [1]"): "vehicle.I_r: found a list of 1, expected a number",
     ("[logger]", "[loger]"): 'unknown key "loger"; did you mean "logger"?',
-    ("seed = 4", 'seed = 4\n"\\u001b[31m" = 1'): 'unknown key "\\u001b[31m"; known are schema, vehicle, seed, '
-    "effects, logger, scatter, campaign, runs, bollard",
+    ("seed = 4", 'seed = 4\n"\\u001b[31m" = 1'): 'unknown key "\\u001b[31m"; known are schema, vehicle, seed, ',
     ("repeats = 2", "repeats = 1_000_000_000"): "more than 1000000 runs would be made; ask for fewer",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("old", "new"), SPECIFICATIONS, ids=lambda text: text[:25])
-def test_a_specification(ask: Callable[[str, bytes], list[Result]], tmp_path: Path, old: str, new: str) -> None:
+def test_a_specification(ask: Ask, tmp_path: Path, old: str, new: str) -> None:
     assert SPECIFICATION.count(old.encode()) == 1
     content = SPECIFICATION.replace(old.encode(), new.encode())
     say(ask("spec.toml", content), f"spec.toml: {SPECIFICATIONS[old, new]}")
     assert not (tmp_path / "out").exists()
 
 
-def test_what_has_no_end_is_not_read_to_the_end(run: Command, tmp_path: Path) -> None:
+def test_what_has_no_end_is_not_read_to_the_end(run: Callable[..., Result], tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes(csv_of(good_table()))
-    found = run("validate", tmp_path / "log.csv", "--model", "/dev/zero")
-    assert (found.exit_code, found.stderr) == (
-        1,
-        "Error: zero: more than 16000000 bytes; expected a file of a few kilobytes\n",
-    )
+    say([run("validate", tmp_path / "log.csv", "--model", "/dev/zero")], "zero: more than 16000000 bytes; expected")
 
 
-def test_nothing_is_executed(ask: Callable[[str, bytes], list[Result]], tmp_path: Path) -> None:
+def test_nothing_is_executed(ask: Ask, tmp_path: Path) -> None:
     """What would act if it were code: text stays text."""
     trap = tmp_path / "sprung"
     for code in (

@@ -29,46 +29,34 @@ def integrated(time, moment, k_r, k_rr, rate0):  # type: ignore[no-untyped-def]
 def test_response_for_every_sign_of_moment_and_start_rate(
     moment: float, rate0: float, drag: tuple[float, float]
 ) -> None:
+    if drag[0] < 0 and moment == 0:
+        return  # drag that drives a coasting vehicle: no step, and no vehicle
     time = np.linspace(0.0, 9.0, 61)
-    k_r, k_rr = drag
-    if k_r < 0 and moment == 0:
-        pytest.skip("drag that drives a coasting vehicle: no step, and no vehicle")
-    heading, rate = response(time, moment, INERTIA, k_r, k_rr, 0.0, rate0)
-    expected = integrated(time, moment, k_r, k_rr, rate0)
-    assert_close(heading, expected[0], "solve_ivp")
-    assert_close(rate, expected[1], "solve_ivp")
-    mirrored = response(time, -moment, INERTIA, k_r, k_rr, 0.0, -rate0)
-    assert_close(mirrored[0], -heading, "same arithmetic")
-    assert_close(mirrored[1], -rate, "same arithmetic")
+    heading, rate = response(time, moment, INERTIA, *drag, 0.0, rate0)
+    assert_close([heading, rate], integrated(time, moment, *drag, rate0), "solve_ivp")
+    mirrored = response(time, -moment, INERTIA, *drag, 0.0, -rate0)
+    assert_close(mirrored, [-heading, -rate], "same arithmetic")
+    heading, rate = response(np.array([-2.0, -1.0]), moment, INERTIA, *drag, 1.0, rate0)  # before the switch
+    assert_close(heading, 1.0 + rate0 * np.array([-2.0, -1.0]), "same arithmetic")
+    assert_close(rate, [rate0, rate0], "same arithmetic")
 
 
 def test_inputs_broadcast_and_the_start_heading_adds() -> None:
     time, moments = np.linspace(0, 5, 11), np.array([-0.7, 0.2, 0.9])
     together, _ = response(time, moments[:, None], INERTIA, 0.1, 0.8, 0.3)
-    assert together.shape == (3, 11)
-    for row, moment in zip(together, moments):
-        assert_close(row, 0.3 + response(time, moment, INERTIA, 0.1, 0.8)[0], "same arithmetic")
+    alone = [0.3 + response(time, moment, INERTIA, 0.1, 0.8)[0] for moment in moments]
+    assert_close(together, alone, "same arithmetic")
 
 
-@pytest.mark.parametrize("rate0", [-0.5, 0.0, 0.5])
-def test_before_the_switch_the_vehicle_turns_on(rate0: float) -> None:
-    heading, rate = response(np.array([-2.0, -1.0]), 0.6, INERTIA, 0.0, K_RR, 1.0, rate0)
-    assert_close(heading, 1.0 + rate0 * np.array([-2.0, -1.0]), "same arithmetic")
-    assert_close(rate, [rate0, rate0], "same arithmetic")
-
-
-@pytest.mark.parametrize("tau", [-1.2, -0.1, 0.1, 0.6, 1.2])
+@pytest.mark.parametrize("tau", [-1.2, 0.1])
 def test_printed_equations(tau: float) -> None:
     """Equation 6 for model 1, equation 8 integrated for model 3."""
     time = np.linspace(0, 12, 41)
     six = tau / K_R * time - INERTIA * tau / K_R**2 * (1 - np.exp(-K_R * time / INERTIA))
     assert_close(response(time, tau, INERTIA, K_R, 0.0)[0], six, "closed form")
-    x = np.sqrt(K_RR * abs(tau)) * time / INERTIA
-    eight = np.sign(tau) * INERTIA / K_RR * np.log(np.cosh(x))
-    assert_close(response(time, tau, INERTIA, 0.0, K_RR)[0], eight, "closed form")
-    assert_close(
-        response(time, tau, INERTIA, 0.0, K_RR)[1], np.sign(tau) * np.sqrt(abs(tau) / K_RR) * np.tanh(x), "closed form"
-    )
+    x, side = np.sqrt(K_RR * abs(tau)) * time / INERTIA, np.sign(tau)
+    eight = side * INERTIA / K_RR * np.log(np.cosh(x)), side * np.sqrt(abs(tau) / K_RR) * np.tanh(x)
+    assert_close(response(time, tau, INERTIA, 0.0, K_RR), eight, "closed form")
 
 
 @pytest.mark.parametrize("tau", [-0.9, 0.2, 1.1])
@@ -109,8 +97,8 @@ def test_the_papers_velocity_error_and_its_inertias() -> None:
     assert_close(inertia_from_velocity_error(eps, taus, 0.0, K_RR), np.full(12, INERTIA), "same arithmetic")
 
 
-@pytest.mark.parametrize(("tau", "seconds"), [(0.1, 13.1), (1.2, 3.79)])
-def test_how_far_half_a_turn_goes(tau: float, seconds: float) -> None:
+@pytest.mark.parametrize(("tau", "seconds", "constants"), [(0.1, 13.1, 45), (1.2, 3.79, 4.7)])
+def test_how_far_half_a_turn_goes(tau: float, seconds: float, constants: float) -> None:
     def heading(t: float) -> float:
         return float(response(t, tau, INERTIA, 0.0, K_RR)[0])
 
@@ -121,10 +109,6 @@ def test_how_far_half_a_turn_goes(tau: float, seconds: float) -> None:
     for share, degrees in ((0.5, 6.7), (0.9, 38.5), (0.95, 54), (0.99, 91), (0.999, 144)):
         t = brentq(lambda t, share=share: float(response(t, tau, INERTIA, 0.0, K_RR)[1]) - share * final, 0, 30)
         assert np.rad2deg(heading(t)) == pytest.approx(degrees, rel=0.01)
-
-
-@pytest.mark.parametrize(("tau", "constants"), [(1.2, 4.7), (0.1, 45)])
-def test_half_a_turn_of_model_1_in_time_constants(tau: float, constants: float) -> None:
-    # PHYSICS 4.6 uses Table 2's inertia of model 1
+    # in time constants of model 1; PHYSICS 4.6 uses Table 2's inertia of that
     half = brentq(lambda t: float(response(t, tau, 0.7058, K_R, 0.0)[0]) - np.pi, 0.1, 90)
     assert half * K_R / 0.7058 == pytest.approx(constants, rel=0.03)
