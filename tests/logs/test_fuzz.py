@@ -1,7 +1,4 @@
-"""Torn, random and hostile files before the readers: a right answer or one clear sentence, nothing else.
-
-`tests/benchmarks/reliability.py` does the same with as many files as one likes.
-"""
+"""Torn, random and hostile files before the readers: a right answer or one clear sentence, nothing else."""
 
 import io
 from pathlib import Path

@@ -69,7 +69,7 @@ def test_parameters_that_are_held_are_not_planned_for() -> None:
 @pytest.mark.parametrize("fit", [pytest.param("whole-runs", marks=pytest.mark.slow), "half-turns"])
 def test_predicted_intervals_are_those_that_a_fit_reports(fit: str) -> None:
     """Over a few campaigns the mean square of the reported errors is the predicted one, to a fifth; over many it is
-    within a tenth (tests/benchmarks/planning.py)."""
+    within a tenth."""
     steps = [side * size for size in (0.3, 0.6, 1.2) for side in (1, -1) for _ in range(2)]
     runs = [Candidate("step", f"{i}", ((moment, 5.0 / np.sqrt(abs(moment))),)) for i, moment in enumerate(steps)]
     fitting = Fitting(MODEL, fit, NOISE, SCATTER)  # type: ignore[arg-type]
