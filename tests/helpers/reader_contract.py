@@ -134,10 +134,10 @@ def log(folder: Path, content: bytes, name: str = "log.csv", *, named: bool = Tr
     return LogFile(path, name, named)
 
 
-def refusal(file: LogFile) -> str:
+def refusal(file: LogFile, columns: ColumnMap | None = None) -> str:
     """The sentence with which a log is refused; the test fails if it is read."""
     try:
-        table = read_log(file, dof=YAW)
+        table = read_log(file, columns, dof=YAW)
     except LogError as error:
         return str(error)
     raise AssertionError(f"{file.name} was read: {len(table)} rows of {list(table.columns)}")

@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_outputs import sub_dive, wishes
-from reader_contract import log
+from reader_contract import log, refusal
 from vehicle_blueos import recorded
 from vehicle_logs import dive, telemetry
 
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
 pytest.importorskip("mcap", reason="the extra automarine[blueos] is not installed")
@@ -37,13 +36,8 @@ def test_a_recording_is_read_like_the_telemetry_of_the_same_dive(tmp_path: Path,
 
 def test_any_field_of_any_topic_can_be_named(tmp_path: Path) -> None:
     topic = "mavlink/1/1/extra/range"
-    table = read(
-        tmp_path,
-        recorded(dive(), delay=0.0),
-        n=f"{topic}.beams[2].snr",
-        voltage_V=f"{topic}.distance",
-        heave_m_s="ATTITUDE.roll",
-    )
+    columns = {"n": f"{topic}.beams[2].snr", "voltage_V": f"{topic}.distance", "heave_m_s": "ATTITUDE.roll"}
+    table = read(tmp_path, recorded(dive(), delay=0.0), **columns)
     np.testing.assert_allclose(table.columns["n"][1:] * 2, table.columns["voltage"][1:])
     assert np.nanmax(table.columns["voltage"]) == pytest.approx(dive().time[::3].max())
     assert not table.columns["heave"].any()
@@ -55,10 +49,10 @@ def test_a_recorder_that_was_stopped_is_read_up_to_there(tmp_path: Path) -> None
     table = read(tmp_path, content[: len(content) // 2])
     assert 10 < len(table) < len(full)
     np.testing.assert_array_equal(table.columns["heading"], full.columns["heading"][: len(table)])
-    assert "the file ends within a chunk: its recorder was stopped; read up to there" in table.notes
+    assert any("its recorder was stopped; read up to there" in note for note in table.notes)
 
 
 def test_a_file_of_video_alone_is_refused(tmp_path: Path) -> None:
     without = ("ATTITUDE", "SERVO_OUTPUT_RAW", "SYS_STATUS", "HEARTBEAT", "HEARTBEAT/mavtype", "extra/range")
-    with pytest.raises(LogError, match=r"recorder.mcap: no heading in it; found the topics video/1/stream \(1\)"):
-        read(tmp_path, recorded(dive(), without=without))
+    sentence = refusal(log(tmp_path, recorded(dive(), without=without), "recorder.mcap"))
+    assert sentence.startswith("recorder.mcap: no heading in it; found the topics video/1/stream (1)")

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reader_contract import log
+from reader_contract import log, refusal
 from vehicle_bags import bag
 from vehicle_logs import dive
 
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log
 
 pytest.importorskip("rosbags", reason="the extra automarine[ros] is not installed")
 EVERY = pytest.mark.parametrize("suffix", [".bag", ".db3", ".mcap"])
@@ -27,20 +26,12 @@ def read(folder: Path, suffix: str, content: bytes, **columns: ColumnRule) -> Lo
 @EVERY
 def test_signs_are_turned_and_told(tmp_path: Path, suffix: str) -> None:
     table = read(tmp_path, suffix, bag(suffix, dive()))
-    assert table.notes[0] == (
-        "heading of /imu/data, not of /odom, turned from ROS's east, north, up and forward, left, up to clockwise "
-        "from north"
-    )
+    assert table.notes[0].startswith("heading of /imu/data, not of /odom, turned from ROS's east, north, up")
+    assert "without stamps of their own, at the time of recording: /thruster/port, /thrusters" in table.notes
     np.testing.assert_allclose(table.columns["surge"], 0.5)
     np.testing.assert_allclose(table.columns["sway"], 0.25)  # 0.25 m/s to the right, which is -y in ROS
     turning = table.columns["yaw_rate"] > 0.1
     assert turning.sum() == 100 and np.all(np.diff(np.unwrap(table.columns["heading"]))[turning[1:]] > 0)
-
-
-@EVERY
-def test_topics_without_stamps_are_at_the_time_of_recording(tmp_path: Path, suffix: str) -> None:
-    notes = read(tmp_path, suffix, bag(suffix, dive())).notes
-    assert "without stamps of their own, at the time of recording: /thruster/port, /thrusters" in notes
 
 
 @EVERY
@@ -78,11 +69,9 @@ def test_any_field_of_any_type_can_be_named(tmp_path: Path, suffix: str) -> None
 @EVERY
 def test_a_bag_of_other_topics_says_which(tmp_path: Path, suffix: str) -> None:
     content = bag(suffix, replace(dive(), modes=(), arming=()), without=("/imu/data", "/odom"))
-    with pytest.raises(LogError) as refused:
-        read(tmp_path, suffix, content)
-    assert "found the topics " in str(refused.value)
-    for topic in ("/thruster/port (std_msgs/Float64)", "/battery (sensor_msgs/BatteryState)"):
-        assert topic in str(refused.value)
+    sentence = refusal(log(tmp_path, content, f"dive{suffix}"))
+    for part in ("found the topics ", "/thruster/port (std_msgs/Float64)", "/battery (sensor_msgs/BatteryState)"):
+        assert part in sentence
 
 
 def test_an_imu_without_orientation_is_no_heading(tmp_path: Path) -> None:
@@ -99,8 +88,8 @@ def test_an_imu_without_orientation_is_no_heading(tmp_path: Path) -> None:
             still = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
             imu = types["sensor_msgs/msg/Imu"](header, still, nine, vector, nine, vector, nine)
             writer.write(link, i * 10**8, store.serialize_ros1(imu, imu.__msgtype__))
-    with pytest.raises(LogError, match=r"no heading in it; found the topics /imu \(sensor_msgs/Imu\)"):
-        read(tmp_path, ".bag", (tmp_path / "gyro.bag").read_bytes())
+    sentence = refusal(LogFile(tmp_path / "gyro.bag", "gyro.bag", True))
+    assert "no heading in it; found the topics /imu (sensor_msgs/Imu)" in sentence
 
 
 def test_an_older_bag_that_does_not_define_its_types(tmp_path: Path) -> None:
@@ -117,5 +106,4 @@ def test_an_mcap_file_of_something_else(tmp_path: Path) -> None:
     other = bytearray(bag(".mcap", dive()))
     at = other.find(b"ros2")
     other[at : at + 4] = b"ros1"
-    with pytest.raises(LogError, match="an MCAP file of the profile 'ros1', expected one of ros2 or of JSON"):
-        read(tmp_path, ".mcap", bytes(other))
+    assert "the profile 'ros1', expected one of ros2 or of JSON" in refusal(log(tmp_path, bytes(other), "dive.mcap"))
