@@ -21,27 +21,20 @@ def written(folder: Path, text: str | bytes) -> Path:
 
 
 def test_the_contract_s_example(tmp_path: Path) -> None:
-    columns = read_column_map(
-        written(
-            tmp_path,
-            """
-            [columns]
-            time_s = "t"
-            heading_deg = { from = "yaw", unit = "rad", sign = -1 }
-            tau_Nm = "rudder_deg"
-            n = { from = " rpm ", unit = "rpm", scale = 2, offset = 1.5 }
-            [defaults]
-            thrusters_per_test = 2
-            arm_m = 0.44
-            """,
-        )
-    )
+    text = """[columns]
+    time_s = "t"
+    heading_deg = { from = "yaw", unit = "rad", sign = -1 }
+    tau_Nm = "rudder_deg"
+    n = { from = " rpm ", unit = "rpm", scale = 2, offset = 1.5 }
+    [defaults]
+    thrusters_per_test = 2
+    arm_m = 0.44
+    """
+    columns = read_column_map(written(tmp_path, text))
     assert dict(columns.columns) == {
-        "time_s": ColumnRule("t"),
-        "heading_deg": ColumnRule("yaw", "rad", -1),
-        "tau_Nm": ColumnRule("rudder_deg"),
+        "time_s": ColumnRule("t"), "heading_deg": ColumnRule("yaw", "rad", -1), "tau_Nm": ColumnRule("rudder_deg"),
         "n": ColumnRule("rpm", "rpm", 1, 2.0, 1.5),
-    }
+    }  # fmt: skip
     assert dict(columns.defaults) == {"thrusters_per_test": 2, "arm_m": 0.44}
 
 

@@ -4,6 +4,7 @@ import re
 import sys
 import tomllib
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +34,16 @@ EVERY = pytest.mark.parametrize("suffix", RECORDERS)
 NONE = np.zeros(0)
 
 
+@cache
+def usual(suffix: str) -> bytes:
+    return bytes(RECORDERS[suffix].write(dive()))
+
+
 def made(suffix: str, of: Dive | None = None, without: tuple[str, ...] = ()) -> tuple[bytes, Recorder]:
     """A recording of a dive, and what is known of its format."""
     recorder = RECORDERS[suffix]
     pytest.importorskip(recorder.package)
-    return recorder.write(of or dive(), without), recorder
+    return recorder.write(of or dive(), without) if of or without else usual(suffix), recorder
 
 
 @EVERY
