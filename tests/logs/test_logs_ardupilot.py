@@ -2,29 +2,19 @@
 
 import struct
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import vehicle_logs
-from reader_contract import log
+from reader_contract import table_of
 from vehicle_logs import Dive, dataflash, dive, telemetry
-
-from automarine_cli.dofs import YAW, Dof
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
 
 
-def flash(folder: Path, content: bytes, dof: Dof | None = YAW, **columns: str) -> LogTable:
-    """A dataflash log of these bytes, read with columns by these names."""
-    rules = {name: ColumnRule(source) for name, source in columns.items()}
-    return read_log(log(folder, content, "dive.bin"), ColumnMap(rules), dof=dof)
-
-
-def link(folder: Path, content: bytes) -> LogTable:
-    """A telemetry log of these bytes."""
-    return read_log(log(folder, content, "dive.tlog"), dof=YAW)
+flash, link = partial(table_of, "dive.bin"), partial(table_of, "dive.tlog")
 
 
 def later(first: Dive, seconds: float, command: float = 0.0) -> Dive:

@@ -1,31 +1,26 @@
 """BlueOS's recordings: MAVLink as JSON in MCAP, in both spellings, beside video; other JSON by its topic."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_outputs import sub_dive, wishes
-from reader_contract import log, refusal
+from reader_contract import log, refusal, table_of
 from vehicle_blueos import recorded
 from vehicle_logs import dive, telemetry
-
-from automarine_cli.dofs import YAW
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
 pytest.importorskip("mcap", reason="the extra automarine[blueos] is not installed")
 
 
-def read(folder: Path, content: bytes, **columns: str) -> LogTable:
-    """A recording of these bytes, read with columns by these names."""
-    rules = {name: ColumnRule(source) for name, source in columns.items()}
-    return read_log(log(folder, content, "recorder.mcap"), ColumnMap(rules), dof=YAW)
+read = partial(table_of, "recorder.mcap")
 
 
 @pytest.mark.parametrize("spelled", [True, False])
 def test_a_recording_is_read_like_the_telemetry_of_the_same_dive(tmp_path: Path, spelled: bool) -> None:
     made = sub_dive(wishes(len(dive().command_time), 2))
     table = read(tmp_path, recorded(made, spelled=spelled))
-    other = read_log(log(tmp_path, telemetry(made), "dive.tlog"), dof=YAW)
+    other = table_of("dive.tlog", tmp_path, telemetry(made))
     for name in ("time", "heading", "yaw_rate", "moment", "voltage"):
         np.testing.assert_allclose(table.columns[name], other.columns[name], atol=3e-3 if name == "time" else 1e-6)
     assert table.origin == other.origin and "(FRAME_CONFIG 2)" in table.origin.made_from

@@ -1,26 +1,23 @@
 """PX4 logs: drop-outs told, older messages, stopped motors, the instant at which a sensor was read."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_outputs import told
-from reader_contract import log
+from reader_contract import table_of
 from vehicle_logs import Dive, dive
 from vehicle_ulog import ulog
 
-from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log, require_motion
+from automarine_cli.logs import require_motion
 
 pytest.importorskip("pyulog", reason="the extra automarine[px4] is not installed")
 
 
-def read(folder: Path, content: bytes, **columns: str) -> LogTable:
-    """A PX4 log of these bytes, read with columns by these names."""
-    rules = {name: ColumnRule(source) for name, source in columns.items()}
-    return read_log(log(folder, content, "dive.ulg"), ColumnMap(rules), dof=YAW)
+read = partial(table_of, "dive.ulg")
 
 
 def test_pyulog_reads_the_same_file(tmp_path: Path) -> None:
