@@ -73,11 +73,11 @@ def px4(side: int = 1, **changed: float) -> tuple[Dive, np.ndarray]:
     pushing = np.mean(np.linalg.norm(mix[:, 3:], axis=1))
     motors = mix / np.array([turning, turning, mix[:, 2].max(), pushing, pushing, pushing]) @ wished
     assert np.abs(motors).max() < 1
-    known: dict[str, float] = {"CA_ROTOR_COUNT": 8}
+    parameters: dict[str, float] = {"CA_ROTOR_COUNT": 8}
     for i, (place, axis, ratio) in enumerate(zip(PLACES, AXES, RATIOS)):
-        values = (*place, *axis, 6.5, ratio)
-        known |= {f"CA_ROTOR{i}_{key}": v for key, v in zip(("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM"), values)}
-    return replace(first, outputs=motors, parameters=told(known | changed)), wished[2:]
+        rotor = zip(("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM"), (*place, *axis, 6.5, ratio))
+        parameters |= {f"CA_ROTOR{i}_{key}": value for key, value in rotor}
+    return replace(first, outputs=motors, parameters=told(parameters | changed)), wished[2:]
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -97,7 +97,7 @@ def test_setpoints_stand_in_where_the_places_are_not_known(tmp_path: Path) -> No
     rows = np.searchsorted(made.command_time, made.time, side="right") - 1
     np.testing.assert_allclose(table.columns["moment"], wished[0, rows], atol=1e-6)
     np.testing.assert_allclose(table.extras["Z"], wished[3, rows], atol=1e-6)
-    assert any("are vehicle_torque_setpoint and vehicle_thrust_setpoint, before limits" in one for one in table.notes)
+    assert any("are vehicle_torque_setpoint and vehicle_thrust_setpoint, before limits" in note for note in table.notes)
 
 
 def test_without_places_and_setpoints_the_remedy_is_told(tmp_path: Path) -> None:

@@ -138,9 +138,9 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
 
 
 def test_check_tells_each_motion_in_a_table_of_its_own() -> None:
-    found = check([SAMPLE_RUNS / "surge", SAMPLE_RUNS / "heave", SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv"])
-    assert [table.title for table in sections(found).printed] == ["Yaw runs", "Surge runs", "Heave runs"]
-    content = found.to_json()
+    result = check([SAMPLE_RUNS / "surge", SAMPLE_RUNS / "heave", SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv"])
+    assert [table.title for table in sections(result).printed] == ["Yaw runs", "Surge runs", "Heave runs"]
+    content = result.to_json()
     assert [len(content[f"{name}_runs"]) for name in ("yaw", "surge", "heave")] == [1, 20, 20]  # type: ignore[arg-type]
 
 
