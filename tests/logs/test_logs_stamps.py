@@ -76,6 +76,7 @@ def test_a_clock_goes_on_past_midnight_and_past_the_hour() -> None:
 def test_what_is_no_time(cells: tuple[str, ...]) -> None:
     assert read_stamps(cells_of(*cells), None) is None
     assert first_not_a_stamp(cells_of(*cells), None)[1] in cells
+    assert read_stamps(pa.chunked_array([pa.array([b"10:00:00", b"\xe9t\xe9"])]), None) is None  # not even UTF-8
 
 
 def read(folder: Path, date: str, **rule: object) -> LogTable:
