@@ -9,19 +9,15 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE, SWAY, TRANSLATIONS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR, alone
 
 
-@pytest.mark.parametrize("dof", DOFS.values(), ids=str)
-def test_a_record_is_one_object_in_every_process(dof: Dof) -> None:
+@pytest.mark.parametrize("dof", DOFS.values(), ids=DOFS)
+def test_every_word_and_symbol_is_there_and_a_record_is_one_object_in_every_process(dof: Dof) -> None:
     assert pickle.loads(pickle.dumps(dof)) is dof
-
-
-@pytest.mark.parametrize("dof", DOFS.values(), ids=str)
-def test_every_word_and_symbol_is_there(dof: Dof) -> None:
     for record in (dof.symbols, dof.words, dof.units):
         for field in fields(record):
             assert getattr(record, field.name), (dof.name, field.name)
     for field in fields(dof.limits):
         value = getattr(dof.limits, field.name)
-        assert all(one > 0 for one in (value if isinstance(value, tuple) else (value,))), field.name
+        assert all(limit > 0 for limit in (value if isinstance(value, tuple) else (value,))), field.name
 
 
 def test_no_two_motions_share_a_symbol_of_a_parameter() -> None:

@@ -24,7 +24,7 @@ from vehicle_can import COLUMNS, DBC, capture
 from vehicle_logs import Dive, dataflash, dive, telemetry
 from vehicle_ulog import ulog
 
-from automarine_cli.dofs import YAW
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, column_rules, read_log
 from automarine_cli.logs.find import FORMATS
@@ -134,10 +134,16 @@ def log(folder: Path, content: bytes, name: str = "log.csv", *, named: bool = Tr
     return LogFile(path, name, named)
 
 
-def refusal(file: LogFile) -> str:
+def table_of(name: str, folder: Path, content: bytes, dof: Dof | None = YAW, **columns: str | ColumnRule) -> LogTable:
+    """The table of a log of these bytes, read with columns by these names or rules."""
+    rules = {key: ColumnRule(rule) if isinstance(rule, str) else rule for key, rule in columns.items()}
+    return read_log(log(folder, content, name), ColumnMap(rules), dof=dof)
+
+
+def refusal(file: LogFile, columns: ColumnMap | None = None) -> str:
     """The sentence with which a log is refused; the test fails if it is read."""
     try:
-        table = read_log(file, dof=YAW)
+        table = read_log(file, columns, dof=YAW)
     except LogError as error:
         return str(error)
     raise AssertionError(f"{file.name} was read: {len(table)} rows of {list(table.columns)}")

@@ -72,19 +72,7 @@ FORMATS = {  # name: type, characters, columns
     "PARM": (20, "QNf", "TimeUS,Name,Value"),
     "IMU": (18, "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
 }
-CODES = {
-    "Q": "Q",
-    "c": "h",
-    "C": "H",
-    "f": "f",
-    "H": "H",
-    "B": "B",
-    "M": "b",
-    "I": "I",
-    "Z": "64s",
-    "n": "4s",
-    "N": "16s",
-}
+CODES = dict(zip("QcCfHBMIZnN", ("Q", "h", "H", "f", "H", "B", "b", "I", "64s", "4s", "16s")))
 
 
 def dataflash(dive: Dive, without: tuple[str, ...] = ("EV", "IMU")) -> bytes:

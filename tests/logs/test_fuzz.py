@@ -1,6 +1,5 @@
 """Torn, random and hostile files before the readers: a right answer or one clear sentence, nothing else."""
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +7,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from broken_logs.make import csv_of, good_table
-from fuzzing import KINDS, case, judge_log, outcome, torn
+from broken_logs.make import csv_of
+from fuzzing import KINDS, case, judge_log, outcome
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,18 +23,11 @@ from automarine_cli.pipeline.records import json_text
 def test_torn_files(tmp_path: Path, name: str) -> None:
     kind = KINDS[name]
     path = tmp_path / f"torn{kind.suffix}"
-    outcomes = []
+    outcomes = set()
     for number in range(kind.cases):
         path.write_bytes(case(name, number, seed=0))
-        outcomes.append(outcome(kind, path))
-    assert set(outcomes) == {"read", "refused"}
-
-
-def test_a_file_torn_twice_in_the_same_way_is_the_same() -> None:
-    import random
-
-    good = csv_of(good_table())
-    assert torn(good, random.Random(1)) == torn(good, random.Random(1)) != torn(good, random.Random(2))
+        outcomes.add(outcome(kind, path))
+    assert outcomes == {"read", "refused"}
 
 
 CELL = st.one_of(
@@ -59,33 +51,22 @@ def answers(path: Path) -> None:
         assert str(refusal).isprintable(), refusal
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(
-    header=st.lists(NAME, min_size=1, max_size=5),
-    rows=st.lists(st.lists(CELL, min_size=1, max_size=5), max_size=12),
+    rows=st.tuples(
+        st.lists(NAME, min_size=1, max_size=5), st.lists(st.lists(CELL, min_size=1, max_size=5), max_size=12)
+    ),
     separator=st.sampled_from(",;\t"),
     ending=st.sampled_from(["\n", "\r\n", "\r"]),
     encoding=st.sampled_from(["utf-8", "utf-8-sig", "latin-1", "utf-16"]),
 )
 def test_any_csv_text(
     tmp_path_factory: pytest.TempPathFactory,
-    header: list[str],
-    rows: list[list[str]],
-    separator: str,
-    ending: str,
-    encoding: str,
-) -> None:
+    rows: tuple[list[str], list[list[str]]], separator: str, ending: str, encoding: str,
+) -> None:  # fmt: skip
     path = tmp_path_factory.getbasetemp() / "any.csv"
-    text = ending.join(separator.join(cells) for cells in (header, *rows))
+    text = ending.join(separator.join(cells) for cells in (rows[0], *rows[1]))
     path.write_bytes(text.encode(encoding, "replace"))
-    answers(path)
-
-
-@settings(max_examples=60)
-@given(st.binary(max_size=300), st.sampled_from([".csv", ".csv.gz", ".tsv", ".parquet"]))
-def test_any_bytes(tmp_path_factory: pytest.TempPathFactory, content: bytes, suffix: str) -> None:
-    path = tmp_path_factory.getbasetemp() / f"bytes{suffix}"
-    path.write_bytes(content)
     answers(path)
 
 
@@ -94,11 +75,9 @@ NUMBERS = st.one_of(
 )
 
 
-@settings(max_examples=80)
-@given(data=st.data(), count=st.integers(1, 60), steady=st.booleans(), parquet=st.booleans())
-def test_any_table(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, count: int, steady: bool, parquet: bool
-) -> None:
+@settings(max_examples=60)
+@given(data=st.data(), count=st.integers(1, 60), steady=st.booleans())
+def test_any_table(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, count: int, steady: bool) -> None:
     """Tables with the right columns and any numbers; half of them with a clock that runs evenly."""
     columns = {
         name: np.array(data.draw(st.lists(NUMBERS, min_size=count, max_size=count)))
@@ -108,36 +87,26 @@ def test_any_table(
         columns["time_s"] = 0.1 * np.arange(count)
     if data.draw(st.booleans()):
         columns["tau"] = np.where(np.arange(count) > count // 3, columns["tau"][0], 0.0)
-    path = tmp_path_factory.getbasetemp() / ("table.parquet" if parquet else "table.csv")
-    if parquet:
-        pq.write_table(pa.table(columns), path)
-        answers(path)
-    else:
-        path.write_bytes(csv_of(pd.DataFrame(columns)))
-        try:
-            judge_log(path)
-        except AutomarineError as refusal:
-            assert str(refusal).isprintable(), refusal
+    path = tmp_path_factory.getbasetemp() / "table.csv"
+    path.write_bytes(csv_of(pd.DataFrame(columns)))
+    try:
+        judge_log(path)
+    except AutomarineError as refusal:
+        assert str(refusal).isprintable(), refusal
 
 
-PARQUET_COLUMNS = st.one_of(
-    st.lists(st.one_of(st.none(), st.floats()), min_size=3, max_size=3),
-    st.lists(st.one_of(st.none(), st.integers(-(2**63), 2**63 - 1)), min_size=3, max_size=3),
-    st.lists(st.one_of(st.none(), st.booleans()), min_size=3, max_size=3),
-    st.lists(st.one_of(st.none(), st.text(max_size=4)), min_size=3, max_size=3),
-    st.lists(st.one_of(st.none(), st.binary(max_size=4)), min_size=3, max_size=3),
-    st.lists(st.one_of(st.none(), st.datetimes()), min_size=3, max_size=3),
-    st.lists(st.one_of(st.none(), st.lists(st.integers(0, 3), max_size=2)), min_size=3, max_size=3),
-)
+CELLS = (
+    st.floats(), st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(max_size=4), st.binary(max_size=4),
+    st.datetimes(), st.lists(st.integers(0, 3), max_size=2),
+)  # fmt: skip
+PARQUET_COLUMNS = st.one_of(*(st.lists(st.none() | cell, min_size=3, max_size=3) for cell in CELLS))
 
 
-@settings(max_examples=80)
+@settings(max_examples=60)
 @given(columns=st.dictionaries(NAME, PARQUET_COLUMNS, max_size=4))
 def test_any_parquet_types(tmp_path_factory: pytest.TempPathFactory, columns: dict[str, list[object]]) -> None:
-    buffer = io.BytesIO()
-    pq.write_table(pa.table(columns), buffer)
     path = tmp_path_factory.getbasetemp() / "types.parquet"
-    path.write_bytes(buffer.getvalue())
+    pq.write_table(pa.table(columns), path)
     answers(path)
     try:
         table = read_log(LogFile(path, path.name, True), dof=YAW)

@@ -2,27 +2,28 @@
 
 import struct
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import vehicle_logs
-from reader_contract import log
-from vehicle_logs import dataflash, dive, telemetry
-
-from automarine_cli.dofs import YAW
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
+from reader_contract import table_of
+from vehicle_logs import Dive, dataflash, dive, telemetry
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
 
 
-def flash(folder: Path, content: bytes, **columns: str) -> LogTable:
-    """A dataflash log of these bytes, read with columns by these names."""
-    return read_log(
-        log(folder, content, "dive.bin"),
-        ColumnMap({name: ColumnRule(source) for name, source in columns.items()}),
-        dof=YAW,
-    )
+flash, link = partial(table_of, "dive.bin"), partial(table_of, "dive.tlog")
+
+
+def later(first: Dive, seconds: float, command: float = 0.0) -> Dive:
+    """The dive so much later, its commands later still; modes and arming are told as well."""
+    return replace(
+        first, time=first.time + seconds, command_time=first.command_time + seconds + command,
+        voltage_time=first.voltage_time + seconds, modes=tuple((t + seconds, mode) for t, mode in first.modes),
+        arming=tuple((t + seconds, armed) for t, armed in first.arming),
+    )  # fmt: skip
 
 
 def test_pymavlink_reads_the_same_headings(tmp_path: Path) -> None:
@@ -49,34 +50,32 @@ def test_any_field_can_be_named(tmp_path: Path) -> None:
     table = flash(tmp_path, content, voltage_V="BAT[1].Volt", heading_deg="ATT.Yaw", yaw_rate_rad_s="IMU.GyrZ")
     assert set(table.columns["voltage"][1:]) == {5.0}
     np.testing.assert_array_equal(table.columns["heading"], flash(tmp_path, content).columns["heading"])
-    made = dive().rate
-    np.testing.assert_allclose(np.rad2deg(table.columns["yaw_rate"])[60:130], made[60:130], atol=1e-5)
+    np.testing.assert_allclose(np.rad2deg(table.columns["yaw_rate"])[60:130], dive().rate[60:130], atol=1e-5)
 
 
-def test_bytes_that_are_no_messages_are_counted(tmp_path: Path) -> None:
+def test_damage_is_passed_over_and_told(tmp_path: Path) -> None:
     good = dataflash(dive())
     table = flash(tmp_path, good[:2000] + b"\x07" * 17 + good[2000:])
-    assert any("skipped: not a message" in note for note in table.notes)
-    assert len(table) >= 199
-
-
-def test_a_damaged_packet_is_passed_over_and_told(tmp_path: Path) -> None:
-    good = bytearray(telemetry(dive()))
-    at = good.find(struct.pack("<I", 8000), 2000)  # the stamp of an attitude
-    good[at + 12] ^= 0x55
-    table = read_log(log(tmp_path, bytes(good), "dive.tlog"), dof=YAW)
+    assert any("skipped: not a message" in note for note in table.notes) and len(table) >= 199
+    packets = bytearray(telemetry(dive()))
+    at = packets.find(struct.pack("<I", 8000), 2000)  # the stamp of an attitude
+    packets[at + 12] ^= 0x55
+    table = link(tmp_path, bytes(packets))
     assert len(table) == 199 and "1 packet skipped: wrong checksum" in table.notes
 
 
+def test_a_stream_that_begins_after_the_last_row_is_told(tmp_path: Path) -> None:
+    first = dive()
+    content = dataflash(replace(first, command_time=first.command_time + 100))
+    assert any("RCOU begins only after the last row" in note for note in flash(tmp_path, content, n="RCOU.C1").notes)
+
+
 def test_the_vehicle_s_clock_serves_not_the_link_s(tmp_path: Path) -> None:
-    late = read_log(log(tmp_path, telemetry(dive(), delay=0.3), "dive.tlog"), dof=YAW)
-    steps = np.diff(late.columns["time"])
-    np.testing.assert_allclose(steps, 0.1, atol=1e-5)
+    np.testing.assert_allclose(np.diff(link(tmp_path, telemetry(dive(), delay=0.3)).columns["time"]), 0.1, atol=1e-5)
 
 
 def test_a_vehicle_that_starts_anew_in_one_log_goes_on_in_time(tmp_path: Path) -> None:
-    twice = telemetry(dive()) + telemetry(dive(), start=1.7e9 + 60)
-    table = read_log(log(tmp_path, twice, "dive.tlog"), dof=YAW)
+    table = link(tmp_path, telemetry(dive()) + telemetry(dive(), start=1.7e9 + 60))
     assert len(table) == 400
     np.testing.assert_allclose(table.columns["time"][200:] - table.columns["time"][:200], 60, atol=2e-3)
 
@@ -84,55 +83,36 @@ def test_a_vehicle_that_starts_anew_in_one_log_goes_on_in_time(tmp_path: Path) -
 def test_a_counter_of_microseconds_that_is_full_begins_anew(tmp_path: Path) -> None:
     """SERVO_OUTPUT_RAW counts in 32 bits, for 71.6 minutes."""
     first = dive()
-    since = 2**32 / 1e6 - 10
-    later = replace(
-        first, time=first.time + since, command_time=first.command_time + since,
-        voltage_time=first.voltage_time + since,
-        modes=tuple((t + since, mode) for t, mode in first.modes),
-        arming=tuple((t + since, armed) for t, armed in first.arming),
-    )  # fmt: skip
-    table = read_log(log(tmp_path, telemetry(later), "dive.tlog"), dof=YAW)
+    table = link(tmp_path, telemetry(later(first, 2**32 / 1e6 - 10)))
     np.testing.assert_allclose(table.extras["SERVO_OUTPUT_RAW.servo1_raw"], first.commands_at(first.time)[0])
 
 
 def test_a_log_of_a_descent_is_on_the_clock_of_its_depth(tmp_path: Path) -> None:
     """Named together with the vertical command, the depth is the position; its own samples stay as they are."""
-    columns = {"depth_m": "BAT.Volt", "n_vert": "RCOU.C3"}
-    rules = ColumnMap({name: ColumnRule(source) for name, source in columns.items()})
-    table = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), rules, dof=None)
+    content, columns = dataflash(dive()), {"depth_m": "BAT.Volt", "n_vert": "RCOU.C3"}
+    table = flash(tmp_path, content, None, **columns)
     assert table.dof.position == "depth" and len(table) == 42
     np.testing.assert_allclose(table.columns["depth"], dive().voltage, rtol=1e-6)
-    both = rules.columns | {"n_port": ColumnRule("RCOU.C1"), "n_stbd": ColumnRule("RCOU.C2")}
-    turning = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), ColumnMap(both), dof=None)
+    turning = flash(tmp_path, content, None, **columns, n_port="RCOU.C1", n_stbd="RCOU.C2")
     assert turning.dof.position == "heading" and len(turning) == 200
 
 
 def test_what_was_sent_before_the_recording_paused_says_nothing_of_after(tmp_path: Path) -> None:
     """Two stretches of one log, 400 s apart; the mode, told when it changes, lasts."""
-    first = dive()
-    parts = [dataflash(first, without=("EV", "IMU"))]
-    at = parts[0].find(b"\xa3\x95\x10")  # what follows the FMT messages
-    later = replace(
-        first, time=first.time + 400, command_time=first.command_time + 400.2, voltage_time=first.voltage_time + 400,
-        modes=(), arming=(),
-    )  # fmt: skip
-    table = flash(tmp_path, parts[0] + dataflash(later, without=("EV", "IMU"))[at:], n="RCOU.C1")
+    first = dataflash(dive(), without=("EV", "IMU"))
+    at = first.find(b"\xa3\x95\x10")  # what follows the FMT messages
+    second = dataflash(replace(later(dive(), 400, command=0.2), modes=(), arming=()), without=("EV", "IMU"))
+    table = flash(tmp_path, first + second[at:], n="RCOU.C1")
     assert len(table) == 400
-    blank = np.flatnonzero(np.isnan(table.columns["n"]))
-    assert blank.tolist() == [200, 201]
+    assert np.flatnonzero(np.isnan(table.columns["n"])).tolist() == [200, 201]
     assert not np.isnan(table.columns["voltage"]).any()
     assert table.states["mode"].names[table.states["mode"].code[200]] == "ALT_HOLD"
     assert "RCOU 0.13 s old in the median, 0.23 s at most" in table.notes[0]
 
 
-def test_the_integral_of_a_controller_is_no_number_of_a_sensor(tmp_path: Path) -> None:
-    formats = dict(vehicle_logs.FORMATS)
-    try:
-        vehicle_logs.FORMATS["PIDY"] = (19, "Qff", "TimeUS,P,I")
-        extra = b"".join(vehicle_logs._message("PIDY", i * 10**5 + 10**6, 0.5, 0.01 * i) for i in range(50))
-        head = vehicle_logs._message("FMT", 19, 19, b"PIDY", b"Qff", b"TimeUS,P,I")
-        table = flash(tmp_path, head + extra + dataflash(dive(), without=("EV", "PIDY")))
-    finally:
-        vehicle_logs.FORMATS.clear()
-        vehicle_logs.FORMATS.update(formats)
+def test_the_integral_of_a_controller_is_no_number_of_a_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(vehicle_logs.FORMATS, "PIDY", (19, "Qff", "TimeUS,P,I"))
+    extra = b"".join(vehicle_logs._message("PIDY", i * 10**5 + 10**6, 0.5, 0.01 * i) for i in range(50))
+    head = vehicle_logs._message("FMT", 19, 19, b"PIDY", b"Qff", b"TimeUS,P,I")
+    table = flash(tmp_path, head + extra + dataflash(dive(), without=("EV", "PIDY")))
     assert "PIDY (50)" in table.holds and "IMU[1] (200)" in table.holds

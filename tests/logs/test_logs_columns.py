@@ -1,11 +1,17 @@
-"""Column maps: what they may say, and the key's path for what they may not."""
+"""Column maps: what they may say, what becomes of the columns, and the key's path for what they may not."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from reader_contract import log
+from tolerances import assert_close
 
+from automarine_cli.commands.check import check
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnRule, read_column_map
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, column_rules, read_column_map, read_log
+from automarine_cli.report.sections import sections
 
 
 def written(folder: Path, text: str | bytes) -> Path:
@@ -16,27 +22,20 @@ def written(folder: Path, text: str | bytes) -> Path:
 
 
 def test_the_contract_s_example(tmp_path: Path) -> None:
-    columns = read_column_map(
-        written(
-            tmp_path,
-            """
-            [columns]
-            time_s = "t"
-            heading_deg = { from = "yaw", unit = "rad", sign = -1 }
-            tau_Nm = "rudder_deg"
-            n = { from = " rpm ", unit = "rpm", scale = 2, offset = 1.5 }
-            [defaults]
-            thrusters_per_test = 2
-            arm_m = 0.44
-            """,
-        )
-    )
+    text = """[columns]
+    time_s = "t"
+    heading_deg = { from = "yaw", unit = "rad", sign = -1 }
+    tau_Nm = "rudder_deg"
+    n = { from = " rpm ", unit = "rpm", scale = 2, offset = 1.5 }
+    [defaults]
+    thrusters_per_test = 2
+    arm_m = 0.44
+    """
+    columns = read_column_map(written(tmp_path, text))
     assert dict(columns.columns) == {
-        "time_s": ColumnRule("t"),
-        "heading_deg": ColumnRule("yaw", "rad", -1),
-        "tau_Nm": ColumnRule("rudder_deg"),
+        "time_s": ColumnRule("t"), "heading_deg": ColumnRule("yaw", "rad", -1), "tau_Nm": ColumnRule("rudder_deg"),
         "n": ColumnRule("rpm", "rpm", 1, 2.0, 1.5),
-    }
+    }  # fmt: skip
     assert dict(columns.defaults) == {"thrusters_per_test": 2, "arm_m": 0.44}
 
 
@@ -45,11 +44,8 @@ REFUSED = {  # the place, what was found, what was expected
     "time_s = 't'": ("time_s", "columns_of, logs, defaults, can"),
     "columns = 3": ("columns: found 3", "a table"),
     "[columns]\nyaw = 'a'": ("columns.yaw:", "known are time_s, time_ms", "force_lbf, run, mode, armed, by"),
-    "[columns]\ntau = 1": (
-        "columns.tau:",
-        'expected the name of a column in quotes, or a table such as { from = "yaw"',
-    ),
-    "[columns]\ntau = ''": ("columns.tau:", "from is ''", "expected the name of a column in quotes"),
+    "[columns]\ntau = 1": ("columns.tau:", 'a column in quotes, or a table such as { from = "yaw"'),
+    "[columns]\ntau = ''": ("columns.tau:", "from is ''", "a column in quotes"),
     "[columns]\ntau = { unit = 'nu' }": ("columns.tau:", 'key "from" is missing'),
     "[columns]\ntau = { from = 'a', form = 1 }": ("columns.tau:", 'unknown key "form"', "from"),
     "[columns]\ntau = { from = 'a', subtract = true }": ("columns.tau.subtract: found true", "expected a number"),
@@ -63,54 +59,133 @@ REFUSED = {  # the place, what was found, what was expected
     "[[columns_of]]\nlogs = 'a'\nyaw = 'a'": ("columns_of[0].yaw:", "known are"),
     "[logs]\nsteps = ['a']": ("logs:", 'unknown key "steps"', "join"),
     "[logs]\njoin = { logs = 'a' }": ("logs.join[0]:", 'key "with" is missing'),
-    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": (
-        "logs.join[0]:",
-        '"*_cmd_*"',
-        "expected as many stars in both",
-    ),
+    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ("logs.join[0]:", '"*_cmd_*"', "as many stars in both"),
     "[columns]\ntau = { from = 'a', sign = 2 }": ("columns.tau.sign: found 2", "1, -1"),
-    "[columns]\ntau = { from = 'a', sign = true }": ("columns.tau.sign: found true", "1, -1"),
     "[columns]\ntau = { from = 'a', unit = 'N m' }": ("columns.tau.unit: found 'N m'", "expected nu"),
     "[columns]\nheading_deg = { from = 'a', unit = 'grad' }": ("columns.heading_deg.unit: found 'grad'", "deg or rad"),
     "[columns]\ntau = { from = 'a', scale = nan }": ("columns.tau.scale: found NaN", "a finite number"),
     "[columns]\ntau = { from = 'a', scale = 0 }": ("columns.tau:", "scale is 0", "other than 0"),
-    "[columns]\ntau = { from = 'a', offset = 'x' }": ('columns.tau.offset: found "x"', "expected a number"),
     "[columns]\nrun = { from = 'a', sign = -1 }": ("columns.run:", "names runs", "leave them out"),
+    "[columns]\nheading_rad = 'heading_deg'": ("heading_rad", 'write { from = "heading_deg", unit = "deg" }'),
+    "[columns]\nheading_deg = 'yaw_rad'": ("heading_deg", "name says rad, for deg"),
+    "[columns]\nyaw_rate_rad_s = 'gyro_deg_s'": ("yaw_rate_rad_s", 'unit = "deg/s" }'),
     "[can]\nfile = 1": ("can:", 'unknown key "file"', "dbc"),
-    "[can]\ndbc = 1": ("can.dbc: found 1", "a text in quotes"),
     "[can]\ndbc = ' '": ("can.dbc: found no name", "a DBC file in quotes"),
     "[defaults]\narm = 1": ("defaults:", 'unknown key "arm"', "arm_m"),
     "[defaults]\narm_m = -1": ("defaults:", "arm_m is -1", "above 0"),
     "[defaults]\narm_m = inf": ("defaults.arm_m: found Infinity", "a finite number"),
-    "[defaults]\nthrusters_per_test = [2]": ("defaults.thrusters_per_test: found a list", "a number"),
+    b"\xff\xfe": ("expected UTF-8 text", "save it as UTF-8"),
+    b"[columns": ("not valid TOML: ",),
+    b"x = " + b"[" * 20_000: ("not valid TOML: nested too deep",),
+    b"#" * 2_000_000: ("more than 200000 bytes", "a file of a few kilobytes"),
 }
 
 
-@pytest.mark.parametrize(("text", "parts"), REFUSED.items(), ids=[text[-40:] for text in REFUSED])
-def test_refused_with_the_key_s_path(tmp_path: Path, text: str, parts: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(("text", "parts"), REFUSED.items(), ids=[str(text[-40:]) for text in REFUSED])
+def test_refused_with_the_key_s_path(tmp_path: Path, text: str | bytes, parts: tuple[str, ...]) -> None:
     with pytest.raises(LogError) as refused:
         read_column_map(written(tmp_path, text))
-    assert str(refused.value).startswith("columns.toml: ")
+    assert str(refused.value).startswith("columns.toml: ") and str(refused.value).isprintable()
     assert [part for part in parts if part not in str(refused.value)] == []
-
-
-@pytest.mark.parametrize(
-    ("content", "sentence"),
-    [
-        (b"\xff\xfe", "expected UTF-8 text, found other bytes; save it as UTF-8"),
-        (b"[columns", "not valid TOML: "),
-        (b"x = " + b"[" * 20_000, "not valid TOML: nested too deep"),
-        (b"#" * 2_000_000, "more than 200000 bytes; expected a file of a few kilobytes"),
-    ],
-    ids=["encoding", "syntax", "deep", "huge"],
-)
-def test_no_column_map_at_all(tmp_path: Path, content: bytes, sentence: str) -> None:
-    with pytest.raises(LogError) as refused:
-        read_column_map(written(tmp_path, content))
-    assert str(refused.value).startswith("columns.toml: ") and sentence in str(refused.value)
-    assert str(refused.value).isprintable()
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"no\.toml: cannot be read \(No such file or directory\)"):
         read_column_map(tmp_path / "no.toml")
+
+
+def test_a_map_that_gives_the_unit_or_the_scale_is_believed(tmp_path: Path) -> None:
+    for value in ('{ from = "heading_deg", unit = "rad" }', '{ from = "heading_deg", scale = 0.0174533 }'):
+        read_column_map(written(tmp_path, f"[columns]\nheading_rad = {value}\n"))
+
+
+def mapped(folder: Path, content: str, **rules: ColumnRule) -> LogTable:
+    """The table of this text through a column map."""
+    return read_log(log(folder, content.encode()), ColumnMap(rules), dof=YAW)
+
+
+def test_names_units_and_signs(tmp_path: Path) -> None:
+    table = mapped(
+        tmp_path,
+        "t,yaw,rudder,trial\n100,1.5,10,a\n200,2,20,a\n",
+        time_s=ColumnRule("t", unit="ms"),
+        heading_deg=ColumnRule("yaw", unit="rad", sign=-1),
+        tau_Nm=ColumnRule("rudder", scale=0.5, offset=1),
+        run=ColumnRule("trial"),
+    )
+    np.testing.assert_allclose(table.columns["time"], [0.1, 0.2])
+    np.testing.assert_array_equal(table.columns["heading"], [-1.5, -2])
+    np.testing.assert_array_equal(table.columns["moment"], [6, 11])
+    assert table.run is not None and set(table.run) == {"a"} and dict(table.extras) == {}
+
+
+def test_a_map_wins_over_the_file_and_says_what_it_misses(tmp_path: Path) -> None:
+    content = "time_s,heading_deg,heading_rad,yaw,tau\n0,1,2,3,0\n"
+    assert mapped(tmp_path, content, heading_rad=ColumnRule("yaw")).columns["heading"][0] == 3
+    table = mapped(tmp_path, content, heading_rad=ColumnRule("heading_rad"))
+    assert table.columns["heading"][0] == 2 and sorted(table.extras) == ["heading_deg", "yaw"]
+    (note,) = mapped(tmp_path, "time_s,heading_deg,tau\n0,1,0\n", voltage_V=ColumnRule("batt")).notes
+    assert "'batt' for voltage_V" in note
+
+
+BENCH = "PWM_us,rpm,load\n1100,3000,-40\n1300,1500,-10\n1500,0,0\n1700,1600,12\n1900,3200,48\n"
+
+
+def bench(folder: Path, **rules: object) -> LogTable:
+    """A bollard test under these rules."""
+    return read_log(log(folder, BENCH.encode()), ColumnMap(column_rules(rules, "columns.toml")), dof=YAW)
+
+
+def test_a_neutral_is_subtracted_first(tmp_path: Path) -> None:
+    rule = {"from": "PWM_us", "subtract": 1500, "scale": 0.0025, "offset": 1, "sign": -1}
+    assert_close(bench(tmp_path, n=rule).columns["n"], -(0.0025 * np.arange(-400, 401, 200) + 1), "same arithmetic")
+
+
+@pytest.mark.parametrize("way", [{"from": "load"}, {"from": "PWM_us", "subtract": 1500}])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_another_column_says_the_direction(tmp_path: Path, way: dict[str, object], sign: int) -> None:
+    table = bench(tmp_path, n={"from": "rpm", "sign_from": {**way, "sign": sign}})
+    assert_close(table.columns["n"], sign * np.array([-3000, -1500, 0, 1600, 3200]), "same arithmetic")
+    with pytest.raises(LogError, match=r"n takes its sign from 'pwm'; .*\. Correct sign_from"):
+        bench(tmp_path, n={"from": "rpm", "sign_from": "pwm"})
+
+
+def test_check_tells_a_signal_that_holds_its_neutral_or_lacks_its_sign(tmp_path: Path) -> None:
+    (tmp_path / "bench.csv").write_text(BENCH, encoding="utf-8")
+    for rule, words in (
+        ("PWM_us", "from 1100 to 1900, as pulses about 1500 do"),
+        ("rpm", "never negative while the"),
+        ({"from": "PWM_us", "subtract": 1500}, ""),
+    ):
+        columns = ColumnMap(column_rules({"n": rule, "force_N": "load"}, ""))
+        result = check(tmp_path / "bench.csv", columns=columns)
+        for notes in (result.tests[0].notes, sections(result).printed[0].notes):
+            assert words in notes[0] if words else not notes
+
+
+def test_single_files_have_maps_of_their_own(tmp_path: Path) -> None:
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "bench" / "a.csv").write_text("time,x,F\n0,1,2\n1000,2,3\n", encoding="utf-8")
+    (tmp_path / "run.csv").write_text("time,x,tau\n0,10,1\n0.1,20,1\n", encoding="utf-8")
+    text = (
+        '[columns]\ntime_s = "time"\nheading_deg = "x"\n[[columns_of]]\nlogs = "bench/*.csv"\ntime_ms = "time"\n'
+        'n = "x"\nforce_N = "F"\n'
+    )
+    columns = read_column_map(written(tmp_path, text))
+    tables = [read_log(LogFile(tmp_path / name, name, True), columns, dof=YAW) for name in ("bench/a.csv", "run.csv")]
+    assert tables[0].columns.keys() == {"time", "n", "force"} and tables[0].columns["time"][1] == 1.0
+    assert tables[1].columns.keys() == {"time", "heading", "moment"} and tables[1].columns["time"][1] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("rule", "unit"),
+    [
+        ("PWM_us", "us"), ("port rpm", "rpm"), ("throttle_pct", "%"), ("Throttle (%)", "%"), ("u", ""),
+        ("pwm", ""), ({"from": "pwm", "subtract": 1500}, "us"),  # a signed one; pulses less their neutral
+    ],
+)  # fmt: skip
+def test_a_signal_s_unit_is_told_by_its_name(tmp_path: Path, rule: object, unit: str) -> None:
+    name = rule["from"] if isinstance(rule, dict) else rule
+    rows = "".join(f"{value},{value}\n" for value in (range(-255, 256, 15) if name == "pwm" else (1, 2)))
+    columns = ColumnMap(column_rules({"n": rule}, ""))
+    assert read_log(log(tmp_path, f"{name},force_N\n{rows}".encode()), columns, dof=YAW).units["n"] == unit

@@ -1,32 +1,26 @@
 """BlueOS's recordings: MAVLink as JSON in MCAP, in both spellings, beside video; other JSON by its topic."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_outputs import sub_dive, wishes
-from reader_contract import log
+from reader_contract import log, refusal, table_of
 from vehicle_blueos import recorded
 from vehicle_logs import dive, telemetry
-
-from automarine_cli.dofs import YAW
-from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
 pytest.importorskip("mcap", reason="the extra automarine[blueos] is not installed")
 
 
-def read(folder: Path, content: bytes, **columns: str) -> LogTable:
-    """A recording of these bytes, read with columns by these names."""
-    rules = {name: ColumnRule(source) for name, source in columns.items()}
-    return read_log(log(folder, content, "recorder.mcap"), ColumnMap(rules), dof=YAW)
+read = partial(table_of, "recorder.mcap")
 
 
 @pytest.mark.parametrize("spelled", [True, False])
 def test_a_recording_is_read_like_the_telemetry_of_the_same_dive(tmp_path: Path, spelled: bool) -> None:
     made = sub_dive(wishes(len(dive().command_time), 2))
     table = read(tmp_path, recorded(made, spelled=spelled))
-    other = read_log(log(tmp_path, telemetry(made), "dive.tlog"), dof=YAW)
+    other = table_of("dive.tlog", tmp_path, telemetry(made))
     for name in ("time", "heading", "yaw_rate", "moment", "voltage"):
         np.testing.assert_allclose(table.columns[name], other.columns[name], atol=3e-3 if name == "time" else 1e-6)
     assert table.origin == other.origin and "(FRAME_CONFIG 2)" in table.origin.made_from
@@ -37,13 +31,8 @@ def test_a_recording_is_read_like_the_telemetry_of_the_same_dive(tmp_path: Path,
 
 def test_any_field_of_any_topic_can_be_named(tmp_path: Path) -> None:
     topic = "mavlink/1/1/extra/range"
-    table = read(
-        tmp_path,
-        recorded(dive(), delay=0.0),
-        n=f"{topic}.beams[2].snr",
-        voltage_V=f"{topic}.distance",
-        heave_m_s="ATTITUDE.roll",
-    )
+    columns = {"n": f"{topic}.beams[2].snr", "voltage_V": f"{topic}.distance", "heave_m_s": "ATTITUDE.roll"}
+    table = read(tmp_path, recorded(dive(), delay=0.0), **columns)
     np.testing.assert_allclose(table.columns["n"][1:] * 2, table.columns["voltage"][1:])
     assert np.nanmax(table.columns["voltage"]) == pytest.approx(dive().time[::3].max())
     assert not table.columns["heave"].any()
@@ -55,10 +44,10 @@ def test_a_recorder_that_was_stopped_is_read_up_to_there(tmp_path: Path) -> None
     table = read(tmp_path, content[: len(content) // 2])
     assert 10 < len(table) < len(full)
     np.testing.assert_array_equal(table.columns["heading"], full.columns["heading"][: len(table)])
-    assert "the file ends within a chunk: its recorder was stopped; read up to there" in table.notes
+    assert any("its recorder was stopped; read up to there" in note for note in table.notes)
 
 
 def test_a_file_of_video_alone_is_refused(tmp_path: Path) -> None:
     without = ("ATTITUDE", "SERVO_OUTPUT_RAW", "SYS_STATUS", "HEARTBEAT", "HEARTBEAT/mavtype", "extra/range")
-    with pytest.raises(LogError, match=r"recorder.mcap: no heading in it; found the topics video/1/stream \(1\)"):
-        read(tmp_path, recorded(dive(), without=without))
+    sentence = refusal(log(tmp_path, recorded(dive(), without=without), "recorder.mcap"))
+    assert sentence.startswith("recorder.mcap: no heading in it; found the topics video/1/stream (1)")

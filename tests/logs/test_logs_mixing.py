@@ -17,12 +17,15 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require_motion
 from automarine_cli.logs.mixing import FRAMES, Told, asked_of_pulses
-from automarine_cli.report import fit_report
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
 REAL = DATA / "ardusub"
 PULSE = 1 / 400  # of a wish: pulses are whole microseconds
 WRITERS: dict[str, Callable[[Dive], bytes]] = {"dive.bin": dataflash, "dive.tlog": telemetry}
+DIVE = dive()
+COUNT = len(DIVE.command_time)
+ROWS = np.searchsorted(DIVE.command_time, DIVE.time, side="right") - 1
+"""The command that each row of the table holds."""
 
 
 def read(folder: Path, made: Dive, name: str = "dive.bin", columns: ColumnMap | None = None) -> LogTable:
@@ -30,14 +33,7 @@ def read(folder: Path, made: Dive, name: str = "dive.bin", columns: ColumnMap | 
     return read_log(log(folder, WRITERS[name](made), name), columns, dof=YAW)
 
 
-def refused(folder: Path, made: Dive, name: str = "dive.tlog") -> str:
-    """The sentence with which a log without a command is refused."""
-    with pytest.raises(LogError) as caught:
-        require_motion(read(folder, made, name))
-    return str(caught.value)
-
-
-def found(table: LogTable) -> dict[str, np.ndarray]:
+def commands(table: LogTable) -> dict[str, np.ndarray]:
     """The commands of a table by their names."""
     return {"tau": table.columns["moment"], **{name: table.extras[name] for name in WISHED[1:] if name in table.extras}}
 
@@ -45,145 +41,125 @@ def found(table: LogTable) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("frame", FRAMES)
 def test_what_was_wished_comes_back(tmp_path: Path, frame: int, name: str) -> None:
-    made = dive()
-    wished = wishes(len(made.command_time), frame)
+    wished = wishes(COUNT, frame)
     table = read(tmp_path, sub_dive(wished, frame), name)
-    there = found(table)
-    assert set(there) == {"tau", "X", "Z"} | ({"Y"} if frame not in (4, 5) else set())
-    rows = np.searchsorted(made.command_time, made.time, side="right") - 1
-    for key, values in there.items():
-        np.testing.assert_allclose(values, wished[key][rows], atol=2.5 * PULSE, err_msg=key)
+    assert set(commands(table)) == {"tau", "X", "Z"} | ({"Y"} if frame not in (4, 5) else set())
+    for key, values in commands(table).items():
+        np.testing.assert_allclose(values, wished[key][ROWS], atol=2.5 * PULSE, err_msg=key)
     assert table.moment_unit == "nu"
     assert any(f"(FRAME_CONFIG {frame})" in note and "worked back from" in note for note in table.notes)
 
 
 def test_the_frames_push_as_their_drawings_show() -> None:
     """The vectored frame: to starboard by motors 1 and 4 ahead of the others, ahead by the rear ones (ArduSub)."""
-    one = {"tau": np.array([0.25, 0, 0]), "X": np.array([0, 0.25, 0]), "Z": np.array([0, 0, 0.25])}
-    pulses = mixed(one, 1, (1,) * 8)
+    wished = {"tau": np.array([0.25, 0, 0]), "X": np.array([0, 0.25, 0]), "Z": np.array([0, 0, 0.25])}
+    pulses = mixed(wished, 1, (1,) * 8)
     assert pulses[:6].T.tolist() == [
         [1600, 1400, 1400, 1600, 1500, 1500], [1400, 1400, 1600, 1600, 1500, 1500], [1500] * 4 + [1600] * 2,
     ]  # fmt: skip
-    known = {name: Told(np.zeros(1), np.array([value])) for name, value in sub_parameters(1, (1,) * 8).items()}
-    back = asked_of_pulses("RCOU", np.arange(3.0), {n + 1: pulses[n] for n in range(6)}, known)
-    for key, values in one.items():
+    parameters = {name: Told(np.zeros(1), np.array([value])) for name, value in sub_parameters(1, (1,) * 8).items()}
+    back = asked_of_pulses("RCOU", np.arange(3.0), {n + 1: pulses[n] for n in range(6)}, parameters)
+    for key, values in wished.items():
         assert_close(back.columns[key], values, "same arithmetic")
 
 
 def test_mirrored_wishes_are_mirrored_commands(tmp_path: Path) -> None:
-    wished = wishes(len(dive().command_time), 3)
+    wished = wishes(COUNT, 3)
     other = {key: values * (-1 if key in ("tau", "Y", "roll") else 1) for key, values in wished.items()}
-    right, left = (found(read(tmp_path, sub_dive(one))) for one in (wished, other))
+    right, left = (commands(read(tmp_path, sub_dive(side))) for side in (wished, other))
     for key, sign in {"tau": -1, "X": 1, "Y": -1, "Z": 1}.items():
         np.testing.assert_allclose(left[key], sign * right[key], atol=PULSE)
 
 
 def test_motors_at_their_end_count_as_they_were_sent(tmp_path: Path) -> None:
-    count = len(dive().command_time)
-    wished = {"tau": np.full(count, 0.9), "X": np.full(count, 0.9), "Y": np.zeros(count), "Z": np.zeros(count)}
-    table = read(tmp_path, sub_dive(wished))
+    nine, none = np.full(COUNT, 0.9), np.zeros(COUNT)
+    table = read(tmp_path, sub_dive({"tau": nine, "X": nine, "Y": none, "Z": none}))
     np.testing.assert_allclose(table.columns["moment"], 0.5, atol=PULSE)  # two motors at the end, two at rest
     np.testing.assert_allclose(table.extras["X"], 0.5, atol=PULSE)
 
 
 def test_a_parameter_that_changes_is_followed(tmp_path: Path) -> None:
-    wished = wishes(len(dive().command_time), 5)
-    made = sub_dive(wished)
-    later = made.command_time >= 10
+    made = sub_dive(wishes(COUNT, 5))
     assert made.outputs is not None
     turned = made.outputs.copy()
-    turned[0, later] = 3000 - turned[0, later]
+    turned[0, made.command_time >= 10] = 3000 - turned[0, made.command_time >= 10]
     changed = replace(made, outputs=turned, parameters=(*made.parameters, (9.99, "MOT_1_DIRECTION", 1.0)))
     table, plain = read(tmp_path, changed), read(tmp_path, made)
     np.testing.assert_allclose(table.columns["moment"], plain.columns["moment"], atol=PULSE)
-    assert (
-        "parameters changed within the log (MOT_1_DIRECTION from -1 to 1 at 9.1 s): each stretch is read by what "
-        in (" ".join(table.notes))
-    )
-
-
-def test_without_parameters_the_remedy_is_told(tmp_path: Path) -> None:
-    made = sub_dive(wishes(len(dive().command_time), 1))
-    assert refused(tmp_path, replace(made, parameters=())) == (
-        "dive.tlog: no yaw moment; SERVO_OUTPUT_RAW would tell it by FRAME_CONFIG, SERVOn_FUNCTION and "
-        "MOT_n_DIRECTION, but the log does not hold these parameters; record again after the ground station has "
-        "fetched them, read the vehicle's own log (.bin, .ulg), or name the commands in a column map (tau, or n_port "
-        "and n_stbd) and give it with --columns FILE.toml"
-    )
-    for lacking in ("MOT_3_DIRECTION", "FRAME_CONFIG"):
-        some = tuple(one for one in made.parameters if one[1] != lacking)
-        sentence = refused(tmp_path, replace(made, parameters=some))
-        assert f"does not hold the parameter {lacking}; record again" in sentence
-
-
-def test_a_custom_frame_and_an_unknown_one_are_refused(tmp_path: Path) -> None:
-    wished = wishes(len(dive().command_time), 1)
-    for number, word in ((7, "custom"), (8, "not one that we know")):
-        sentence = refused(tmp_path, sub_dive(wished, 2, FRAME_CONFIG=float(number)), "dive.bin")
-        assert sentence.startswith(
-            f"dive.bin: no yaw moment; FRAME_CONFIG is {number}, which is {word}: how its motors are mixed is in no "
-            "published table; name the commands in a column map"
-        )
-
-
-def test_a_motor_whose_output_is_not_in_the_log_is_refused(tmp_path: Path) -> None:
-    made = sub_dive(wishes(len(dive().command_time), 1), 2, SERVO9_FUNCTION=38.0)
-    assert "RCOU holds no pulses of output 9, which drives the vehicle" in refused(tmp_path, made, "dive.bin")
+    assert "(MOT_1_DIRECTION from -1 to 1 at 9.1 s)" in " ".join(table.notes)
 
 
 def test_a_column_map_that_names_a_command_stands(tmp_path: Path) -> None:
-    made = sub_dive(wishes(len(dive().command_time), 1))
+    made = sub_dive(wishes(COUNT, 1))
     table = read(tmp_path, made, columns=ColumnMap({"tau": ColumnRule("RCOU.C1", scale=0.0025, offset=-3.75)}))
     assert made.outputs is not None
-    rows = np.searchsorted(made.command_time, made.time, side="right") - 1
-    np.testing.assert_allclose(table.columns["moment"], (made.outputs[0, rows] - 1500) / 400)
+    np.testing.assert_allclose(table.columns["moment"], (made.outputs[0, ROWS] - 1500) / 400)
     assert "X" not in table.extras and not any("worked back" in note for note in table.notes)
 
 
 LIMITS = {"MIN": 1000.0, "TRIM": 1550.0, "MAX": 2000.0, "REVERSED": 0.0}
 
 
-def boat(functions: dict[int, int], pulses: dict[int, np.ndarray], **changed: float) -> Dive:
+def boat(functions: dict[int, int], pulses: dict[int, object], **changed: float) -> Dive:
     """A boat or rover with these functions of its outputs, and their pulses [us]."""
-    made = dive()
-    given = {f"SERVO{n}_FUNCTION": 0.0 for n in range(1, 9)}
-    given |= {f"SERVO{n}_FUNCTION": float(function) for n, function in functions.items()}
-    given |= {f"SERVO{n}_{key}": value for n in functions for key, value in LIMITS.items()} | changed
-    outputs = np.zeros((8, len(made.command_time)))
+    parameters = {f"SERVO{n}_FUNCTION": float(functions.get(n, 0)) for n in range(1, 9)}
+    parameters |= {f"SERVO{n}_{key}": value for n in functions for key, value in LIMITS.items()} | changed
+    outputs = np.zeros((8, COUNT))
     for n, values in pulses.items():
         outputs[n - 1] = values
-    return replace(made, outputs=outputs, parameters=told(given))
+    return replace(DIVE, outputs=outputs, parameters=told(parameters))
 
 
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("side", [1, -1])
 def test_skid_steering_is_half_the_difference_and_half_the_sum(tmp_path: Path, side: int, name: str) -> None:
-    count = len(dive().command_time)
     draw = np.random.default_rng(1)
-    steer, throttle = side * draw.uniform(0.0, 0.5, count), draw.uniform(-0.5, 0.5, count)
+    steer, throttle = side * draw.uniform(0.0, 0.5, COUNT), draw.uniform(-0.5, 0.5, COUNT)
 
     def pulse(value: np.ndarray) -> np.ndarray:
         return np.round(1550 + value * np.where(value > 0, 450, 550))
 
     made = boat({3: 73, 1: 74}, {3: pulse(throttle + steer), 1: pulse(-(throttle - steer))}, SERVO1_REVERSED=1.0)
     table = read(tmp_path, made, name)
-    rows = np.searchsorted(made.command_time, made.time, side="right") - 1
-    np.testing.assert_allclose(table.columns["moment"], steer[rows], atol=PULSE)
-    np.testing.assert_allclose(table.extras["X"], throttle[rows], atol=PULSE)
-    assert set(found(table)) == {"tau", "X"}
+    assert set(commands(table)) == {"tau", "X"}
+    np.testing.assert_allclose(table.columns["moment"], steer[ROWS], atol=PULSE)
+    np.testing.assert_allclose(table.extras["X"], throttle[ROWS], atol=PULSE)
     assert any("skid steering (SERVOn_FUNCTION 73 and 74)" in note for note in table.notes)
 
 
 def test_steering_and_throttle_of_a_boat(tmp_path: Path) -> None:
-    count = len(dive().command_time)
-    made = boat({1: 26, 3: 70}, {1: np.full(count, 1775.0), 3: np.full(count, 1275.0)})
-    table = read(tmp_path, made)
+    table = read(tmp_path, boat({1: 26, 3: 70}, {1: 1775.0, 3: 1275.0}))
     np.testing.assert_allclose(table.columns["moment"], 0.5)
     np.testing.assert_allclose(table.extras["X"], -0.5)
-    one_way = boat({1: 26, 3: 70}, {1: np.full(count, 1775.0), 3: np.full(count, 1275.0)}, SERVO3_TRIM=1000.0)
-    assert "is not between SERVOn_MIN and SERVOn_MAX" in refused(tmp_path, one_way, "dive.bin")
-    copter = boat({1: 1, 3: 4}, {1: np.full(count, 1775.0)})
-    assert "none of the outputs in RCOU is a motor of ArduSub" in refused(tmp_path, copter, "dive.bin")
+
+
+def lacking(*names: str) -> Dive:
+    """A dive of which the log does not hold these parameters."""
+    made = sub_dive(wishes(COUNT, 1))
+    return replace(made, parameters=tuple(row for row in made.parameters if row[1] not in names))
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    ("made", "parts"),
+    [
+        (replace(lacking(), parameters=()), ("by FRAME_CONFIG, SERVOn_FUNCTION and MOT_n_DIRECTION", "record again")),
+        (lacking("MOT_3_DIRECTION"), ("does not hold the parameter MOT_3_DIRECTION; record again",)),
+        (lacking("FRAME_CONFIG"), ("does not hold the parameter FRAME_CONFIG; record again",)),
+        (sub_dive(wishes(COUNT, 1), FRAME_CONFIG=7.0), ("FRAME_CONFIG is 7, which is custom", "in a column map")),
+        (sub_dive(wishes(COUNT, 1), FRAME_CONFIG=8.0), ("FRAME_CONFIG is 8, which is not", "in a column map")),
+        (sub_dive(wishes(COUNT, 1), SERVO9_FUNCTION=38.0), ("holds no pulses of output 9, which drives",)),
+        (boat({1: 26, 3: 70}, {1: 1775.0, 3: 1275.0}, SERVO3_TRIM=1000.0), ("not between SERVOn_MIN and SERVOn_MAX",)),
+        (boat({1: 1, 3: 4}, {1: 1775.0}), ("is a motor of ArduSub",)),
+    ],
+)
+def test_what_cannot_be_worked_back_is_refused_with_the_remedy(
+    tmp_path: Path, name: str, made: Dive, parts: tuple[str, ...]
+) -> None:
+    with pytest.raises(LogError) as caught:
+        require_motion(read(tmp_path, made, name))
+    assert str(caught.value).startswith(f"{name}: no yaw moment; ")
+    assert [part for part in (*parts, "--columns FILE.toml") if part not in str(caught.value)] == []
 
 
 @pytest.mark.slow
@@ -192,12 +168,9 @@ def test_a_dive_is_fitted_without_a_column_map(tmp_path: Path, mirrored: bool) -
     made, tau = stepped(1, mirrored)
     (tmp_path / "dive.tlog").write_bytes(telemetry(made))
     fit = am.fit_yaw([tmp_path / "dive.tlog"], fit_to="whole-runs")
-    truth = {"k_rr": 1.2, "I_r": 0.8}
-    for name, value in truth.items():
-        one = fit.output_error["3"].estimates[name]
-        assert abs(one.value - value) < max(4 * one.stderr, 0.02 * value), (name, one)
-    said = " ".join(fit_report.sentences(fit))
-    assert "worked back from SERVO_OUTPUT_RAW by the mixing of ArduSub's frame vectored 6 DOF" in said
+    for name, value in {"k_rr": 1.2, "I_r": 0.8}.items():
+        estimate = fit.output_error["3"].estimates[name]
+        assert abs(estimate.value - value) < max(4 * estimate.stderr, 0.02 * value), (name, estimate)
     used = fit.runs[0].command
     assert used.max() == pytest.approx(tau.max(), abs=PULSE) and used.min() == pytest.approx(tau.min(), abs=PULSE)
 
@@ -207,7 +180,7 @@ def test_a_dive_is_fitted_without_a_column_map(tmp_path: Path, mirrored: bool) -
 def test_a_real_dive_needs_no_column_map(name: str, frame: int) -> None:
     table = read_log(LogFile(REAL / name, name, True), dof=YAW)
     require_motion(table)
-    assert set(found(table)) == set(WISHED) and f"(FRAME_CONFIG {frame})" in table.origin.made_from
+    assert set(commands(table)) == set(WISHED) and f"(FRAME_CONFIG {frame})" in table.origin.made_from
     assert np.nanmax(np.abs(table.columns["moment"])) < 0.2
 
 

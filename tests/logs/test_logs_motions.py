@@ -1,15 +1,17 @@
-"""Which motion a log is of: by the columns of the records alone."""
+"""Which motion a log is of, by the columns of the records alone, and what a column is taken for or suggested as."""
 
 from pathlib import Path
 
 import pytest
+import reader_contract
 
 from automarine_cli.commands.check import check
 from automarine_cli.commands.init import init
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import LogError
-from automarine_cli.logs import LogFile, read_log, require_motion
-from automarine_cli.logs.columns import CANONICAL, foreign, likely_column, motion_of
+from automarine_cli.logs import LogFile, read_log, require, require_motion
+from automarine_cli.logs.columns import CANONICAL, foreign, likely_canonical, likely_column, motion_of
+from automarine_cli.logs.recognise import Span, recognise
 
 WITH_COMMANDS = [(dof, command) for dof in DOFS.values() for command, _ in dof.columns[dof.command]]
 
@@ -20,14 +22,10 @@ def named(pair: object) -> str:
 
 def log(folder: Path, *names: str, samples: int = 60) -> LogFile:
     """A log of these columns after the time: a position that moves on, a command after a second of rest."""
-    times = [i / 10 for i in range(samples)]
-    moved = {names[0]: [max(time - 1.0, 0.0) for time in times]}
-    acting = [float(time > 0.95) for time in times]
-    rows = zip(times, *(moved.get(name, acting) for name in names))
-    cells = [["time_s", *names], *([f"{value:.3f}" for value in row] for row in rows)]
-    path = folder / "log.csv"
-    path.write_text("\n".join(map(",".join, cells)) + "\n")
-    return LogFile(path, path.name, True)
+    rows = [f"{i / 10:.3f}," + ",".join(
+        f"{max(i / 10 - 1.0, 0.0) if name == names[0] else float(i > 9):.3f}" for name in names
+    ) for i in range(samples)]  # fmt: skip
+    return reader_contract.log(folder, "\n".join([",".join(("time_s", *names)), *rows, ""]).encode())
 
 
 @pytest.mark.parametrize("dof", DOFS.values(), ids=named)
@@ -40,6 +38,10 @@ def test_every_column_of_a_record_is_known(dof: Dof) -> None:
             assert canonical.factor() > 0 and unit in canonical.units()
     assert all(CANONICAL[name].quantity == name for name in dof.thrusters)
     assert len(dof.mounts) == len(dof.sides) == len(dof.thrusters)
+    (position, _), *_ = dof.columns[dof.position]
+    if dof.thrusters:  # they stand in for a command
+        assert motion_of([position, *dof.thrusters], []) is dof
+        assert motion_of([position], []).position == dof.position
 
 
 @pytest.mark.parametrize(("dof", "command"), WITH_COMMANDS, ids=named)
@@ -51,43 +53,23 @@ def test_motions_that_share_a_position_are_told_apart_by_their_command(tmp_path:
     table = read_log(log(tmp_path, position, command), dof=None)
     require_motion(table)
     assert table.dof is dof and set(table.columns) == {"time", dof.position, dof.command}
-    found = check([tmp_path])
-    assert [run.dof for run in found.runs] == [dof]
+    assert [run.dof for run in check([tmp_path]).runs] == [dof]
 
 
-@pytest.mark.parametrize("dof", [dof for dof in DOFS.values() if dof.thrusters], ids=named)
-def test_thrusters_stand_in_for_a_command(dof: Dof) -> None:
-    (position, _), *_ = dof.columns[dof.position]
-    assert motion_of([position, *dof.thrusters], []) is dof
-    assert motion_of([position], []).position == dof.position
-
-
-def test_a_motion_without_thrusters_is_not_whole_without_its_command(tmp_path: Path) -> None:
-    table = read_log(log(tmp_path, "distance_m", "spin"), dof=SWAY)
-    with pytest.raises(LogError) as refused:
-        require_motion(table)
-    assert str(refused.value).startswith(
-        "log.csv: no sway force; found the columns time_s, distance_m, spin; expected force_Y_N or Y. "
-    )
+def test_a_log_of_another_motion_is_refused_with_what_is_lacking(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"^log.csv: no sway force; found .*spin; expected force_Y_N or Y\. "):
+        require_motion(read_log(log(tmp_path, "distance_m", "spin"), dof=SWAY))
     with pytest.raises(LogError, match="This is a log of sway: give it to automarine fit-sway"):
         require_motion(read_log(log(tmp_path, "distance_m", "Y"), dof=SURGE))
 
 
 def test_what_belongs_to_other_motions_keeps_its_name(tmp_path: Path) -> None:
     """Velocities in the plane serve tests of every motion there, everything else is a column of the file's own."""
-    file = log(
-        tmp_path, "distance_m", "force_X_N", "force_Y_N", "heading_deg", "yaw_rate_deg_s", "sway_m_s", "heave_m_s"
-    )
-    table = read_log(file, dof=SURGE)
+    columns = ("distance_m", "force_X_N", "force_Y_N", "heading_deg", "yaw_rate_deg_s", "sway_m_s", "heave_m_s")
+    table = read_log(log(tmp_path, *columns), dof=SURGE)
     assert set(table.columns) == {"time", "distance", "force_X", "yaw_rate", "sway"}
     assert set(table.extras) == {"force_Y_N", "heading_deg", "heave_m_s"}
     assert not foreign(YAW) & {YAW.position, YAW.velocity, YAW.command, "surge", "sway"}
-
-
-def test_what_people_call_things_comes_from_the_records() -> None:
-    assert likely_column("force_Y", ["lateral_force", "t"]) == "lateral_force"
-    assert likely_column("distance", ["pos_y"]) == "pos_y" and likely_column("distance", ["pos_x"]) == "pos_x"
-    assert likely_column("n_port", ["left"]) == "left" and likely_column("heading", ["hdg"]) == "hdg"
 
 
 def test_a_campaign_file_has_a_section_of_each_translation(tmp_path: Path) -> None:
@@ -98,5 +80,59 @@ def test_a_campaign_file_has_a_section_of_each_translation(tmp_path: Path) -> No
     for dof in DOFS.values():
         if not dof.wraps:
             assert f"\n[{dof.name}] " in text and f'steps = ["{dof.name}"]' in text
-    assert text.count("one constant force each: 1 log, 1 run") == len(DOFS) - 1
-    assert text.count("one constant moment each: 1 log, 1 run") == 1
+
+
+@pytest.mark.parametrize(
+    ("quantity", "names", "likely"),
+    [
+        ("force_Y", ["lateral_force", "t"], "lateral_force"),
+        ("distance", ["pos_y"], "pos_y"),
+        ("n_port", ["left"], "left"),
+        ("heading", ["hdg"], "hdg"),
+        # the usual word for a command comes before a speed without sign
+        ("n", ["RPM", "Force_kgf", "cmd", "n_rev_s", "force_n"], "cmd"),
+        ("n", ["RPM", "n_rev_s"], "n_rev_s"),
+        ("force", ["cmd", "mean_force_N"], "mean_force_N"),
+        # a rate is no heading
+        *(("heading", [name], None) for name in ("yaw_rate_radps", "yaw_speed", "heading_rate", "yaw rate [deg/s]")),
+    ],
+)
+def test_what_people_call_things(quantity: str, names: list[str], likely: str | None) -> None:
+    assert likely_column(quantity, names) == likely
+
+
+def test_what_a_column_is_recognised_as() -> None:
+    assert recognise("heading", ["yaw_gyro"], {"yaw_gyro": Span(-1.0, 1.0, 0.01, 0.1)}) is None
+    for name in ("mean_force_N", "total_force_N", "force_n", "Force_N"):
+        force = recognise("force", [name], {name: Span(-60.0, 60.0, 1.0, 5.0)})
+        assert force is not None and (force.key, force.open) == ("force_N", "")
+    rudder = recognise("moment", ["rudder_deg"], {"rudder_deg": Span(-20.0, 20.0, 0.1, 2.0)})
+    assert rudder is not None and rudder.open.startswith("a rudder acts as a moment up to its scale")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "column", "line"),
+    [
+        ("heading", "yaw_rad", 'heading_rad = "yaw_rad"'),
+        ("heading", "yaw_deg", 'heading_deg = "yaw_deg"'),
+        ("time", "time", 'time_s = "time"'),
+        ("moment", "tau_N_nominal_Nm", 'tau_Nm = "tau_N_nominal_Nm"'),
+        ("force", "force_n", 'force_N = "force_n"'),
+        ("n", "cmd", 'n = "cmd"'),
+        ("n_port", "port_cmd", 'n_port = "port_cmd"'),
+    ],
+)
+def test_a_near_name_is_suggested_not_guessed(tmp_path: Path, quantity: str, column: str, line: str) -> None:
+    table = read_log(reader_contract.log(tmp_path, f"{column},depth\n0,1\n".encode()), dof=YAW)
+    assert quantity not in table.columns
+    with pytest.raises(LogError, match="meant, write") as refused:
+        require(table, [quantity])
+    assert f"write {line} under [columns]" in str(refused.value)
+
+
+def test_a_log_of_a_rate_alone_is_asked_for_the_rate(tmp_path: Path) -> None:
+    table = read_log(log(tmp_path, "yaw_rate_radps", "tau", samples=20), dof=YAW)
+    with pytest.raises(LogError, match=r"no yaw rate; .*write yaw_rate_rad_s = \"yaw_rate_radps\" under") as refused:
+        require_motion(table)
+    assert "heading_deg" not in str(refused.value)
+    assert likely_canonical("yaw_rate", "gyro_z_dps_deg") == "yaw_rate_deg_s"

@@ -1,16 +1,15 @@
 """Every format of vehicles' recordings before the judges of `reader_contract`, and what can be wrong with any."""
 
-import random
 import re
 import sys
 import tomllib
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from reader_contract import RECORDERS, Recorder, judge_cut_recording, judge_recording, recorded, refusal
+from reader_contract import RECORDERS, Recorder, judge_cut_recording, judge_recording, log, recorded, refusal
 from repository import ROOT
 from vehicle_logs import Dive, dive
 
@@ -19,7 +18,6 @@ from automarine_cli.errors import AutomarineError, LogError
 from automarine_cli.logs import (
     ColumnMap,
     ColumnRule,
-    LogFile,
     column_rules,
     is_thruster_test,
     read_log,
@@ -33,13 +31,19 @@ VOLTS = {  # what stands in for a load cell
     "px4": "battery_status.voltage_v", "ros": "/battery.voltage",
 }  # fmt: skip
 EVERY = pytest.mark.parametrize("suffix", RECORDERS)
+NONE = np.zeros(0)
 
 
-def made(suffix: str, given: Dive | None = None, without: tuple[str, ...] = ()) -> tuple[bytes, Recorder]:
+@cache
+def usual(suffix: str) -> bytes:
+    return bytes(RECORDERS[suffix].write(dive()))
+
+
+def made(suffix: str, of: Dive | None = None, without: tuple[str, ...] = ()) -> tuple[bytes, Recorder]:
     """A recording of a dive, and what is known of its format."""
-    told = RECORDERS[suffix]
-    pytest.importorskip(told.package)
-    return told.write(given or dive(), without), told
+    recorder = RECORDERS[suffix]
+    pytest.importorskip(recorder.package)
+    return recorder.write(of or dive(), without) if of or without else usual(suffix), recorder
 
 
 @EVERY
@@ -54,77 +58,66 @@ def test_a_recording_cut_anywhere(tmp_path: Path, suffix: str) -> None:
 
 
 @EVERY
-def test_a_run_of_a_recording_turns_through_north(tmp_path: Path, suffix: str) -> None:
-    content, told = made(suffix)
-    runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
-    assert not aside and len(runs) == 1
-    assert np.rad2deg(runs[0].position[-1] - runs[0].position[0]) == pytest.approx(150, abs=0.02)
-    assert set(np.round(runs[0].extras["n_port"], 6)) == {0.0, 0.25}
+def test_a_run_turns_through_north_and_a_bad_recording_beside_it_is_set_aside(tmp_path: Path, suffix: str) -> None:
+    content, recorder = made(suffix)
+    recorded(tmp_path, suffix, content)
+    (tmp_path / f"cut{suffix}").write_bytes(content[: len(content) // 50])
+    campaign = load_runs([tmp_path], recorder.columns, dof=YAW)
+    assert [aside.file.rpartition("/")[2] for aside in campaign.set_aside] == [f"cut{suffix}"]
+    (run,) = campaign.runs
+    assert run.name.removesuffix(".json") == "dive"
+    assert np.rad2deg(run.position[-1] - run.position[0]) == pytest.approx(150, abs=0.02)
+    assert set(np.round(run.extras["n_port"], 6)) == {0.0, 0.25}
 
 
 @EVERY
-def test_a_recording_without_a_heading_says_what_it_holds(tmp_path: Path, suffix: str) -> None:
-    content, told = made(suffix, without=RECORDERS[suffix].heading)
-    file = recorded(tmp_path, suffix, content)
-    with pytest.raises(LogError) as refused:
-        read_log(file, told.columns, dof=YAW)
-    sentence = str(refused.value)
-    assert sentence.startswith(f"{file.name}: no heading in it; found the ") and told.commands[0] in sentence
+def test_a_recording_without_heading_or_commands_says_what_it_holds(tmp_path: Path, suffix: str) -> None:
+    content, recorder = made(suffix, without=RECORDERS[suffix].heading)
+    sentence = refusal(recorded(tmp_path, suffix, content), recorder.columns)
+    assert sentence.startswith(f"dive{suffix}: no heading in it; found the ") and recorder.commands[0] in sentence
     assert "give it with --columns FILE.toml" in sentence and sentence.isprintable()
+    content, recorder = made(suffix, without=RECORDERS[suffix].commands)
+    with pytest.raises(LogError, match=f"no yaw moment.*{re.escape(recorder.heading[0])}"):
+        require_motion(read_log(recorded(tmp_path, suffix, content), recorder.columns, dof=YAW))
 
 
 @EVERY
-def test_a_recording_without_commands_says_what_it_holds(tmp_path: Path, suffix: str) -> None:
-    content, told = made(suffix, without=RECORDERS[suffix].commands)
-    with pytest.raises(LogError, match="no yaw moment") as refused:
-        require_motion(read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW))
-    assert told.heading[0] in str(refused.value)
-
-
-@EVERY
-def test_a_recording_of_no_messages_is_refused(tmp_path: Path, suffix: str) -> None:
-    still = dive()
-    nothing = np.zeros(0)
-    silent = replace(
-        still, time=nothing, heading=nothing, rate=nothing, command_time=nothing, port=nothing, stbd=nothing,
-        voltage_time=nothing, voltage=nothing, modes=(), arming=(),
-    )  # fmt: skip
+def test_a_recording_of_nothing_or_of_noise_is_refused(tmp_path: Path, suffix: str) -> None:
+    for hostile in (b"", bytes(4096), bytes(np.random.default_rng(1).integers(0, 256, 4096, dtype=np.uint8))):
+        assert refusal(recorded(tmp_path, suffix, hostile)).startswith(f"dive{suffix}: ")
+    silent = Dive(NONE, NONE, NONE, NONE, NONE, NONE, NONE, NONE, modes=(), arming=())
     try:
-        content, told = made(suffix, silent)
+        content, recorder = made(suffix, silent)
     except (IndexError, ValueError):
-        pytest.skip("the library writes no such file")
-    with pytest.raises(LogError, match=r"no heading in it|found no|the file is empty"):
-        read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
+        return  # the library writes no such file
+    sentence = refusal(recorded(tmp_path, suffix, content), recorder.columns)
+    assert re.search("no heading in it|found no|the file is empty", sentence)
 
 
 @EVERY
-def test_an_empty_stream_is_one_that_is_not_there(tmp_path: Path, suffix: str) -> None:
-    content, told = made(suffix, replace(dive(), voltage_time=np.zeros(0), voltage=np.zeros(0)))
-    assert "voltage" not in read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW).columns
-
-
-@EVERY
-def test_commands_that_begin_late_are_missing_until_then(tmp_path: Path, suffix: str) -> None:
-    whole = dive()
-    late = whole.command_time > 3.2
-    content, told = made(
-        suffix, replace(whole, command_time=whole.command_time[late], port=whole.port[late], stbd=whole.stbd[late])
+def test_streams_that_are_empty_or_begin_late_are_missing_until_then(tmp_path: Path, suffix: str) -> None:
+    first = dive()
+    late = first.command_time > 3.2
+    sent = first.command_time[late]
+    of = replace(
+        first, voltage_time=NONE, voltage=NONE, command_time=sent, port=first.port[late], stbd=first.stbd[late]
     )
-    table = read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
-    unknown = int(np.count_nonzero(whole.time < whole.command_time[late][0] - 1e-3))
-    assert (
-        np.isnan(table.columns["n_port"][:unknown]).all() and not np.isnan(table.columns["n_port"][unknown + 1 :]).any()
-    )
-    assert f"none in {unknown} rows" in " ".join(table.notes)
+    content, recorder = made(suffix, of)
+    table = read_log(recorded(tmp_path, suffix, content), recorder.columns, dof=YAW)
+    assert "voltage" not in table.columns
+    before = int(np.count_nonzero(first.time < sent[0] - 1e-3))
+    missing = np.isnan(table.columns["n_port"])
+    assert missing[:before].all() and not missing[before + 1 :].any()
+    assert f"none in {before} rows" in " ".join(table.notes)
 
 
 @EVERY
 def test_a_clock_that_steps_back_is_refused_with_its_row(tmp_path: Path, suffix: str) -> None:
-    whole = dive()
-    back = replace(whole, time=np.where(np.arange(200) == 120, whole.time - 0.35, whole.time))
-    content, told = made(suffix, back)
+    first = dive()
+    back = replace(first, time=np.where(np.arange(200) == 120, first.time - 0.35, first.time))
+    content, recorder = made(suffix, back)
     try:
-        runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
+        runs, aside = read_runs(recorded(tmp_path, suffix, content), recorder.columns, dof=YAW)
     except AutomarineError as error:
         assert "the clock steps back" in str(error) and "row 1" in str(error)
     else:  # the format sorts its messages
@@ -135,82 +128,39 @@ def test_a_clock_that_steps_back_is_refused_with_its_row(tmp_path: Path, suffix:
 def test_a_missing_library_is_told_with_what_installs_it(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    content, told = made(suffix)
-    for module in [name for name in sys.modules if name.partition(".")[0] == told.package] + [told.package]:
+    content, recorder = made(suffix)
+    for module in [name for name in sys.modules if name.partition(".")[0] == recorder.package] + [recorder.package]:
         monkeypatch.setitem(sys.modules, module, None)
-    file = recorded_without_library(tmp_path, suffix, content)
-    sentence = refusal(file)
-    assert sentence.startswith(f"dive{suffix}: ") and f"read by {told.package}, which is not installed" in sentence
-    assert sentence.endswith(f"say pip install 'automarine[{told.extra}]'")
-
-
-def recorded_without_library(folder: Path, suffix: str, content: bytes) -> LogFile:
-    """A recording, though its library cannot be imported."""
-    path = folder / f"dive{suffix}"
-    path.write_bytes(content)
-    return LogFile(path, path.name, True)
-
-
-@EVERY
-def test_torn_recordings_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: str) -> None:
-    content, told = made(suffix)
-    rng, outcomes = random.Random(suffix), set()
-    for _ in range(20):
-        torn = bytearray(content)
-        for _ in range(rng.choice([1, 4, 40])):
-            place = rng.randrange(len(torn))
-            torn[place : place + rng.choice([1, 1, 1, 30])] = rng.choice(
-                [b"", b"\xff", b"\0", bytes([rng.randrange(256)])]
-            )
-        try:
-            require_motion(read_log(recorded(tmp_path, suffix, bytes(torn)), told.columns, dof=YAW))
-            outcomes.add("read")
-        except AutomarineError as error:
-            assert str(error).isprintable() and str(error).startswith(f"dive{suffix}"), error
-            outcomes.add("refused")
-    for hostile in (b"", bytes(4096), bytes(np.random.default_rng(1).integers(0, 256, 4096, dtype=np.uint8))):
-        assert refusal(recorded(tmp_path, suffix, hostile)).startswith(f"dive{suffix}: ")
-    assert outcomes
-
-
-@EVERY
-def test_one_bad_recording_in_a_folder_is_set_aside(tmp_path: Path, suffix: str) -> None:
-    content, told = made(suffix)
-    recorded(tmp_path, suffix, content)
-    (tmp_path / f"cut{suffix}").write_bytes(content[: len(content) // 50])
-    found = load_runs([tmp_path], told.columns, dof=YAW)
-    assert [run.name.removesuffix(".json") for run in found.runs] == ["dive"]
-    assert [one.file.rpartition("/")[2] for one in found.set_aside] == [f"cut{suffix}"]
-
-
-def pages_maps() -> list[dict[str, Any]]:
-    """The column maps that the page about formats shows."""
-    page = (ROOT / "automarine_cli" / "guide" / "vehicle-logs.md").read_text(encoding="utf-8")
-    return [tomllib.loads(text) for text in re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)]
+    sentence = refusal(log(tmp_path, content, f"dive{suffix}"))
+    assert sentence.startswith(f"dive{suffix}: ") and recorder.package in sentence
+    assert sentence.endswith(f"pip install 'automarine[{recorder.extra}]'")
 
 
 @pytest.mark.parametrize(
     ("suffix", "number"), [(".bin", 0), (".bag", 1), (".db3", 1), (".mcap", 1), (".ulg", 2), (".asc", 3)]
 )
 def test_the_column_maps_of_the_page_work(tmp_path: Path, suffix: str, number: int) -> None:
-    content, told = made(suffix)
-    shown = pages_maps()[number]
-    columns = ColumnMap(column_rules(shown["columns"], "columns.toml"), dbc=told.columns.dbc if "can" in shown else "")
+    page = (ROOT / "automarine_cli" / "guide" / "vehicle-logs.md").read_text(encoding="utf-8")
+    maps = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(maps) == 4
+    shown = tomllib.loads(maps[number])
+    content, recorder = made(suffix)
+    dbc = recorder.columns.dbc if "can" in shown else ""
+    columns = ColumnMap(column_rules(shown["columns"], "columns.toml"), dbc=dbc)
     table = read_log(recorded(tmp_path, suffix, content), columns, dof=YAW)
     require_motion(table)
     assert not any("the file has no such column" in note for note in table.notes)
-    assert len(pages_maps()) == 4
 
 
 @EVERY
 def test_a_thruster_test_is_on_the_clock_of_its_force(tmp_path: Path, suffix: str) -> None:
     """With a control signal and a force named, a recording is a thruster test, whatever else was on."""
-    content, told = made(suffix)
-    port = told.columns.columns["n_port"]
-    rules = {"n": port, "force_N": ColumnRule(VOLTS[told.extra])}
-    table = read_log(recorded(tmp_path, suffix, content), replace(told.columns, columns=rules), dof=YAW)
+    content, recorder = made(suffix)
+    rules = {"n": recorder.columns.columns["n_port"], "force_N": ColumnRule(VOLTS[recorder.extra])}
+    file = recorded(tmp_path, suffix, content)
+    table = read_log(file, replace(recorder.columns, columns=rules), dof=YAW)
     assert is_thruster_test(table) and "heading" not in table.columns
     np.testing.assert_allclose(table.columns["force"], dive().voltage, atol=2e-3)
     require_thruster(table)
-    both = replace(told.columns, columns=rules | dict(told.columns.columns))  # as in a campaign file
-    assert not is_thruster_test(read_log(recorded(tmp_path, suffix, content), both, dof=YAW))
+    both = replace(recorder.columns, columns=rules | dict(recorder.columns.columns))  # as in a campaign file
+    assert not is_thruster_test(read_log(file, both, dof=YAW))

@@ -1,26 +1,23 @@
 """PX4 logs: drop-outs told, older messages, stopped motors, the instant at which a sensor was read."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_outputs import told
-from reader_contract import log
+from reader_contract import table_of
 from vehicle_logs import Dive, dive
 from vehicle_ulog import ulog
 
-from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log, require_motion
+from automarine_cli.logs import require_motion
 
 pytest.importorskip("pyulog", reason="the extra automarine[px4] is not installed")
 
 
-def read(folder: Path, content: bytes, **columns: str) -> LogTable:
-    """A PX4 log of these bytes, read with columns by these names."""
-    rules = {name: ColumnRule(source) for name, source in columns.items()}
-    return read_log(log(folder, content, "dive.ulg"), ColumnMap(rules), dof=YAW)
+read = partial(table_of, "dive.ulg")
 
 
 def test_pyulog_reads_the_same_file(tmp_path: Path) -> None:
@@ -32,15 +29,15 @@ def test_pyulog_reads_the_same_file(tmp_path: Path) -> None:
     assert len(theirs.get_dataset("vehicle_attitude").data["timestamp"]) == 200
 
 
-def test_drop_outs_are_told(tmp_path: Path) -> None:
-    table = read(tmp_path, ulog(dive(), dropouts=((3.01, 120), (9.01, 35))))
-    assert table.notes[0] == "2 drop-outs of the logger of up to 120 ms, 155 ms in all"
-    assert not any("drop-out" in note for note in read(tmp_path, ulog(dive())).notes)
-
-
-def test_the_clock_is_that_of_the_sensor(tmp_path: Path) -> None:
-    table = read(tmp_path, ulog(dive(), delay=0.04))
+def test_drop_outs_and_damage_are_told_and_the_clock_is_that_of_the_sensor(tmp_path: Path) -> None:
+    table = read(tmp_path, ulog(dive(), dropouts=((3.01, 120), (9.01, 35)), delay=0.04))
+    assert "2 drop-outs of the logger of up to 120 ms, 155 ms in all" in table.notes[0]
     np.testing.assert_allclose(table.columns["time"], dive().time, atol=1e-6)
+    good = bytearray(ulog(dive()))
+    at = good.find(b"D\x00\x00", 5000)
+    good[at + 1 : at + 3] = b"\xee\xee"  # data of a topic that nobody announced
+    notes = " ".join(read(tmp_path, bytes(good)).notes)
+    assert "damaged data were skipped" in notes and "drop-out" not in notes
 
 
 def test_stopped_motors_are_at_zero_and_absent_ones_no_columns(tmp_path: Path) -> None:
@@ -49,21 +46,12 @@ def test_stopped_motors_are_at_zero_and_absent_ones_no_columns(tmp_path: Path) -
     assert "actuator_motors.control[2]" not in table.names and "actuator_outputs.output[0]" not in table.names
 
 
-def test_older_logs_have_outputs(tmp_path: Path) -> None:
+def test_older_logs_have_outputs_and_any_field_can_be_named(tmp_path: Path) -> None:
+    port, stbd = dive().commands_at(dive().time)
     table = read(tmp_path, ulog(dive(), without=("actuator_motors",)))
-    np.testing.assert_allclose(table.extras["actuator_outputs.output[1]"], dive().commands_at(dive().time)[1])
-
-
-def test_any_field_can_be_named(tmp_path: Path) -> None:
+    np.testing.assert_allclose(table.extras["actuator_outputs.output[1]"], stbd)
     table = read(tmp_path, ulog(dive()), n="actuator_outputs.output[0]")
-    np.testing.assert_allclose(table.columns["n"], dive().commands_at(dive().time)[0])
-
-
-def test_damaged_data_are_told(tmp_path: Path) -> None:
-    good = bytearray(ulog(dive()))
-    at = good.find(b"D\x00\x00", 5000)
-    good[at + 1 : at + 3] = b"\xee\xee"  # data of a topic that nobody announced
-    assert "damaged data were skipped" in read(tmp_path, bytes(good)).notes
+    np.testing.assert_allclose(table.columns["n"], port)
 
 
 # A BlueROV2 Heavy in PX4's axes: places [m], directions of thrust; four vectored motors, then four vertical ones.
@@ -85,11 +73,11 @@ def px4(side: int = 1, **changed: float) -> tuple[Dive, np.ndarray]:
     pushing = np.mean(np.linalg.norm(mix[:, 3:], axis=1))
     motors = mix / np.array([turning, turning, mix[:, 2].max(), pushing, pushing, pushing]) @ wished
     assert np.abs(motors).max() < 1
-    known: dict[str, float] = {"CA_ROTOR_COUNT": 8}
+    parameters: dict[str, float] = {"CA_ROTOR_COUNT": 8}
     for i, (place, axis, ratio) in enumerate(zip(PLACES, AXES, RATIOS)):
-        values = (*place, *axis, 6.5, ratio)
-        known |= {f"CA_ROTOR{i}_{key}": v for key, v in zip(("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM"), values)}
-    return replace(first, outputs=motors, parameters=told(known | changed)), wished[2:]
+        rotor = zip(("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM"), (*place, *axis, 6.5, ratio))
+        parameters |= {f"CA_ROTOR{i}_{key}": value for key, value in rotor}
+    return replace(first, outputs=motors, parameters=told(parameters | changed)), wished[2:]
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -109,7 +97,7 @@ def test_setpoints_stand_in_where_the_places_are_not_known(tmp_path: Path) -> No
     rows = np.searchsorted(made.command_time, made.time, side="right") - 1
     np.testing.assert_allclose(table.columns["moment"], wished[0, rows], atol=1e-6)
     np.testing.assert_allclose(table.extras["Z"], wished[3, rows], atol=1e-6)
-    assert any("are vehicle_torque_setpoint and vehicle_thrust_setpoint, before limits" in one for one in table.notes)
+    assert any("are vehicle_torque_setpoint and vehicle_thrust_setpoint, before limits" in note for note in table.notes)
 
 
 def test_without_places_and_setpoints_the_remedy_is_told(tmp_path: Path) -> None:

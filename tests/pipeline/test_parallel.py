@@ -1,7 +1,9 @@
-"""Work over many items: the same results in the same order on any number of processes, and an orderly end."""
+"""Work over many items: the same results, to the byte, in the same order on any number of processes, and an orderly
+end."""
 
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from repository import ROOT, SAMPLE_RUNS
 
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import lasting_map, ordered_map
@@ -30,15 +33,11 @@ def process(x: int) -> int:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_results_come_in_input_order_and_progress_counts_them(jobs: int) -> None:
+def test_results_come_in_order_and_the_first_item_that_fails_decides_the_error(jobs: int) -> None:
     calls: list[tuple[str, int, int]] = []
     squares = ordered_map(square, range(23), jobs, progress=lambda *call: calls.append(call), stage="fit")
     assert squares == [x * x for x in range(23)] and calls == [("fit", done, 23) for done in range(1, 24)]
     assert ordered_map(square, [], jobs) == []
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_the_first_item_that_fails_decides_the_error_and_no_process_stays(jobs: int) -> None:
     with pytest.raises(FitError, match=r"^run 3 cannot be fitted$"):
         ordered_map(refuse_from_three, range(40), jobs)
     with pytest.raises(FitError, match=r"^run 3 cannot be fitted$"), lasting_map(jobs) as each:
@@ -53,16 +52,13 @@ def test_rounds_of_work_share_their_processes() -> None:
     assert len(at_work) == 2 and not multiprocessing.active_children()
 
 
-def test_a_process_that_dies_is_one_sentence() -> None:
+def test_no_jobs_no_dask_and_a_process_that_dies_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SettingError, match=r"^one of 2 processes died, .*; try again with fewer"):
         ordered_map(os._exit, range(1, 5), 2)
-
-
-def test_no_jobs_and_no_dask_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SettingError, match="jobs is 0; expected 1 or more"):
         ordered_map(square, [1], 0)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(SettingError, match=r"not installed; install it with: pip install 'automarine\[cluster\]'"):
+    with pytest.raises(SettingError, match=r"install it with: pip install 'automarine\[cluster\]'"):
         ordered_map(square, [1], cluster="tcp://127.0.0.1:8786")
 
 
@@ -93,3 +89,33 @@ def test_interrupt_and_kill_end_every_process(tmp_path: Path, how: int, wait_s: 
     _, errors = parent.communicate(timeout=600)  # returns when the last process that holds the pipes has gone
     if how == signal.SIGINT:  # by the signal itself where it struck during an import
         assert parent.returncode in (130, -signal.SIGINT) and errors == b""
+
+
+COMMANDS = {
+    "thrusters": "fit-thrusters pool/thrusters --thrusters-per-test 2",
+    "yaw": "fit-yaw pool/steps --fit-to half-turns",
+    "validation": "validate pool/validation --model out/yaw/yaw_model.json",
+}
+
+
+def made_in(place: Path, jobs: str, **environment: str) -> dict[str, bytes]:
+    """Every file that the commands write, run in processes of their own in a folder with that environment."""
+    for name in ("thrusters", "steps", "validation"):
+        shutil.copytree(SAMPLE_RUNS / name, place / "pool" / name, copy_function=shutil.copyfile)
+    variables = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"} | environment
+    for name, command in COMMANDS.items():
+        options = [*command.split(), "-o", f"out/{name}", "--jobs", jobs, "-q"]
+        subprocess.run([sys.executable, "-m", "automarine_cli", *options], cwd=place, env=variables, check=True)
+    return {path.relative_to(place).as_posix(): path.read_bytes() for path in place.rglob("out/**/*.*")}
+
+
+@pytest.mark.slow
+def test_parallel_elsewhere_is_serial_here_to_the_byte(tmp_path: Path) -> None:
+    first = made_in(tmp_path / "here", "1", LC_ALL="C", TZ="UTC", PYTHONHASHSEED="0")
+    there = tmp_path / "far" / "away"
+    second = made_in(there, "2", LC_ALL="C.UTF-8", TZ="Pacific/Kiritimati", PYTHONHASHSEED="42")
+    assert first.keys() == second.keys() and len(first) > 20
+    assert [name for name in first if first[name] != second[name]] == []
+    assert [name for name, data in first.items() if str(tmp_path).encode() in data] == []
+    words = (b"tIME", b"Creation Time", b"Software", b"creation_date")
+    assert [name for name, data in first.items() if name.endswith(".png") and any(word in data for word in words)] == []

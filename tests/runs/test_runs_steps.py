@@ -13,9 +13,10 @@ from automarine_cli.runs.half_turn import find_steps, segments, start_position
 from automarine_cli.runs.run import Run
 
 MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
+EVERY = pytest.mark.parametrize("moment", [-1.2, -0.1, 0.5])
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
+@EVERY
 @pytest.mark.parametrize("phase", [0.01, 0.5, 0.99])
 def test_the_switch_is_bounded_by_two_samples(moment: float, phase: float) -> None:
     run = step_run(moment, phase=phase, clock=1234.5)
@@ -26,7 +27,7 @@ def test_the_switch_is_bounded_by_two_samples(moment: float, phase: float) -> No
     assert step.moment == moment and step.stop == len(run) and step.ends_log and not step.begins_log
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
+@EVERY
 def test_the_start_heading_is_the_mean_of_the_rest(moment: float) -> None:
     errors = []
     for seed in range(30):
@@ -39,7 +40,7 @@ def test_the_start_heading_is_the_mean_of_the_rest(moment: float) -> None:
     assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.4
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
+@EVERY
 def test_a_log_that_begins_with_the_moment_on(moment: float) -> None:
     rest, errors = [], []
     for seed in range(30):
@@ -53,7 +54,7 @@ def test_a_log_that_begins_with_the_moment_on(moment: float) -> None:
     assert abs(np.mean(errors)) < 0.5 and np.std(errors) < 1.2
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
+@EVERY
 @pytest.mark.parametrize("against", [-1, 1])
 def test_a_vehicle_that_turns_already_is_not_at_rest(moment: float, against: int) -> None:
     rate = against * 0.6 * np.sqrt(abs(moment) / 1.257)
@@ -86,23 +87,23 @@ def test_drifting_rest_is_cut_down_to_the_still_part() -> None:
     assert step.start_position == pytest.approx(0.7, abs=0.01)
 
 
-@given(moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 0.5, 2.0]), seed=st.integers(0, 999))
-def test_mirrored_run_mirrored_step(moment: float, rest: float, seed: int) -> None:
+@given(
+    moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 0.5, 2.0]), seed=st.integers(0, 999),
+    shift=st.floats(-1e6, 1e6),
+)  # fmt: skip
+def test_mirrored_run_mirrored_step_and_a_shifted_clock_changes_nothing(
+    moment: float, rest: float, seed: int, shift: float
+) -> None:
     run = step_run(moment, rest=rest, seed=seed)
-    for one, other in zip(find_steps(run), find_steps(mirrored(run)), strict=True):
-        assert (one.first, one.stop, one.rest, one.from_rest) == (other.first, other.stop, other.rest, other.from_rest)
-        assert one.moment == -other.moment
-        assert start_position(one) == pytest.approx(-start_position(other), abs=1e-12)
-        assert one.start_rate == pytest.approx(-other.start_rate, abs=1e-12)
-
-
-@given(shift=st.floats(-1e6, 1e6), moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 2.0]))
-def test_a_shifted_clock_changes_nothing(shift: float, moment: float, rest: float) -> None:
-    run = step_run(moment, rest=rest)
-    (one,), (other,) = find_steps(run), find_steps(replace(run, time=run.time + shift))
-    assert (one.first, one.stop, one.rest, one.from_rest) == (other.first, other.stop, other.rest, other.from_rest)
-    assert other.switch_from - shift == pytest.approx(one.switch_from, abs=1e-8)
-    assert start_position(one) == pytest.approx(start_position(other), abs=1e-7)
+    for run_of, sign, at, close in (
+        (mirrored(run), -1, 0.0, 1e-12), (replace(run, time=run.time + shift), 1, shift, 1e-7),
+    ):  # fmt: skip
+        for step, other in zip(find_steps(run), find_steps(run_of), strict=True):
+            assert (step.first, step.stop, step.rest) == (other.first, other.stop, other.rest)
+            assert (step.from_rest, step.moment) == (other.from_rest, sign * other.moment)
+            assert start_position(step) == pytest.approx(sign * start_position(other), abs=close)
+            assert step.start_rate == pytest.approx(sign * other.start_rate, abs=close)
+            assert other.switch_from - at == pytest.approx(step.switch_from, abs=1e-8)
 
 
 def test_segments() -> None:

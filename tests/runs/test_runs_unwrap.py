@@ -1,21 +1,30 @@
-"""Unwrapping: the true heading comes back whatever the compass did, and real turns are left alone."""
+"""Positions from sample to sample: headings unwrapped, spikes dropped, jumps split, in degrees and in metres; what
+vehicles do is left alone."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_runs import step_heading
+from made_runs import mirrored, step_heading, step_run, written
+from numpy.typing import NDArray
 
-from automarine_cli.dofs import YAW
-from automarine_cli.runs.load import find_glitches, unwrap, wrapped
-from automarine_cli.runs.run import position_noise
+from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
+from automarine_cli.logs import LogTable
+from automarine_cli.runs.checks import position_trouble
+from automarine_cli.runs.load import clean, find_glitches, find_jumps, load_runs, unwrap, wrapped
+from automarine_cli.runs.run import Run, position_noise
 
-NO_GAPS = np.array([], dtype=np.int64)
+Floats = NDArray[np.float64]
+WRAPPED = 2 * np.pi
+VEHICLES = {"small ROV": (0.4, 0.5), "ROV": (1.0, 1.5), "boat": (10.0, 3.0)}  # m/s, m/s²
+TRANSLATIONS = [dof for dof in DOFS.values() if not dof.wraps]
 
 
-def whole_turns_off(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+def whole_turns_off(unwrapped: Floats, true: Floats) -> Floats:
     """Difference of two headings less its first value: 0 where no turn was invented or lost."""
-    return (found - found[0]) - (true - true[0])
+    return (unwrapped - unwrapped[0]) - (true - true[0])
 
 
 @given(
@@ -35,50 +44,46 @@ def test_true_heading_comes_back(
     rng = np.random.default_rng(seed)
     time = np.cumsum(0.1 * (1 + 0.05 * rng.uniform(-1, 1, 150)))
     true = step_heading(time - 2, moment, heading0=start) + np.deg2rad(noise) * rng.standard_normal(150)
-    logged = np.mod(true, 2 * np.pi)
+    logged = np.mod(true, WRAPPED)
     for place, width, value in spikes:
         logged[12 * place + 5 : 12 * place + 5 + width] = value
-    kept = np.ones(150, dtype=bool)
+    present = np.ones(150, dtype=bool)
     if gap is not None:
-        kept[gap : gap + 8] = False
-    time, true, logged = time[kept], true[kept], logged[kept]
+        present[gap : gap + 8] = False
+    time, true, logged = time[present], true[present], logged[present]
     bad = find_glitches(time, logged, YAW)
     time, true, logged = time[~bad], true[~bad], logged[~bad]
-    gaps = np.flatnonzero(np.diff(time) > 0.31)
-    position, broken_after = unwrap(time, logged, gaps, YAW)
-    whole = np.round(whole_turns_off(position, true) / (2 * np.pi))
-    assert broken_after == () and not whole.any()
-    left = np.abs(whole_turns_off(position, true))
-    assert left.max() < np.deg2rad(45)  # what is left of a spike is too small to matter for the turns
+    position, broken_after = unwrap(time, logged, np.flatnonzero(np.diff(time) > 0.31), YAW)
+    off = whole_turns_off(position, true)
+    assert broken_after == () and not np.round(off / WRAPPED).any()
+    assert np.abs(off).max() < np.deg2rad(45)  # what is left of a spike is too small to matter for the turns
 
 
 @given(
-    rate=st.floats(-2, 2),
-    swing=st.floats(0, 1.5),
-    pace=st.floats(0.2, 2),
+    rate=st.floats(-3, 3),
+    swing=st.floats(0, 2),
+    pace=st.floats(0.2, 4),
     noise=st.floats(0, 2),
+    period=st.sampled_from([0.05, 0.1, 0.2, 0.5, 1.0]),
     seed=st.integers(0, 999),
 )
-def test_real_turns_lose_no_sample(rate: float, swing: float, pace: float, noise: float, seed: int) -> None:
+def test_real_turns_do_not_jump(rate: float, swing: float, pace: float, noise: float, period: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    time = np.cumsum(0.1 * (1 + 0.1 * rng.uniform(-1, 1, 200)))
+    time = np.cumsum(period * (1 + 0.1 * rng.uniform(-1, 1, 200)))
     heading = rate * time + swing * np.sin(pace * time) + np.deg2rad(noise) * rng.standard_normal(200)
-    assert not find_glitches(time, np.mod(heading, 2 * np.pi), YAW).any()
+    assert not len(find_jumps(time, np.mod(heading, WRAPPED), YAW))
+    if period == 0.1 and abs(rate) <= 2 and swing <= 1.5 and pace <= 2:
+        assert not find_glitches(time, np.mod(heading, WRAPPED), YAW).any()
 
 
-@pytest.mark.parametrize("moment", [-1.2, -0.1, 0.1, 1.2])
-@pytest.mark.parametrize("period", [0.02, 0.1, 0.5, 1.0])
-def test_a_step_from_rest_loses_no_sample(moment: float, period: float) -> None:
-    time = np.arange(-2, max(6.0, 40 * period), period)
-    heading = step_heading(time, moment)
-    assert not find_glitches(time, np.mod(heading, 2 * np.pi), YAW).any()
-
-
-def test_a_jump_that_stays_is_no_spike() -> None:
-    """The Kingfisher's compass holds its last value and catches up by 48 degrees: that is no glitch."""
-    time = 0.1 * np.arange(60)
-    heading = np.where(np.arange(60) < 30, 0.02, 0.02 + np.deg2rad(48)) + 0.001 * np.arange(60)
-    assert not find_glitches(time, heading, YAW).any()
+@pytest.mark.parametrize("moment", [-40.0, -1.2, -0.1, 0.1, 1.2, 40.0])
+@pytest.mark.parametrize("period", [0.02, 0.1, 0.2, 0.5, 1.0])
+def test_a_step_from_rest_neither_jumps_nor_loses_a_sample(moment: float, period: float) -> None:
+    """The strongest is faster by ten times than the source paper's, at up to five radians a second."""
+    time = np.arange(-4 * period - 1, max(6.0, 40 * period), period)
+    heading = np.mod(step_heading(time, moment), WRAPPED)
+    assert not len(find_jumps(time, heading, YAW))
+    assert abs(moment) > 2 or not find_glitches(time, heading, YAW).any()
 
 
 @pytest.mark.parametrize("where", [[0], [0, 1], [59], [58, 59], [20], [30, 31]])
@@ -89,12 +94,57 @@ def test_spikes_are_found_where_they_are(where: list[int]) -> None:
     assert np.flatnonzero(find_glitches(time, heading, YAW)).tolist() == where
 
 
+def test_a_jump_that_stays_is_no_spike() -> None:
+    """The Kingfisher's compass holds its last value and catches up by 48 degrees: that is no glitch."""
+    time = 0.1 * np.arange(60)
+    heading = np.where(np.arange(60) < 30, 0.02, 0.02 + np.deg2rad(48)) + 0.001 * np.arange(60)
+    assert not find_glitches(time, heading, YAW).any()
+
+
+def jumped(heading: Floats, at: int, degrees: float) -> Floats:
+    """The heading with an offset after sample `at`."""
+    return heading + np.where(np.arange(len(heading)) > at, np.deg2rad(degrees), 0.0)
+
+
+@pytest.mark.parametrize("degrees", [-170, -51, -20, 20, 51, 170])
+@pytest.mark.parametrize("rate", [-0.5, 0.0, 0.3])
+def test_a_jump_that_stays_is_found_either_way(degrees: float, rate: float) -> None:
+    time = 0.1 * np.arange(200)
+    noise = np.deg2rad(0.3) * np.random.default_rng(1).standard_normal(200)
+    heading = jumped(rate * time + noise, 80, degrees)
+    for way in (1, -1):
+        assert find_jumps(time, np.mod(way * heading, WRAPPED), YAW).tolist() == [80]
+
+
+def test_what_comes_back_or_catches_up_is_no_jump() -> None:
+    """A compass stands still for a second of a turn at 60 degrees a second, and then shows where the vehicle is."""
+    time = 0.1 * np.arange(100)
+    assert not len(find_jumps(time, jumped(jumped(0.2 * time, 50, 60.0), 53, -60.0), YAW))
+    heading = np.deg2rad(60.0) * time
+    heading[40:51] = heading[40]
+    assert not len(find_jumps(time, heading, YAW))
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+def test_a_run_is_split_at_its_jump_and_says_so(tmp_path: Path, mirror: bool) -> None:
+    """What is left before the jump is too short to say anything; it is set aside with the reason."""
+    run = step_run(0.2, rest=3.0, length=30.0)
+    run = mirrored(run) if mirror else run
+    heading = np.rad2deg(jumped(run.position, 35, 51.0))
+    campaign = load_runs([written(run, tmp_path / "a.csv", heading_deg=heading % 360)], dof=YAW)
+    (part,) = campaign.runs
+    assert part.name == "a.2" and len(part) == len(run) - 36 and part.counts["jumps"] == 1
+    assert "split at 1 jump of up to 5" in part.notes[-1]
+    np.testing.assert_allclose(np.diff(part.position), np.diff(run.position[36:]), atol=1e-9)
+    (aside,) = campaign.set_aside
+    assert aside.run == "a.1" and aside.why.startswith("only 3.5 s are left beside a jump")
+
+
 def test_a_log_that_counts_its_turns_is_taken_as_it_is() -> None:
     time = 0.1 * np.arange(300)
     heading = 0.9 * time
-    gaps = np.array([99])
     time[100:] += 50
-    position, broken_after = unwrap(time, heading, gaps, YAW)
+    position, broken_after = unwrap(time, heading, np.array([99]), YAW)
     np.testing.assert_array_equal(position, heading)
     assert broken_after == ()
 
@@ -102,7 +152,7 @@ def test_a_log_that_counts_its_turns_is_taken_as_it_is() -> None:
 def test_a_gap_is_bridged_by_the_rates_beside_it() -> None:
     """Steady turning at 1 rad/s: seven seconds are missing, more than a whole turn."""
     time = np.concatenate([np.arange(0, 5, 0.1), np.arange(12, 17, 0.1)])
-    position, _ = unwrap(time, np.mod(time, 2 * np.pi), np.array([49]), YAW)
+    position, _ = unwrap(time, np.mod(time, WRAPPED), np.array([49]), YAW)
     np.testing.assert_allclose(position, time, atol=1e-9)
 
 
@@ -111,7 +161,7 @@ def test_a_gap_that_leaves_it_open_breaks_the_run(rate_after: float, hole: float
     before = np.arange(0, 5, 0.1)
     time = np.concatenate([before, before + 5 + hole])
     heading = np.concatenate([before, rate_after * before])
-    assert unwrap(time, np.mod(heading, 2 * np.pi), np.array([49]), YAW)[1] == (49,)
+    assert unwrap(time, np.mod(heading, WRAPPED), np.array([49]), YAW)[1] == (49,)
 
 
 @pytest.mark.parametrize("way", [-1, 1])
@@ -123,7 +173,7 @@ def test_short_gaps_in_a_row_break_no_run(way: int) -> None:
     heading = way * np.deg2rad(12) * np.clip(time - 3, 0, None)
     gaps = np.flatnonzero(np.diff(time) > 3 * np.median(np.diff(time)))
     assert len(gaps) >= 4 and np.diff(time).max() == pytest.approx(0.25, abs=0.03)
-    position, broken_after = unwrap(time, np.mod(heading, 2 * np.pi), gaps, YAW)
+    position, broken_after = unwrap(time, np.mod(heading, WRAPPED), gaps, YAW)
     assert broken_after == ()
     np.testing.assert_allclose(position - position[0], heading, atol=1e-9)
 
@@ -134,19 +184,79 @@ def test_wrapped_is_within_half_a_turn() -> None:
     np.testing.assert_allclose(np.exp(1j * wrapped(angles)), np.exp(1j * angles), atol=1e-12)
 
 
-@pytest.mark.parametrize("moment", [-1.2, 0.1, 1.2])
+@pytest.mark.parametrize("moment", [-1.2, 0.1])
 @pytest.mark.parametrize("sigma_deg", [0.1, 1.0, 3.0])
 def test_noise_is_measured_whatever_the_turn_and_the_clock(moment: float, sigma_deg: float) -> None:
     rng = np.random.default_rng(3)
-    found = []
+    measured = []
     for _ in range(40):
         time = np.cumsum(0.1 * (1 + 0.3 * rng.uniform(-1, 1, 120))) - 2
         noise = np.deg2rad(sigma_deg) * rng.standard_normal(120)
-        found.append(np.rad2deg(position_noise(time, step_heading(time, moment) + noise)))
-    assert abs(np.mean(found) / sigma_deg - 1) < 0.05
+        measured.append(np.rad2deg(position_noise(time, step_heading(time, moment) + noise)))
+    assert abs(np.mean(measured) / sigma_deg - 1) < 0.05
 
 
 def test_a_coarse_compass_has_at_least_its_quantum() -> None:
     time = 0.1 * np.arange(200)
     heading = np.deg2rad(np.round(2 * time))
     assert np.rad2deg(position_noise(time, heading)) == pytest.approx(1 / np.sqrt(12))
+
+
+def driven(vehicle: str, rate: float, noise: float, seed: int) -> tuple[Floats, Floats, Floats]:
+    """Clock, position [m] and command of a vehicle that starts from rest, stops, and comes back, for a minute."""
+    speed, acceleration = VEHICLES[vehicle]
+    time = np.arange(0.0, 60.0, 1 / rate)
+    command = np.where(time < 5, 0.0, np.where(time < 30, 1.0, np.where(time < 40, 0.0, -1.0)))
+    lag, velocity = speed / acceleration, np.zeros(len(time))
+    for i in range(1, len(time)):
+        velocity[i] = velocity[i - 1] + (speed * command[i] - velocity[i - 1]) / (lag * rate)
+    way = np.cumsum(velocity) / rate
+    return time, way + noise * np.random.default_rng(seed).standard_normal(len(time)), command
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("rate", [2.0, 10.0, 50.0])
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+def test_what_vehicles_do_passes_and_what_none_does_is_found(vehicle: str, rate: float, noise: float) -> None:
+    """A spike of ten times the noise and twice what the vehicle moves between samples, and a jump much larger."""
+    for seed in range(4):
+        time, position, _ = driven(vehicle, rate, noise, seed)
+        assert position_trouble(time, position, SURGE) is None
+        assert not find_glitches(time, position, SURGE).any() and not len(find_jumps(time, position, SURGE))
+    time, position, _ = driven(vehicle, rate, noise, 1)
+    at = int(np.searchsorted(time, 22.0))  # in steady motion
+    step = VEHICLES[vehicle][0] / rate
+    spiked = position.copy()
+    spiked[at] += 12 * noise + 2.5 * step
+    assert np.flatnonzero(find_glitches(time, spiked, SURGE)).tolist() == [at]
+    further = position.copy()
+    further[at:] += 60 * noise + 8 * step + SURGE.limits.acceleration / rate**2
+    assert find_jumps(time, further, SURGE).tolist() == [at - 1]
+
+
+@pytest.mark.parametrize("dof", TRANSLATIONS, ids=lambda dof: dof.name)
+@pytest.mark.parametrize("factor", [100.0, 1000.0])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_centimetres_and_millimetres_are_told(vehicle: str, factor: float, dof: Dof) -> None:
+    time, position, _ = driven(vehicle, 10.0, 0.01, 2)
+    why = position_trouble(time, factor * position, dof)
+    assert why is not None and why.startswith("units look wrong: ")
+    assert why.endswith(f'such as {dof.position}_m = {{ from = "{dof.position}", unit = "mm" }}')
+
+
+def test_where_a_way_is_measured_from_does_not_matter() -> None:
+    """Eastings of half a million metres are ways like others; what a sensor says instead of nothing is dropped."""
+    time, position, command = driven("small ROV", 10.0, 0.01, 3)
+    (near,) = cleaned(time, position, command)
+    (far,) = cleaned(time, 5e5 + position, command)
+    np.testing.assert_allclose(far.position - 5e5, near.position, atol=1e-6)
+    lost = 5e5 + position
+    lost[50:60] = 65535.0
+    (run,) = cleaned(time, lost, command)
+    assert run.counts["glitches"] == 10 and len(run) == len(time) - 10
+
+
+def cleaned(time: Floats, position: Floats, command: Floats) -> tuple[Run, ...]:
+    columns = {"time": time, SURGE.position: position, SURGE.command: command}
+    table = LogTable("log.csv", columns, np.arange(1, len(time) + 1), units={SURGE.command: "N"}, dof=SURGE)
+    return clean(table, np.arange(len(time)), "run")
