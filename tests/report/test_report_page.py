@@ -35,13 +35,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for kind in ("steps", "validation"):
         for name, path in zip(HOSTILE, sorted((logs / kind).glob("*.csv"))):
             pd.read_csv(path, comment="#").assign(run=name).to_csv(path, index=False)
-    out, figures = place / "results", ("png", "svg")
+    out, svg = place / "results", ("svg",)
     am.check([logs / "steps", logs / "thrusters"], out=out / "check")
-    am.fit_thrusters(logs / "thrusters", thrusters_per_test=2, out=out / "thrusters", figure_formats=figures)
-    am.fit_yaw(logs / "steps", out=out / "yaw", figure_formats=figures)
+    am.fit_thrusters(logs / "thrusters", thrusters_per_test=2, out=out / "thrusters", figure_formats=("png", "svg"))
+    am.fit_yaw(logs / "steps", out=out / "yaw", figure_formats=svg)
     model, thrusters = out / "yaw" / "yaw_model.json", out / "thrusters" / "thrusters.json"
-    am.validate(logs / "validation", model=model, out=out / "validation", figure_formats=figures)
-    am.diagnose(logs / "thrusters", model=thrusters, out=out / "diagnosis", figure_formats=figures)
+    am.validate(logs / "validation", model=model, out=out / "validation", figure_formats=svg)
+    am.diagnose(logs / "thrusters", model=thrusters, out=out / "diagnosis", figure_formats=svg)
     return out
 
 
