@@ -1,6 +1,7 @@
 """A new command is a file of `commands`, a line of its table, and the sections of its result."""
 
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +11,6 @@ from typing import Any
 
 import pytest
 from click.testing import Result
-from small_campaign import make_small_campaign
 
 import automarine_cli as am
 from automarine_cli import commands
@@ -33,7 +33,7 @@ class RowCount(Shown):
 
 
 @pytest.fixture
-def pool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def pool(small_day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A working directory with logs, and the command among ours."""
     monkeypatch.setitem(commands.COMMANDS["Logs"], NAME, "How long the runs are.")
     monkeypatch.setattr(am, "__all__", [*am.__all__, "count_rows"])
@@ -52,14 +52,12 @@ def pool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         runs = load_runs(logs, given_columns(columns), dof=YAW).runs
         return RowCount(tuple(len(run) for run in runs if len(run) >= least))
 
-    for room, values in (("commands", {"count_rows": count_rows}), ("report", {"row_count": None})):
-        name = "row_count" if room == "report" else "count_rows"
-        module = ModuleType(f"automarine_cli.{room}.{name}")
-        vars(module).update(values)
+    for name, value in (("commands.count_rows", count_rows), ("report.row_count", None)):
+        module = ModuleType(f"automarine_cli.{name}")
+        setattr(module, name.partition(".")[2], value)
         monkeypatch.setitem(sys.modules, module.__name__, module)
-    make_small_campaign(tmp_path / "logs")
+    shutil.copytree(small_day / "pool", tmp_path / "logs")
     monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @sections.register
@@ -69,7 +67,8 @@ def _(result: RowCount) -> Sections:
     return Sections([table], files, listed=tuple(files), rows=[{"rows": count} for count in result.rows])
 
 
-def test_terminal_has_it(pool: Path, run: Callable[..., Result]) -> None:
+@pytest.mark.usefixtures("pool")
+def test_the_terminal_and_python_have_it(run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch) -> None:
     assert "count-rows  How long the runs are." in run("--help").stdout
     assert "--least" in run(NAME, "--help").stdout
     result = run(NAME, "logs/steps", "--least", "3", "-o", "rows")
@@ -80,13 +79,10 @@ def test_terminal_has_it(pool: Path, run: Callable[..., Result]) -> None:
     refused = run(NAME, "logs/steps", "-o", "rows")
     assert refused.exit_code == 1 and "--overwrite" in refused.stderr
     assert run("verify", "rows").exit_code == 0
-
-
-def test_python_has_it(pool: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    result = am.count_rows("logs/steps", least=1)
+    count = am.count_rows("logs/steps", least=1)
     monkeypatch.delitem(vars(am), "count_rows")
-    assert repr(result).startswith("Rows\n") and "<table>" in result._repr_html_()
-    assert list(result.to_frame()["rows"]) == list(result.rows) and len(result.rows) > 1
+    assert repr(count).startswith("Rows\n") and "<table>" in count._repr_html_()
+    assert list(count.to_frame()["rows"]) == list(count.rows) and len(count.rows) > 1
     count_rows = commands.load(NAME)
     assert count_rows.__doc__ == "Count the rows of every run."
     with pytest.raises(LogError):

@@ -36,74 +36,64 @@ def pool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 WHOLE = "out/one (validate): 2 of 2 files as written, 3 of 3 inputs found as recorded\n"
 
 
-def test_whole_results_are_status_0(pool: Path, run: Run) -> None:
-    for folder in ("out/one", "out"):
-        found = run("verify", folder)
-        assert (found.exit_code, found.stdout, found.stderr) == (0, WHOLE, "")
+def test_whole_results_are_status_0(pool: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     os.utime(pool / "out/one/table.csv", (0, 0))  # a time is nothing
     (pool / "out/one/.DS_Store").touch()
-    assert run("verify", "out/one").exit_code == 0
-
-
-def test_from_elsewhere_the_inputs_beside_the_results_are_found(
-    pool: Path, run: Run, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    for folder in ("out/one", "out"):
+        result = run("verify", folder)
+        assert (result.exit_code, result.stdout, result.stderr) == (0, WHOLE, "")
+    make_results(pool / "out/one/deeper", pool / "logs")  # results in a folder of results are not extra
+    result = run("verify", "out/one")
+    assert (result.exit_code, result.stderr, result.stdout.count("2 of 2 files as written")) == (0, "", 2)
     make_results(pool / "two", pool / "logs")
-    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    monkeypatch.chdir(pool / "out")  # inputs beside the results are looked for too
     assert "3 of 3 inputs found as recorded" in run("verify", pool / "two").stdout
+
+
+EXTRA = "extra: not among the files that were written"
 
 
 @pytest.mark.parametrize(
     ("harm", "line"),
     [
-        (lambda out: (out / "table.csv").write_text("x\n2\n"), "out/one/table.csv: changed since it was written"),
-        (lambda out: (out / "table.csv").unlink(), "out/one/table.csv: missing"),
-        (lambda out: (out / "sub/figure.png").write_bytes(b""), "out/one/sub/figure.png: changed since it was written"),
-        (lambda out: (out / "sub/more.png").touch(),
-         "out/one/sub/more.png: extra: not among the files that were written"),
-        (lambda out: (out / "new\nline.csv").touch(),
-         "out/one/new\\nline.csv: extra: not among the files that were written"),
+        (lambda out: (out / "table.csv").write_text("x\n2\n"), "table.csv: changed since it was written"),
+        (lambda out: (out / "table.csv").unlink(), "table.csv: missing"),
+        (lambda out: (out / "sub/figure.png").write_bytes(b""), "sub/figure.png: changed since it was written"),
+        (lambda out: (out / "sub/more.png").touch(), f"sub/more.png: {EXTRA}"),
+        (lambda out: (out / "new\nline.csv").touch(), f"new\\nline.csv: {EXTRA}"),
     ],
 )  # fmt: skip
 def test_each_change_is_named_and_status_1(pool: Path, run: Run, harm: Callable[[Path], object], line: str) -> None:
     harm(pool / "out/one")
-    found = run("verify", "out/one")
-    assert (found.exit_code, found.stderr) == (1, f"{line}\n")
-    quiet = run("verify", "out/one", "-q")
-    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (1, "", f"{line}\n")
+    result, quiet = run("verify", "out/one"), run("verify", "out/one", "-q")
+    assert (result.exit_code, result.stderr) == (1, f"out/one/{line}\n")
+    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (1, "", result.stderr)
 
 
-def test_a_changed_input_is_named_and_a_lost_one_is_told(pool: Path, run: Run) -> None:
+def test_a_changed_input_is_refused_and_a_lost_one_is_no_more_than_named(pool: Path, run: Run) -> None:
     (pool / "logs/a.csv").write_text("other\n")
-    found = run("verify", "out/one")
-    assert (found.exit_code, found.stderr) == (1, "out/one: input logs/a.csv: changed; logs/a.csv has other content\n")
+    result = run("verify", "out/one")
+    assert (result.exit_code, result.stderr) == (
+        1, "out/one: input logs/a.csv: changed; logs/a.csv has other content\n"
+    )  # fmt: skip
     (pool / "logs/a.csv").unlink()
-    found = run("verify", "out/one")
-    assert (found.exit_code, found.stderr) == (0, "out/one: input logs/a.csv: not found here or beside the results\n")
-    assert "2 of 3 inputs found as recorded" in found.stdout
-    found = run("verify", "out/one", "--inputs", "logs", "--inputs", "model.json")
-    assert (found.exit_code, found.stderr) == (1, "out/one: input logs/a.csv: not found under logs, model.json\n")
+    result = run("verify", "out/one")
+    assert (result.exit_code, result.stderr) == (0, "out/one: input logs/a.csv: not found here or beside the results\n")
+    assert "2 of 3 inputs found as recorded" in result.stdout
+    result = run("verify", "out/one", "--inputs", "logs", "--inputs", "model.json")
+    assert (result.exit_code, result.stderr) == (1, "out/one: input logs/a.csv: not found under logs, model.json\n")
 
 
 def test_json(pool: Path, run: Run) -> None:
     (pool / "out/one/table.csv").unlink()
-    found = run("verify", "out/one", "--json")
-    assert found.exit_code == 1
-    said = json.loads(found.stdout)
-    assert (said["schema"], said["whole"]) == ("automarine/verification/1", False)
-    (folder,) = said["folders"]
-    assert folder == {
+    result = run("verify", "out/one", "--json")
+    data = json.loads(result.stdout)
+    assert (result.exit_code, data["schema"], data["whole"]) == (1, "automarine/verification/1", False)
+    assert data["folders"] == [{
         "folder": "out/one", "command": "validate", "files": 2, "whole": False,
         "outputs": [{"file": "table.csv", "what": "missing", "why": "missing"}],
         "inputs_recorded": 3, "inputs_whole": 3, "inputs": [],
-    }  # fmt: skip
-
-
-def test_results_in_a_folder_of_results_are_not_extra(pool: Path, run: Run) -> None:
-    make_results(pool / "out/one/deeper", pool / "logs")
-    found = run("verify", "out/one")
-    assert (found.exit_code, found.stderr) == (0, "")
-    assert found.stdout.count("2 of 2 files as written") == 2
+    }]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -115,8 +105,7 @@ def test_results_in_a_folder_of_results_are_not_extra(pool: Path, run: Run) -> N
         ('{"schema": "web/1"}', "Error: manifest.json: is no manifest of automarine; expected the manifest.json in "),
         ('{"schema": "automarine/manifest/1", "automarine": 3}', "Error: manifest.json: automarine: found 3, expected"),
         ('{"schema": "automarine/manifest/1", "automarine": "1", "command": "c", "outputs": [{"file": "/etc/passwd"}]}',
-         "Error: manifest.json: outputs[0]: the file name '/etc/passwd' leads out of the folder; "
-     "give a manifest of automarine\n"),
+         "Error: manifest.json: outputs[0]: the file name '/etc/passwd' leads out of the folder; "),
     ],
 )  # fmt: skip
 def test_a_folder_without_a_sound_manifest_is_refused(pool: Path, run: Run, text: str | None, sentence: str) -> None:
@@ -124,18 +113,15 @@ def test_a_folder_without_a_sound_manifest_is_refused(pool: Path, run: Run, text
     manifest.unlink()
     if text is not None:
         manifest.write_text(text)
-    found = run("verify", "out/one")
-    assert found.exit_code == 1 and found.stderr.startswith(sentence)
-    assert found.stderr.count("\n") == 1
+    result = run("verify", "out/one")
+    assert result.exit_code == 1 and result.stderr.startswith(sentence) and result.stderr.count("\n") == 1
 
 
 def test_an_unreadable_input_is_recorded_without_a_hash(tmp_path: Path) -> None:
     """A log that was set aside because nobody could open it."""
     (tmp_path / "lost.csv").symlink_to("nowhere")
-    with result_folder(
-        tmp_path / "out", command="c", options={}, inputs=[Input("lost.csv", tmp_path / "lost.csv")], seed=None,
-        overwrite=False,
-    ) as folder:  # fmt: skip
+    inputs = [Input("lost.csv", tmp_path / "lost.csv")]
+    with result_folder(tmp_path / "out", command="c", options={}, inputs=inputs, seed=None, overwrite=False) as folder:
         folder.write("a", "1")
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["inputs"] == [{"file": "lost.csv", "role": "log", "sha256": None}]

@@ -13,7 +13,6 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 from scipy import stats
 
-import automarine_cli as am
 from automarine_cli.commands.compare import compare
 from automarine_cli.comparison.side_by_side import (
     ALIKE,
@@ -35,82 +34,68 @@ def normal(value: float, stderr: float, unit: str = "nu s²") -> Estimate:
     return Estimate.from_stderr(value, stderr, 1e6, unit)
 
 
+def result_file(folder: Path, name: str, content: dict[str, Any]) -> Path:
+    folder.mkdir(parents=True)
+    (folder / name).write_text(json.dumps({"runs": {"used": 20, "set_aside": []}} | content))
+    return folder
+
+
 def yaw_model(folder: Path, *, k_rr: float = 1.25, I_r: float = 1.0, unit: str = "nu", preferred: str = "3") -> Path:
     """A folder with the result file of a fit of which models 2 and 3 are known."""
     model: dict[str, Any] = {"k_rr": normal(k_rr, 0.01).to_json(), "I_r": normal(I_r, 0.02).to_json()}
-    content = {
+    return result_file(folder, "yaw_model.json", {
         "schema": "automarine/yaw-model/1", "moment_unit": unit, "models": {"2": model, "3": model},
-        "preferred": preferred, "effects": [], "heading_noise_deg": 1.0, "runs": {"used": 20, "set_aside": []},
-    }  # fmt: skip
-    folder.mkdir(parents=True)
-    (folder / "yaw_model.json").write_text(json.dumps(content))
-    return folder
+        "preferred": preferred, "effects": [], "heading_noise_deg": 1.0,
+    })  # fmt: skip
 
 
 def thruster_map(folder: Path, a: float = 2.6e-4, form: str = "square", p: float = 2.0) -> Path:
     """A folder with the result file of a bollard test."""
     side = {"a": normal(a, 1e-6, "N/n²").to_json(), "points": 30}
-    content = {
+    return result_file(folder, "thrusters.json", {
         "schema": "automarine/thruster-map/1", "forward": side, "backward": {"a": None, "points": 0}, "form": form,
         "chosen": {"rmse_percent_of_full_scale": 0.8}, "parameters": {"forward": {"p": normal(p, 0.01, "1").to_json()}},
-        "runs": {"used": 1, "set_aside": []},
-    }  # fmt: skip
-    folder.mkdir(parents=True)
-    (folder / "thrusters.json").write_text(json.dumps(content))
-    return folder
+    })  # fmt: skip
 
 
-def test_difference_of_normal_estimates_is_the_textbook_one() -> None:
-    apart = difference(normal(1.3, 0.03), normal(1.2, 0.04))
-    assert apart.value == pytest.approx(0.1) and apart.stderr == pytest.approx(0.05)
-    assert apart.ci95 == pytest.approx((0.1 - 1.95996 * 0.05, 0.1 + 1.95996 * 0.05), abs=1e-5)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_difference_of_normal_estimates_is_the_textbook_one(sign: int) -> None:
+    apart = difference(normal(1.2 + 0.1 * sign, 0.03), normal(1.2, 0.04))
+    assert (apart.value, apart.stderr) == (pytest.approx(0.1 * sign), pytest.approx(0.05))
+    assert apart.ci95 == pytest.approx((0.1 * sign - 1.95996 * 0.05, 0.1 * sign + 1.95996 * 0.05), abs=1e-5)
     assert p_value(apart) == pytest.approx(2 * stats.norm.sf(2.0), rel=1e-4)
+    edge = difference(normal(sign * 1.959964 * 0.05, 0.04), normal(0.0, 0.03))  # the interval ends at zero
+    assert p_value(edge) == pytest.approx(0.05, abs=1e-4)
 
 
 def test_difference_turned_round_is_its_mirror_image() -> None:
-    one, other = Estimate.from_log(1.3, 0.2, 9, "s"), Estimate.from_log(0.9, 0.1, 30, "s")
-    there, back = difference(one, other), difference(other, one)
+    first, second = Estimate.from_log(1.3, 0.2, 9, "s"), Estimate.from_log(0.9, 0.1, 30, "s")
+    there, back = difference(first, second), difference(second, first)
     assert (there.value, *there.ci95) == pytest.approx((-back.value, -back.ci95[1], -back.ci95[0]))
     assert p_value(there) == pytest.approx(p_value(back))
 
 
 def test_intervals_of_differences_hold_as_often_as_they_say() -> None:
     """Two positive parameters known to 20 and 10 percent on their logarithms: 95 of 100 intervals hold the truth."""
-    rng = np.random.default_rng(5)
-    truth = 1.3 - 0.9
-    inside = 0
+    rng, inside = np.random.default_rng(5), 0
     for _ in range(2000):
-        one = Estimate.from_log(1.3 * np.exp(0.2 * rng.standard_normal()), 0.2, 1e6, "s")
-        other = Estimate.from_log(0.9 * np.exp(0.1 * rng.standard_normal()), 0.1, 1e6, "s")
-        low, high = difference(one, other).ci95
-        inside += low <= truth <= high
+        first = Estimate.from_log(1.3 * np.exp(0.2 * rng.standard_normal()), 0.2, 1e6, "s")
+        second = Estimate.from_log(0.9 * np.exp(0.1 * rng.standard_normal()), 0.1, 1e6, "s")
+        low, high = difference(first, second).ci95
+        inside += low <= 1.3 - 0.9 <= high
     assert stats.binomtest(inside, 2000, 0.95).pvalue > 0.001, inside
 
 
-def test_p_is_a_twentieth_just_where_the_interval_ends_at_zero() -> None:
-    other = normal(0.0, 0.03)
-    half = float(np.hypot(0.04, 0.03)) * 1.959964
-    assert p_value(difference(normal(half, 0.04), other)) == pytest.approx(0.05, abs=1e-4)
-    assert p_value(difference(normal(-half, 0.04), other)) == pytest.approx(0.05, abs=1e-4)
-
-
-def test_holm_is_that_of_the_book() -> None:
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.9, 0.9]) == [1.0, 1.0] and holm([]) == []
-
-
 def test_words_allow_for_the_number_of_comparisons() -> None:
-    base = {f"p{i}": normal(1.0, 0.01) for i in range(10)}
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])  # as in the book
+    assert holm([0.9, 0.9]) == [1.0, 1.0] and holm([]) == []
+    base = {f"p{i}": normal(1.0, 0.01) for i in range(10)} | {"unit": normal(1.0, 0.1, "s")}
     other = base | {"p0": normal(1.2, 0.01), "p1": normal(1.031, 0.01), "p2": normal(1.01, 0.01)}
-    found = {one.parameter: one for one in differences([Side("a", base, {}, 1), Side("b", other, {}, 1)])}
-    assert [found[f"p{i}"].verdict for i in range(4)] == [DIFFERS, MAY_DIFFER, ALIKE, ALIKE]
-    assert found["p0"].relative == pytest.approx((20.0, 17.23, 22.77), abs=0.01)
-
-
-def test_parameters_in_other_units_or_of_one_result_only_are_not_compared() -> None:
-    base = Side("a", {"x": normal(1.0, 0.1, "s"), "y": normal(1.0, 0.1)}, {}, 1)
-    other = Side("b", {"x": normal(1.0, 0.1, "m"), "y": normal(1.0, 0.1), "z": normal(1.0, 0.1)}, {}, 1)
-    assert [one.parameter for one in differences([base, other])] == ["y"]
+    other |= {"unit": normal(1.0, 0.1, "m"), "alone": normal(1.0, 0.1)}  # neither is compared
+    result = {row.parameter: row for row in differences([Side("a", base, {}, 1), Side("b", other, {}, 1)])}
+    assert set(result) == {f"p{i}" for i in range(10)}
+    assert [result[f"p{i}"].verdict for i in range(4)] == [DIFFERS, MAY_DIFFER, ALIKE, ALIKE]
+    assert result["p0"].relative == pytest.approx((20.0, 17.23, 22.77), abs=0.01)
 
 
 def test_yaw_models_side_by_side(tmp_path: Path, run: Callable[..., Result]) -> None:
@@ -119,54 +104,42 @@ def test_yaw_models_side_by_side(tmp_path: Path, run: Callable[..., Result]) -> 
         yaw_model(tmp_path / "tuesday" / "yaw", k_rr=1.40),
         yaw_model(tmp_path / "friday" / "yaw", I_r=0.99),
     ]
-    found = compare(days)
-    assert [side.name for side in found.sides] == ["monday/yaw", "tuesday/yaw", "friday/yaw"]
-    verdicts = {(one.parameter, one.of): one.verdict for one in found.differences}
-    assert verdicts == {
+    result = compare(days)
+    assert {(row.parameter, row.of): row.verdict for row in result.differences} == {
         ("k_r|r|", "tuesday/yaw"): DIFFERS, ("I_r", "tuesday/yaw"): ALIKE,
         ("k_r|r|", "friday/yaw"): ALIKE, ("I_r", "friday/yaw"): ALIKE,
     }  # fmt: skip
-    assert sections(found).printed[2:4] == [
+    assert sections(result).printed[2:4] == [
         "Of 4 parameters compared 1 differs beyond chance.",
         "k_r|r| is 12.0 % larger in tuesday/yaw than in monday/yaw (95 % interval +9.8 to +14.2 %).",
     ]
     out = tmp_path / "out"
-    done = run("compare", *days, "-o", out)
-    assert done.exit_code == 0, done.output
-    assert "k_r|r| is 12.0 % larger" in done.stdout
-    written = {path.name for path in out.iterdir()}
-    assert written == {
-        "comparison.json", "comparison.md", "comparison.png", "differences.csv", "parameters.csv", "manifest.json",
-    }  # fmt: skip
+    assert "k_r|r| is 12.0 % larger" in run("compare", *days, "-o", out).stdout
     assert json.loads(run("compare", *days, "--json").stdout) == json.loads((out / "comparison.json").read_text())
     assert str(tmp_path) not in (out / "manifest.json").read_text() + (out / "comparison.json").read_text()
 
 
-def test_models_that_only_one_prefers_are_told_apart(tmp_path: Path) -> None:
-    found = compare([yaw_model(tmp_path / "a"), yaw_model(tmp_path / "b", preferred="2")])
-    assert {one.parameter for one in found.differences} == {
+def test_other_preferred_models_are_told_apart_and_logs_in_common_named(tmp_path: Path) -> None:
+    folders = [yaw_model(tmp_path / "a"), yaw_model(tmp_path / "b", preferred="2")]
+    entry = {"file": "x.csv", "role": "log", "sha256": "0" * 64}
+    manifest = {"schema": "automarine/manifest/1", "automarine": "0.1.0", "command": "fit-yaw", "inputs": [entry]}
+    for folder in folders:
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+    result = compare(folders)
+    assert {row.parameter for row in result.differences} == {
         "k_r|r|, model 2", "I_r, model 2", "k_r|r|, model 3", "I_r, model 3",
     }  # fmt: skip
-    assert found.notes == ("Not the same preferred model: a: 3; b: 2.",)
+    assert "Not the same preferred model: a: 3; b: 2." in result.notes and len(result.notes) == 2
+    assert any(note.startswith("a and b share 1 log: the intervals") for note in result.notes)
 
 
 def test_thruster_maps_side_by_side(tmp_path: Path) -> None:
-    found = compare([thruster_map(tmp_path / "a"), thruster_map(tmp_path / "b", a=2.5e-4)])
-    assert [(one.parameter, one.verdict) for one in found.differences] == [("a forward, square law", DIFFERS)]
-    found = compare([thruster_map(tmp_path / "c", form="power"), thruster_map(tmp_path / "d", form="power", p=2.2)])
-    assert {one.parameter: one.verdict for one in found.differences} == {
+    result = compare([thruster_map(tmp_path / "a"), thruster_map(tmp_path / "b", a=2.5e-4)])
+    assert [(row.parameter, row.verdict) for row in result.differences] == [("a forward, square law", DIFFERS)]
+    result = compare([thruster_map(tmp_path / "c", form="power"), thruster_map(tmp_path / "d", form="power", p=2.2)])
+    assert {row.parameter: row.verdict for row in result.differences} == {
         "a forward, square law": ALIKE, "p forward, form power": DIFFERS,
     }  # fmt: skip
-
-
-def test_logs_in_common_are_told(tmp_path: Path) -> None:
-    folders = [yaw_model(tmp_path / "a"), yaw_model(tmp_path / "b")]
-    for folder in folders:
-        entry = {"file": "x.csv", "role": "log", "sha256": "0" * 64}
-        manifest = {"schema": "automarine/manifest/1", "automarine": "0.1.0", "command": "fit-yaw", "inputs": [entry]}
-        (folder / "manifest.json").write_text(json.dumps(manifest))
-    (note,) = compare(folders).notes
-    assert note.startswith("a and b share 1 log: the intervals")
 
 
 def test_the_figure_holds_every_interval(tmp_path: Path) -> None:
@@ -176,71 +149,64 @@ def test_the_figure_holds_every_interval(tmp_path: Path) -> None:
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["$a", "b"]
 
 
+def spoiled(folder: Path, change: Callable[[str], str]) -> Path:
+    """The result of a fit with another text."""
+    path = yaw_model(folder) / "yaw_model.json"
+    path.write_text(change(path.read_text()))
+    return folder
+
+
 @pytest.mark.parametrize(
     ("make", "error", "says"),
     [
-        (lambda at: [yaw_model(at / "a")], SettingError, "one result was given; give two or more"),
-        (lambda at: [yaw_model(at / "a"), at / "a"], SettingError, "is given twice"),
+        (lambda at: [], SettingError, "one result was given; give two or more"),
+        (lambda at: [at / "a"], SettingError, "is given twice"),
         (
-            lambda at: [yaw_model(at / "a"), thruster_map(at / "b")], SettingError,
+            lambda at: [thruster_map(at / "b")], SettingError,
             "results of fit-yaw and fit-thrusters cannot be compared (a: fit-yaw; b: fit-thrusters); compare results",
         ),
         (
-            lambda at: [yaw_model(at / "a"), yaw_model(at / "b", unit="N m")], SettingError,
+            lambda at: [yaw_model(at / "b", unit="N m")], SettingError,
             "moments in nu and N m cannot be compared (a: nu; b: N m); compare results in one unit: there is no factor",
         ),
-        (lambda at: [yaw_model(at / "a" / "yaw").parent, at], SettingError, "does: compare one step of each campaign"),
-        (lambda at: [yaw_model(at / "a"), at], SettingError, "holds no result of fit-thrusters, fit-yaw, validate or"),
+        (lambda at: [yaw_model(at / "c" / "yaw").parent], SettingError, "does: compare one step of each campaign"),
+        (lambda at: [at], SettingError, "holds no result of fit-thrusters, fit-yaw, validate or"),
+        (lambda at: [spoiled(at / "b", lambda text: text.replace("model/1", "model/2"))], ModelError, "yaw_model.json"),
+        (lambda at: [spoiled(at / "b", lambda text: "[]")], ModelError, "yaw_model.json"),
+        (lambda at: [spoiled(at / "b", lambda text: "{")], ModelError, "yaw_model.json"),
+        (
+            lambda at: [spoiled(at / "b", lambda text: text.replace("stderr", "error"))], ModelError,
+            "b/yaw_model.json: models.3.k_rr: found a number without stderr and ci95, expected an estimate",
+        ),
     ],
 )  # fmt: skip
 def test_refusals(tmp_path: Path, make: Callable[[Path], list[Path]], error: type[AutomarineError], says: str) -> None:
     with pytest.raises(error, match=re.escape(says)):
-        compare(make(tmp_path))
-
-
-@pytest.mark.parametrize("content", ['{"schema": "automarine/yaw-model/2"}', "[]", "{", '{"schema": 1}'])
-def test_files_that_are_none_of_ours_are_refused(tmp_path: Path, content: str) -> None:
-    folders = [yaw_model(tmp_path / "a"), yaw_model(tmp_path / "b")]
-    (folders[1] / "yaw_model.json").write_text(content)
-    with pytest.raises(ModelError, match=r"yaw_model\.json"):
-        compare(folders)
-
-
-def test_a_file_with_parts_missing_is_refused(tmp_path: Path) -> None:
-    folders = [yaw_model(tmp_path / "a"), yaw_model(tmp_path / "b")]
-    path = folders[1] / "yaw_model.json"
-    content = json.loads(path.read_text())
-    del content["models"]["3"]["I_r"]["stderr"]
-    path.write_text(json.dumps(content))
-    with pytest.raises(
-        ModelError,
-        match=r"b/yaw_model.json: models.3.I_r: found a number without stderr and ci95, expected an estimate",
-    ):
-        compare(folders)
+        compare([yaw_model(tmp_path / "a"), *make(tmp_path)])
 
 
 def test_two_models_of_the_same_runs_are_compared_run_by_run(tmp_path: Path, run: Callable[..., Result]) -> None:
     for seed in range(4):
         written(sequence_run(noise_deg=0.5, seed=seed, hold=2.0 + seed), tmp_path / "logs" / f"{seed}.csv")
+
+    def validate(logs: Path, model: Path, out: Path) -> dict[str, Any]:
+        assert run("validate", logs, "--model", model, "-o", out, "--no-figures").exit_code == 0
+        content: dict[str, Any] = json.loads((out / "validation.json").read_text())["models"]["3"]["runs"]
+        return content
+
+    scores = []
     for name, k_rr in (("good", 1.25), ("bad", 1.4)):
         drag, inertia = normal(k_rr, 0.01).to_json(), normal(1.02, 0.01).to_json()
         model = model_file(tmp_path / f"{name}.json", models={"3": {"k_rr": drag, "I_r": inertia}})
-        done = run("validate", tmp_path / "logs", "--model", model, "-o", tmp_path / name, "--no-figures")
-        assert done.exit_code == 0, done.output
+        scores.append(validate(tmp_path / "logs", model, tmp_path / name))
     done = run("compare", tmp_path / "good", tmp_path / "bad" / "validation.json", "-o", tmp_path / "both")
-    assert done.exit_code == 0, done.output
     assert "differences are run by run, over the runs that both have" in done.stdout
     data = json.loads((tmp_path / "both" / "comparison.json").read_text())
-    files = [json.loads((tmp_path / name / "validation.json").read_text())["models"]["3"] for name in ("good", "bad")]
-    for one, key in zip(data["differences"], ("rmse_deg", "restarted_rmse_deg"), strict=True):
-        apart = np.array([files[1]["runs"][name][key] - files[0]["runs"][name][key] for name in files[0]["runs"]])
-        found = stats.ttest_1samp(apart, 0.0).confidence_interval(0.95)
-        assert one["difference"]["value"] == pytest.approx(apart.mean())
-        assert one["difference"]["ci95"] == pytest.approx([found.low, found.high])
-    again = am.compare([tmp_path / "good", tmp_path / "bad"])
-    assert again.to_json()["differences"] == data["differences"]
-    (tmp_path / "logs" / "0.csv").unlink()
-    alone, model = tmp_path / "alone", tmp_path / "bad.json"
-    assert run("validate", tmp_path / "logs" / "1.csv", "--model", model, "-o", alone, "--no-figures").exit_code == 0
-    refused = run("compare", tmp_path / "good", alone)
+    for row, key in zip(data["differences"], ("rmse_deg", "restarted_rmse_deg"), strict=True):
+        apart = np.array([scores[1][name][key] - scores[0][name][key] for name in scores[0]])
+        interval = stats.ttest_1samp(apart, 0.0).confidence_interval(0.95)
+        assert row["difference"]["value"] == pytest.approx(apart.mean())
+        assert row["difference"]["ci95"] == pytest.approx([interval.low, interval.high])
+    validate(tmp_path / "logs" / "1.csv", tmp_path / "bad.json", tmp_path / "alone")
+    refused = run("compare", tmp_path / "good", tmp_path / "alone")
     assert refused.exit_code == 1 and "two runs in common" in " ".join(refused.stderr.split())

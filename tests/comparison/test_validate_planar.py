@@ -10,7 +10,6 @@ from made_planar import Craft, driven, solved
 from repository import SAMPLE_RUNS
 
 import automarine_cli as am
-from automarine_cli.commands.validate import validate
 from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, planar_start
 from automarine_cli.comparison.validation import PLANAR_SCORES, Scored, compare, planar_score
 from automarine_cli.errors import RunError, SettingError
@@ -63,7 +62,9 @@ def test_the_true_model_makes_no_error(side: float, moving: bool) -> None:
 
 def test_the_error_is_the_noise_and_a_wrong_model_s_is_more() -> None:
     runs = [logged(seed, noise=0.02) for seed in range(3)]
-    truth, wrong = (planar_scored(one, runs).overall for one in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6))))
+    truth, wrong = (
+        planar_scored(candidate, runs).overall for candidate in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6)))
+    )
     for name in ("surge_rmse_m_s", "sway_rmse_m_s"):
         assert truth[name].value == pytest.approx(0.02, rel=0.15)
         low, high = truth[name].ci95  # type: ignore[misc]
@@ -97,14 +98,12 @@ def test_channels_that_are_not_logged_have_no_score() -> None:
 
 def test_a_model_that_runs_away_is_said_to() -> None:
     driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
-    found = compare(StoredPlanar(driving, ""), [logged(0)])
-    scored = found.models["planar"]
-    (free,) = scored.free
-    assert free.diverged and planar_table(found).rows[0][2] == "diverged"
-    assert {whole.value for whole in scored.overall.values()} == {None} and found.to_json()["models"]["planar"][
-        "diverged"
-    ]
-    assert "diverges" in planar_figure(free).get_suptitle()
+    result = compare(StoredPlanar(driving, ""), [logged(0)])
+    scored = result.models["planar"]
+    assert scored.free[0].diverged and planar_table(result).rows[0][2] == "diverged"
+    assert {score.value for score in scored.overall.values()} == {None}
+    assert result.to_json()["models"]["planar"]["diverged"]
+    assert "diverges" in planar_figure(scored.free[0]).get_suptitle()
 
 
 def test_the_figure_shows_heading_track_velocities_and_commands() -> None:
@@ -128,26 +127,22 @@ def model(tmp_path: Path) -> Path:
 
 
 def test_without_what_is_hidden_it_is_worse(tmp_path: Path, model: Path) -> None:
-    known = json.loads(model.read_text())
-    del known["parameters"]["yaw.N_v"]
-    (tmp_path / "known.json").write_text(json.dumps(known))
-    logs = [SAMPLE_RUNS / "planar_validation"]
-    truth, without = (validate(logs, model=one).models["planar"].overall for one in (model, tmp_path / "known.json"))
-    assert truth["surge_rmse_m_s"].value < 0.05 and truth["sway_rmse_m_s"].value < 0.05  # type: ignore[operator]
-    assert without["heading_rmse_deg"].value > 3 * truth["heading_rmse_deg"].value  # type: ignore[operator]
-
-
-def test_from_python(model: Path) -> None:
-    found = am.validate(SAMPLE_RUNS / "planar_validation", model=model)
-    assert repr(found).startswith("Validation over 2 runs: surge, sway and yaw together")
-    assert list(found.to_frame()["run"]) == ["crabwise", "zigzag"] and found.plot("validation_zigzag").axes
+    content = json.loads(model.read_text())
+    del content["parameters"]["yaw.N_v"]
+    (tmp_path / "bare.json").write_text(json.dumps(content))
+    result = am.validate(SAMPLE_RUNS / "planar_validation", model=model)
+    assert list(result.to_frame()["run"]) == ["crabwise", "zigzag"] and result.plot("validation_zigzag").axes
+    bare = am.validate(SAMPLE_RUNS / "planar_validation", model=tmp_path / "bare.json")
+    truth, without = (each.models["planar"].overall for each in (result, bare))
+    assert truth["surge_rmse_m_s"].value < 0.05 and truth["sway_rmse_m_s"].value < 0.05
+    assert without["heading_rmse_deg"].value > 3 * truth["heading_rmse_deg"].value
 
 
 def test_refusals(tmp_path: Path, model: Path) -> None:
     with pytest.raises(SettingError, match="every channel of its logs is compared; leave --channels out"):
-        validate([SAMPLE_RUNS / "planar"], model=model, channels="position")
+        am.validate(SAMPLE_RUNS / "planar", model=model, channels="position")
     with pytest.raises(RunError, match="no usable run in"):
-        validate([SAMPLE_RUNS / "surge"], model=model)
+        am.validate(SAMPLE_RUNS / "surge", model=model)
     (tmp_path / "wrong.json").write_text(json.dumps(planar_json(MODEL) | {"force_unit": "nu"}))
     with pytest.raises(Exception, match="coupled motions are in newtons"):
-        validate([SAMPLE_RUNS / "planar"], model=tmp_path / "wrong.json")
+        am.validate(SAMPLE_RUNS / "planar", model=tmp_path / "wrong.json")

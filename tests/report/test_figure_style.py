@@ -15,34 +15,14 @@ pytestmark = pytest.mark.usefixtures("drawn_figures")
 
 
 @house_style
-def drawn() -> Figure:
-    """A small figure with text, lines and a legend."""
+def small() -> Figure:
+    """Text, lines and a legend."""
     figure, axes = new_figure(2, 1, 3.0, 3.0, sharex=True)
     for model, colour in MODEL_COLOURS.items():
-        x = np.linspace(-1.0, 1.0, 50)
-        axes[0, 0].plot(x, x * float(model), color=colour, linestyle=MODEL_LINES[model], label=f"model {model}")
-    axes[1, 0].plot([0, 1], [0, -1])
+        axes[0, 0].plot([-1.0, float(model)], color=colour, linestyle=MODEL_LINES[model], label=f"model {model}")
     axes[1, 0].set_xlabel(r"moment $\tau$")
     axes[0, 0].legend()
     return figure
-
-
-def test_png_is_200_dpi_without_date_or_program() -> None:
-    data = png(drawn())
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    width, height = (int.from_bytes(data[start : start + 4], "big") for start in (16, 20))
-    assert (width, height) == (600, 600)
-    assert b"Software" not in data
-    assert b"tIME" not in data
-    assert b"Creation Time" not in data
-
-
-def test_same_bytes_whatever_the_user_has_set() -> None:
-    plain = png(drawn())
-    with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 5.0, "axes.facecolor": "red"}):
-        assert png(drawn()) == plain
-        assert matplotlib.rcParams["font.size"] == 20.0  # and the user's settings are left alone
-    assert png(drawn()) == plain
 
 
 @house_style
@@ -57,43 +37,39 @@ def with_colour_bar() -> Figure:
 
 
 @pytest.mark.parametrize("save", [png, svg, pdf])
-@pytest.mark.parametrize("draw", [drawn, with_colour_bar])
-def test_the_same_figure_saved_again_is_the_same_bytes(
+@pytest.mark.parametrize("draw", [small, with_colour_bar])
+def test_the_same_bytes_again_and_whatever_the_user_has_set(
     save: Callable[[Figure], bytes], draw: Callable[[], Figure]
 ) -> None:
     figure = draw()
     first = save(figure)
-    assert [save(figure), save(figure), save(draw())] == [first, first, first]
+    assert save(figure) == first
+    with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 5.0, "axes.facecolor": "red"}):
+        assert save(draw()) == first
+        assert matplotlib.rcParams["font.size"] == 20.0  # and the user's settings are left alone
 
 
-def test_svg_and_pdf_hold_no_date_and_no_program() -> None:
-    picture, page = svg(drawn()), pdf(drawn())
-    assert picture.startswith(b"<?xml") and page.startswith(b"%PDF")
-    for word in (b"dc:date", b"CreationDate", b"/Producer", b"/Creator", b"Matplotlib v"):
-        assert word not in picture and word not in page
-    assert b">model 1</text>" in picture
+def test_files_hold_no_date_and_no_program() -> None:
+    pixels, picture, page = (save(small()) for save in (png, svg, pdf))
+    width, height = (int.from_bytes(pixels[start : start + 4], "big") for start in (16, 20))
+    assert (pixels[:8], width, height) == (b"\x89PNG\r\n\x1a\n", 600, 600)  # 200 dpi
+    assert picture.startswith(b"<?xml") and page.startswith(b"%PDF") and b">model 1</text>" in picture
+    for word in (b"Software", b"tIME", b"Creation", b"dc:date", b"/Producer", b"/Creator", b"Matplotlib v"):
+        assert all(word not in data for data in (pixels, picture, page))
 
 
-def test_axes_come_as_a_grid() -> None:
-    assert new_figure()[1].shape == (1, 1)
-    assert new_figure(2, 3)[1].shape == (2, 3)
+def test_letters_that_a_font_lacks_are_no_warning() -> None:
+    for save in FORMATS.values():
+        figure, axes = new_figure()
+        axes[0, 0].set_title("Größe_タンク $\\frac{ \\x1b", parse_math=False)
+        assert len(save(figure)) > 1000
 
 
-def lightness(colour: str) -> float:
-    """Relative luminance (Rec. 709), what a grey print shows, 0 to 1."""
-    return float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(colour)))
-
-
-def test_model_colours_differ_in_grey_and_their_lines_differ_too() -> None:
-    greys = sorted(lightness(colour) for colour in MODEL_COLOURS.values())
-    assert min(np.diff(greys)) > 0.2
-    assert len({str(line) for line in MODEL_LINES.values()}) == 3
-
-
-@pytest.mark.parametrize("name", ["orange", "blue", "sky", "vermilion", "green", "purple", "yellow", "black"])
-def test_palette_is_okabe_and_itos(name: str) -> None:
-    expected = {
+def test_colours_are_okabe_and_itos_and_models_differ_in_grey() -> None:
+    assert {
         "black": "#000000", "orange": "#E69F00", "sky": "#56B4E9", "green": "#009E73",
         "yellow": "#F0E442", "blue": "#0072B2", "vermilion": "#D55E00", "purple": "#CC79A7",
-    }  # fmt: skip
-    assert COLOURS[name] == expected[name]
+    }.items() <= COLOURS.items()  # fmt: skip
+    luminance = [float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(colour))) for colour in MODEL_COLOURS.values()]
+    assert min(np.diff(sorted(luminance))) > 0.2  # Rec. 709: what a grey print shows
+    assert len({str(line) for line in MODEL_LINES.values()}) == 3

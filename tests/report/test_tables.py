@@ -12,7 +12,6 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.report.tables import MISSING, Math, Table, interval, number
 
 Interval = partial(Estimate, unit="")
-
 AWKWARD = Table(
     "Table_1: 50 % & more",
     ("run", Math("k_r|r|", r"k_{r|r|}"), "why"),
@@ -27,50 +26,37 @@ AWKWARD = Table(
 
 
 def test_csv_is_read_back_by_any_program() -> None:
-    rows = list(csv.reader(io.StringIO(AWKWARD.to_csv())))
-    assert rows == [
-        ["run", "k_r|r|", "why"],
-        ["a|b_c, d", "-1.257", 'says "no" <here>'],
-        ["C:\\logs\\#1", "1.5e-7", "{~^} ψ 10 $"],
+    assert list(csv.reader(io.StringIO(AWKWARD.to_csv()))) == [
+        ["run", "k_r|r|", "why"], ["a|b_c, d", "-1.257", 'says "no" <here>'], ["C:\\logs\\#1", "1.5e-7", "{~^} ψ 10 $"],
         ["mean", "", "two\nlines"],
-    ]
+    ]  # fmt: skip
 
 
 def test_markdown_keeps_its_columns() -> None:
     assert AWKWARD.to_markdown().splitlines() == [
-        "**Table_1: 50 % & more**",
-        "",
+        "**Table_1: 50 % & more**", "",
         r"| run | k_r\|r\| | why |",
         "| --- | ---: | --- |",
         r'| a\|b_c, d | -1.257 | says "no" \<here\> |',
         r"| C:\\logs\\#1 | 1.5e-7 | {\~^} ψ 10 \$ |",
-        "| mean | – | two lines |",
-        "",
+        "| mean | – | two lines |", "",
         "r² in rad/s ± 5 %",
-    ]
+    ]  # fmt: skip
+    note = Table("", ("a",), (("1",),), notes=("look with `automarine diagnose` at `x`",)).to_markdown()
+    assert "look with `automarine diagnose` at \\`x\\`" in note  # our own commands stay code
 
 
 def test_latex_is_booktabs_and_escaped() -> None:
     assert AWKWARD.to_latex().splitlines() == [
-        r"\begin{table}",
-        r"\centering",
-        r"\caption{Table\_1: 50 \% \& more}",
-        r"\label{tab:table-1-50-more}",
-        r"\begin{tabular}{lrl}",
-        r"\toprule",
-        r"run & $k_{r|r|}$ & why \\",
-        r"\midrule",
+        r"\begin{table}", r"\centering", r"\caption{Table\_1: 50 \% \& more}", r"\label{tab:table-1-50-more}",
+        r"\begin{tabular}{lrl}", r"\toprule", r"run & $k_{r|r|}$ & why \\", r"\midrule",
         r"a\textbar{}b\_c, d & $-1.257$ & "
         r"says \textquotedbl{}no\textquotedbl{} \textless{}here\textgreater{} \\",
         r"C:\textbackslash{}logs\textbackslash{}\#1 & $1.5\times 10^{-7}$ & "
         r"\{\textasciitilde{}\textasciicircum{}\} $\psi$ 10 \$ \\",
-        r"\midrule",
-        r"mean & -- & two lines \\",
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\par\smallskip\footnotesize r$^2$ in rad/s $\pm$ 5 \%",
-        r"\end{table}",
-    ]
+        r"\midrule", r"mean & -- & two lines \\", r"\bottomrule", r"\end{tabular}",
+        r"\par\smallskip\footnotesize r$^2$ in rad/s $\pm$ 5 \%", r"\end{table}",
+    ]  # fmt: skip
 
 
 def test_latex_numbers_its_tables_itself_and_keeps_symbols() -> None:
@@ -82,20 +68,12 @@ def test_latex_numbers_its_tables_itself_and_keeps_symbols() -> None:
     assert "k_r\\|r\\|, 95 %" in table.to_markdown() and "k_r|r|, 95 %" in table.to_text()
 
 
-def test_commands_that_our_sentences_name_stay_code() -> None:
-    said = Table("", ("a",), (("1",),), notes=("look with `automarine diagnose` at `x`",)).to_markdown()
-    assert "look with `automarine diagnose` at \\`x\\`" in said
-
-
 def test_text_stands_in_columns() -> None:
     rows = (("1", "1.2", "x"), ("both", "-10.25", ""))
     table = Table("Drag", ("model", "k", "why"), rows, rules=(1,), notes=("N.",))
     assert table.to_text() == (
         "Drag\n\nmodel       k  why\n------------------\n1         1.2  x\n------------------\nboth   -10.25\n\nN.\n"
     )
-
-
-def test_a_row_of_another_length_is_a_defect() -> None:
     with pytest.raises(ValueError, match="2 cells in"):
         Table("T", ("one",), (("1", "2"),))
 
@@ -103,20 +81,17 @@ def test_a_row_of_another_length_is_a_defect() -> None:
 @given(st.lists(st.tuples(st.text(max_size=9), st.text(max_size=9)), max_size=4))
 def test_any_text_keeps_the_shape(rows: list[tuple[str, str]]) -> None:
     table = Table("T", ("a", "b"), tuple(rows))
-    body = table.to_markdown().split("\n")[4:]
-    assert len(body) == len(rows) + 1  # each row one line
+    assert len(table.to_markdown().split("\n")[4:]) == len(rows) + 1  # each row one line
     latex = table.to_latex()
     assert latex.count(r" \\" + "\n") == len(rows) + 1
     unescaped = latex.replace(r"\&", "").replace(r"\%", "")
-    assert unescaped.count("&") == len(rows) + 1
-    assert "%" not in unescaped
+    assert unescaped.count("&") == len(rows) + 1 and "%" not in unescaped
 
 
 @pytest.mark.parametrize(
     ("x", "text"),
     [
-        (1.2573, "1.257"), (0.027531, "0.02753"), (-12.345, "-12.35"), (0.0, "0"), (-0.0, "0"),
-        (9.9999, "10.00"),
+        (1.2573, "1.257"), (0.027531, "0.02753"), (-12.345, "-12.35"), (-0.0, "0"), (9.9999, "10.00"),
         (99999.6, "100000"), (1.23456e-7, "1.235e-7"), (2.5e9, "2.500e9"), (None, "–"), (float("nan"), "–"),
         (float("inf"), "–"), (0.99996, "1.000"),
     ],

@@ -1,0 +1,172 @@
+"""`run` takes every motion and `tune` as sections of a campaign file, and `init` writes the sections that it takes."""
+
+import json
+import shutil
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from repository import SAMPLE_RUNS
+
+from automarine_cli.commands import load
+from automarine_cli.commands.campaign import Campaign, read_campaign
+from automarine_cli.commands.init import init
+from automarine_cli.commands.report import report
+from automarine_cli.commands.run import run_campaign, why_made_again
+from automarine_cli.control import tuning
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.parallel import silent
+from automarine_cli.report.campaign import STEPS, headlines, make_report, read_steps
+
+STEP = {step.name: step for step in STEPS}
+HEAVE = f"""[heave]
+steps = ["{SAMPLE_RUNS / "heave"}"]
+validation = ["{SAMPLE_RUNS / "heave_validation"}"]
+depths = [0, 3.6]
+tail = 1.1
+"""
+YAW = f'[logs]\nsteps = ["{SAMPLE_RUNS / "steps"}"]\n'
+
+
+def campaign_file(folder: Path, text: str) -> Path:
+    file = folder / "campaign.toml"
+    file.write_text(f'schema = "automarine/campaign/1"\n{text}\n')
+    return file
+
+
+def settings(campaign: Campaign, step: str, out: Path) -> Mapping[str, Any]:
+    plan = campaign.plan(STEP[step], out)
+    assert not isinstance(plan, str), plan
+    return plan
+
+
+def test_heave_has_its_own_steps_and_report(tmp_path: Path) -> None:
+    file, out = campaign_file(tmp_path, HEAVE), tmp_path / "out"
+    result = run_campaign(file, out=out, until="validate-heave")
+    assert {step.step: step.did for step in result.steps} == {
+        "check": "done", "fit-thrusters": "skipped", "fit-yaw": "skipped", "validate": "skipped",
+        "diagnose": "skipped", "fit-heave": "done", "validate-heave": "done",
+    }  # fmt: skip
+    assert result.says["fit-heave"].startswith("model 3: Z_w|w| 45") and "cm free run" in result.says["validate-heave"]
+    options = json.loads((out / "heave" / "manifest.json").read_text())["options"]
+    assert options["tail"] == 1.1 and options["depths"] == [0, 3.6]
+    again = run_campaign(file, out=out, until="validate-heave")
+    assert {step.step: step.did for step in again.steps}["validate-heave"] == "kept"
+    text = make_report(out).files["report.md"]
+    for part in ("## Heave model", "| fit-heave | model 3: ", "Buoyancy: a constant force of 2", "## Heave validation"):
+        assert part in text
+    assert "## Yaw model" not in text and "heave/steps.png" in text
+
+
+def test_init_writes_the_sections_that_run_takes(tmp_path: Path) -> None:
+    for name in ("surge", "heave", "planar"):
+        for folder in (name, f"{name}_validation"):
+            shutil.copytree(SAMPLE_RUNS / folder, tmp_path / folder)
+    shutil.copytree(SAMPLE_RUNS / "hidden_surge", tmp_path / "hidden_surge")
+    result = init(tmp_path)
+    assert result.questions == ()
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    assert not campaign.sections["logs"]["steps"] and not campaign.sections["logs"]["manoeuvres"]
+    kinds = ("steps", "manoeuvres", "validation")
+    assert [len(campaign.logs("surge", kind)) for kind in kinds] == [34, 4, 3]
+    assert [len(campaign.logs("heave", kind)) for kind in kinds] == [1, 0, 3]
+    assert campaign.sections["planar"] == {"runs": ["planar"], "validation": ["planar_validation"]}
+
+
+@pytest.mark.parametrize(("name", "sections"), [
+    ("pool_day", {"thrusters", "yaw"}), ("forces", {"thrusters", "yaw", "surge", "heave"}),
+    ("planar_day", {"thrusters", "yaw", "planar"}),
+])  # fmt: skip
+def test_a_campaign_has_the_steps_of_its_logs(name: str, sections: set[str]) -> None:
+    campaign = read_campaign(SAMPLE_RUNS / f"{name}.toml")
+    assert {step.section for step in STEPS if campaign.has(step)} == sections | {""}
+
+
+def test_planar_steps_take_their_logs(tmp_path: Path) -> None:
+    campaign = read_campaign(SAMPLE_RUNS / "planar_day.toml")
+    assert len(settings(campaign, "fit-planar", tmp_path)["logs"]) == 8
+    for name in ("validate-planar", "diagnose-planar"):
+        assert campaign.plan(STEP[name], tmp_path) == "it needs the planar model, and fit-planar gave none"
+    (tmp_path / "planar").mkdir()
+    shutil.copy(SAMPLE_RUNS / "planar_bare.json", tmp_path / "planar" / "planar_model.json")
+    assert len(settings(campaign, "validate-planar", tmp_path)["logs"]) == 2
+    diagnosis = settings(campaign, "diagnose-planar", tmp_path)
+    assert (len(diagnosis["logs"]), len(diagnosis["hold_out"])) == (8, 2)
+
+
+def test_a_section_has_the_settings_of_its_command(tmp_path: Path) -> None:
+    """Converted as those of the command line; what a later step has too goes to that as well."""
+    lines = (
+        '[thrusters]\nform = "square"\n[yaw]\nfit_to = "whole-runs"\nwith_effects = ["dead-band"]\ntail = 90.0\n'
+        'channels = "position"\nknown = { I_r = [1, 0.1], k_r = 0 }\n'
+    )
+    campaign = read_campaign(campaign_file(tmp_path, f"seed = 3\n{YAW}{lines}"))
+    (tmp_path / "yaw").mkdir()
+    (tmp_path / "yaw" / "yaw_model.json").touch()
+    fit, diagnosis = (settings(campaign, name, tmp_path) for name in ("fit-yaw", "diagnose"))
+    assert fit["with_effects"] == ("dead-band",) and fit["known"] == ("I_r=1±0.1", "k_r=0")
+    assert (fit["fit_to"], fit["channels"], len(fit["logs"])) == ("whole-runs", "position", 42)
+    assert fit["tail"] == pytest.approx(90.0)  # degrees, as on the command line
+    assert (diagnosis["channels"], diagnosis["seed"], diagnosis["hold_out"]) == ("position", 3, ())
+    assert campaign.sections["thrusters"] == {"form": "square"}
+    assert campaign.plan(STEP["validate"], tmp_path) == "the campaign names no validation runs"
+
+
+@pytest.mark.parametrize(("line", "why"), [
+    ("within = 3.0", 'heave: unknown key "within"'), ("depths = [1.0]", r"heave\.depths is \[1\.0\]; "),
+    ('force = "guessed"', r'heave\.force: found "guessed", expected "logged" or "thrusters"'),
+    ("tail = [1.0]", r"heave\.tail is \[1\.0\]; expected a float"),
+    ('fit_to = "half-turns"', r"heave\.fit_to is 'half-turns'; 'half-turns' is not one of"),
+    ('with_effects = "nothing"', r"heave\.with_effects: with is 'nothing'; expected effects such as"),
+    ("taill = 1.0", 'heave: unknown key "taill"; did you mean "tail"'), ("steps = 'heave'", r"heave\.steps: found"),
+    ('steps = ["no"]', r"heave\.steps"), ("tail = -1.0", r"heave\.tail is -1; expected metres above 0"),
+    (f"{YAW}[yaw]\ntail = 170.0", r"yaw\.tail is 170; expected 15 to 165 degrees"),
+    ('[planar]\nruns = ["x"]\nforce = "thrusters"', r"which needs vehicle\.arm_m; give it in metres"),
+    (f'{YAW}[yaw]\nchannels = "compass"', r"yaw\.channels is 'compass'; expected auto"),
+    (f"{YAW}[tune]\nfull = 1", r"^campaign\.toml: tune\.target is missing"),
+    (f'{YAW}[tune]\ntarget = "pid"\nfull = -1', r"tune\.full is -1; -1\.0 is not in the range x>0"),
+    (f'{YAW}[tune]\ntarget = "pid"\nfulll = 1', r'tune: unknown key "fulll"'),
+    (f'{YAW}[tune]\ntarget = "pid"\nthrusters = 1', r"tune\.thrusters: found 1, expected true or false"),
+    (f'{YAW}[tune]\ntarget = "pid"\npresent = "no.param"', r"tune\.present: there is no file no\.param"),
+])  # fmt: skip
+def test_what_makes_no_sense_is_refused_with_its_key(tmp_path: Path, line: str, why: str) -> None:
+    """A line takes the place of that of HEAVE with its key; a section stands alone."""
+    others = "\n".join(other for other in HEAVE.splitlines() if not other.startswith(line.partition(" ")[0]))
+    file = campaign_file(tmp_path, line if "[" in line[:1] else f"{others}\n{line}")
+    with pytest.raises(SettingError, match=why):
+        run_campaign(file)
+
+
+@pytest.fixture
+def day(small_day: Path, tmp_path: Path) -> Path:
+    """A copy of a small campaign, with a section `tune` to end it."""
+    shutil.copytree(small_day, tmp_path / "day")
+    with (tmp_path / "day" / "pool" / "campaign.toml").open("a") as file:
+        file.write('[tune]\ntarget = "python"\nfull = 1.0\ndelay = 0.05\n')
+    return tmp_path / "day"
+
+
+def test_a_campaign_ends_with_gains_and_its_report_shows_them(day: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a diagnosis the model is tuned; nothing is made again that has not changed."""
+    monkeypatch.setattr(tuning, "design", partial(tuning.design, count=40))
+    campaign, out = day / "pool" / "campaign.toml", day / "out"
+    assert "tune" not in {step.step for step in run_campaign(campaign, out=out, until="fit-yaw").steps}
+    plan, tune = settings(read_campaign(campaign), "tune", out), load("tune")
+    tune.run(plan, out=out / "tune", overwrite=False, jobs=1, progress=silent, figure_formats=("png",))
+    assert why_made_again(out / "tune", **tune.manifest(plan)) is None
+    assert (out / "tune" / "controller.py").is_file()
+    text = report(out, overwrite=True).files["report.md"]
+    assert "## Tuning" in text and "(tune/tuning.png)" in text and "### What it rests on" in text
+    assert headlines(read_steps(out, [STEP["tune"]])) == {"tune": "gains for python"}
+
+
+def test_gains_take_the_thruster_map_of_the_campaign(day: Path) -> None:
+    with (day / "pool" / "campaign.toml").open("a") as file:
+        file.write("thrusters = true\n")
+    campaign, fitted = read_campaign(day / "pool" / "campaign.toml"), day / "out" / "thrusters" / "thrusters.json"
+    plan = settings(campaign, "tune", day / "out")
+    assert plan["thrusters"] == fitted and plan["arm"] is None
+    fitted.unlink()
+    assert campaign.plan(STEP["tune"], day / "out") == "it needs the thruster map, and fit-thrusters gave none"

@@ -1,0 +1,251 @@
+"""`automarine init` on whole folders, of other people too: it is sure only where it can be, and its campaign runs."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from made_campaigns import campaign
+from repository import ROOT
+from small_campaign import make_small_campaign
+from test_init import AHEAD, ASTERN, CANONICAL, FORCE, HEADING, PULSES, PWM, TIME, Column, answer, started, write_table
+from test_init import write_logs as write_four
+
+from automarine_cli.commands.campaign import read_campaign
+from automarine_cli.commands.fit_thrusters import fit_thrusters
+from automarine_cli.commands.init import init
+from automarine_cli.commands.run import run_campaign
+from automarine_cli.errors import LogError, OutputError, SettingError
+from automarine_cli.report.campaign import CampaignRun
+
+ARM = 0.2  # m
+MOMENTS = (0.4, -0.4, 0.7, -0.7, 1.0, -1.0)
+
+
+def write_logs(folder: Path, columns: dict[str, Column]) -> Path:
+    return write_four(folder, columns, MOMENTS)
+
+
+def command(side: float) -> Column:
+    """What the thruster of one side is sent [us about neutral]."""
+
+    def column(run):  # type: ignore[no-untyped-def]
+        force = side * run.command / ARM / 2
+        return np.sign(force) * np.round(np.sqrt(np.abs(force) / np.where(force > 0, AHEAD, ASTERN)), 1)
+
+    return column
+
+
+PORT, STBD = command(1.0), command(-1.0)
+
+
+def inertia(result: CampaignRun) -> float:
+    return float(result.says["fit-yaw"].rpartition("I_r ")[2].split()[0])
+
+
+def test_a_campaign_of_every_kind_with_one_question(tmp_path: Path, run: Callable[..., Result]) -> None:
+    file = make_small_campaign(tmp_path / "pool")
+    file.unlink()
+    result = run("init", tmp_path / "pool")
+    assert result.exit_code == 0, result.stderr
+    assert "1 question to answer: thrusters.per_test." in result.stdout
+    assert result.stdout.endswith(f"automarine run {file} -o results\n")
+    assert tomllib.loads(file.read_text(encoding="utf-8"))["logs"] == {
+        "thrusters": ["thrusters"], "steps": ["steps"], "manoeuvres": ["driving"], "validation": ["validation"],
+    }  # fmt: skip
+    with pytest.raises(SettingError, match=r"campaign\.toml: 1 question is still open: thrusters\.per_test"):
+        run_campaign(file, until="check")
+    answer(tmp_path / "pool", {"per_test": "2"})
+    done = run_campaign(file, out=tmp_path / "out", until="fit-thrusters")
+    assert [step.did for step in done.steps] == ["done", "done"]
+
+
+def test_results_are_no_logs_and_what_cannot_be_read_is_named(tmp_path: Path) -> None:
+    pool = tmp_path / "pool"
+    write_logs(pool / "steps", CANONICAL)
+    init(pool)
+    run_campaign(pool / "campaign.toml", out=pool / "out", until="fit-yaw")
+    assert (pool / "out" / "yaw" / "runs.parquet").exists()
+    (pool / "broken.csv").write_text("time_s,heading_deg,tau\n0,x,1\n", encoding="utf-8")
+    write_table(pool / "weather.csv", {"time_s": [0.0, 60.0], "air_degC": [11.0, 11.5]})
+    engine = {"time_s": 0.1 * np.arange(60), "tau": np.repeat([0.0, 0.4], 30), "oil_bar": 0.0}
+    write_table(pool / "engine.csv", engine)
+    result, data = started(pool)
+    assert data["logs"]["steps"] == ["steps"] and result.questions == ()
+    assert "#   pool/broken.csv, run broken: row 2, column heading_deg: found 'x'" in result.text
+    assert [file.path.name for file in result.survey.strangers] == ["weather.csv"]
+    assert "no column looks like a heading, a moment or a command" in result.text
+    assert any("engine" in aside.file for aside in result.survey.set_aside)  # it has no heading
+    with pytest.raises(LogError, match="the only logs here are in folders of results"):
+        init(pool / "out")
+
+
+def test_nothing_is_replaced_unless_wanted(tmp_path: Path, run: Callable[..., Result]) -> None:
+    write_logs(tmp_path / "logs", CANONICAL)
+    first = init(tmp_path)
+    with pytest.raises(OutputError, match=r"campaign\.toml is there already; give --overwrite"):
+        init(tmp_path)
+    assert init(tmp_path, overwrite=True).text == first.text
+    elsewhere = init(tmp_path, out=tmp_path / "a" / "b" / "c.toml")
+    assert tomllib.loads(elsewhere.text)["logs"]["steps"] == ["../../logs"]
+    assert read_campaign(tmp_path / "a" / "b" / "c.toml").logs("logs", "steps")
+    (tmp_path / "empty").mkdir()
+    refused = run("init", tmp_path / "empty")
+    assert refused.exit_code == 1 and "no logs in this directory" in refused.stderr
+
+
+def test_names_cannot_leave_their_comment(tmp_path: Path) -> None:
+    write_logs(tmp_path / "steps", CANONICAL)
+    (tmp_path / 'x"]\nstrict = true\n#.csv').write_text("time_s,heading_deg,tau\n", encoding="utf-8")
+    assert set(started(tmp_path)[1]) == {"schema", "title", "vehicle", "logs", "columns", "yaw"}
+
+
+def test_what_a_column_map_says_is_not_asked(tmp_path: Path) -> None:
+    write_logs(
+        tmp_path / "runs", TIME | {"q7": lambda run: -np.rad2deg(run.position) % 360, "torque": lambda run: run.command}
+    )
+    result, data = started(tmp_path)
+    assert result.questions == ("columns.tau", "columns.heading_deg") and data["logs"]["steps"] == ["runs"]
+    names = tmp_path / "names.toml"
+    names.write_text('[columns]\nheading_deg = { from = "q7", sign = -1 }\ntau_Nm = "torque"\n', encoding="utf-8")
+    result, data = started(tmp_path, columns=names)
+    assert result.questions == ()
+    assert data["columns"] == {"heading_deg": {"from": "q7", "sign": -1}, "tau_Nm": "torque"}
+    assert "as --columns says, " in result.text and "turns with the moment in 6 of 6 steps" in result.text
+    assert run_campaign(tmp_path / "campaign.toml", until="check").steps[0].did == "done"
+
+
+def mixed(folder: Path) -> None:
+    """Bollard tests and runs of one vehicle, whose columns share names that mean something else."""
+    time = 1000.0 * np.arange(len(PWM))
+    write_table(folder / "bollard" / "a.csv", {"time": time, "PWM_us": PWM, "yaw": 0.0, "force_N": FORCE})
+    columns = {
+        "time": TIME["time_s"], "yaw": HEADING["heading_deg"],
+        "port_us": lambda run: 1500 + PORT(run), "stbd_us": lambda run: 1500 + STBD(run),
+        "u_mps": lambda run: 0.1 * HEADING["heading_deg"](run),
+    }  # fmt: skip
+    write_logs(folder / "runs", columns)
+
+
+@pytest.mark.slow
+def test_a_mixed_folder_has_a_map_for_each_kind_of_file_and_runs(tmp_path: Path) -> None:
+    mixed(tmp_path)
+    result, data = started(tmp_path)
+    assert data["columns"] == {
+        "time_s": "time", "heading_deg": "yaw", "surge_m_s": "u_mps",
+        "n_port": PULSES | {"from": "port_us"}, "n_stbd": PULSES | {"from": "stbd_us"},
+    }  # fmt: skip
+    assert data["columns_of"] == [{"logs": ["bollard"], "time_ms": "time", "n": PULSES}]
+    assert data["logs"] == {"thrusters": ["bollard"], "steps": ["runs"], "manoeuvres": [], "validation": []}
+    assert result.questions == ("vehicle.arm_m", "thrusters.per_test")
+    file = answer(tmp_path, {"arm_m": str(ARM), "per_test": "1"})
+    done = run_campaign(file, out=tmp_path / "out", until="fit-yaw")
+    assert [step.did for step in done.steps] == ["done", "done", "done"]
+    assert inertia(done) == pytest.approx(1.018, rel=0.05)  # the truth; the scatter of six runs
+
+
+def test_a_run_of_which_every_step_is_refused_names_no_report(tmp_path: Path, run: Callable[..., Result]) -> None:
+    mixed(tmp_path)
+    started(tmp_path)
+    file = answer(tmp_path, {"arm_m": str(ARM), "per_test": "1"})
+    text = file.read_text(encoding="utf-8").replace('"yaw"', '"nope"').replace('"PWM_us"', '"nope"')
+    file.write_text(text, encoding="utf-8")
+    result = run("run", file, "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "report.html" not in result.stdout and "no step has a result to show" in result.stdout
+    assert not (tmp_path / "out" / "report.html").exists()
+
+
+def test_normalised_commands_do_not_fit_a_map_of_pulses(tmp_path: Path) -> None:
+    """The commands beside a logged moment are read, and named where they do not fit the tests."""
+    write_table(tmp_path / "bollard" / "a.csv", {"PWM_us": PWM, "force_N": FORCE})
+    share = {"port_cmd": lambda run: PORT(run) / 400, "stbd_cmd": lambda run: STBD(run) / 400}
+    write_logs(tmp_path / "runs", CANONICAL | share)
+    result, data = started(tmp_path)
+    assert (data["columns"]["n_port"], data["yaw"]["moment"]) == ("port_cmd", "logged")
+    assert "the logs hold a moment, and the commands port_cmd, stbd_cmd beside it" in result.text
+    assert "they look normalised (-1 to 1)" in result.survey.misfit
+
+
+def pairs(folder: Path, nav: str, cmd: str) -> None:
+    """Navigation and commands of each run in files that are named so, on one clock."""
+    for i, run in enumerate(campaign(MOMENTS, noise_deg=0.3, period=0.05)):
+        heading = HEADING["heading_deg"](run)
+        write_table(folder / f"{nav.format(i)}.csv", {"t": run.time, "heading_deg": heading, "speed_mps": 0.0})
+        sent = {"port_cmd": PORT(run)[1:-1], "stbd_cmd": STBD(run)[1:-1]}
+        write_table(folder / f"{cmd.format(i)}.csv", {"t": run.time[1:-1] - 0.01, **sent})
+
+
+@pytest.mark.parametrize(
+    ("nav", "cmd", "logs", "others"),
+    [
+        ("nav_{}", "cmd_{}", "nav_*.csv", "cmd_*.csv"), ("day_{}_nav", "day_{}_cmd", "*_nav.csv", "*_cmd.csv"),
+        ("nav/{}", "cmd/{}", "nav/*.csv", "cmd/*.csv"),
+    ],
+)  # fmt: skip
+def test_files_that_are_one_log_are_joined(tmp_path: Path, nav: str, cmd: str, logs: str, others: str) -> None:
+    pairs(tmp_path, nav, cmd)
+    result, data = started(tmp_path)
+    assert data["logs"]["join"] == [{"logs": logs, "with": others, "take": "previous", "max_age_s": 5.0}]
+    assert len(result.survey.placed["steps"]) == len(MOMENTS)
+    assert data["columns"]["time_s"] == "t" and data["columns"]["n_port"] == "port_cmd"
+    assert 'surge_m_s = "speed_mps"' in result.text and "surge_m_s" not in data["columns"]  # offered
+
+
+def test_what_is_joined_is_fitted_and_an_input_too(tmp_path: Path) -> None:
+    pairs(tmp_path, "nav_{}", "cmd_{}")
+    started(tmp_path)
+    thrusters = fit_thrusters(write_table(tmp_path / "bench" / "a.txt.csv", {"n": PWM - 1500, "force_N": FORCE}))
+    (tmp_path / "map.json").write_text(json.dumps(thrusters.to_json()), encoding="utf-8")
+    file, out = answer(tmp_path, {"arm_m": str(ARM), "map": "map.json"}), tmp_path / "out"
+    done = run_campaign(file, out=out, until="fit-yaw")
+    assert [step.did for step in done.steps] == ["done", "skipped", "done"]
+    assert done.says["check"] == f"{len(MOMENTS)} logs, {len(MOMENTS)} runs"
+    assert "joined to the clock of" in (out / "check" / "check.json").read_text(encoding="utf-8")
+    assert inertia(done) == pytest.approx(1.018, rel=0.08)
+    assert run_campaign(file, out=out, until="check").steps[0].did == "kept"
+    changed = tmp_path / "cmd_0.csv"
+    changed.write_text(changed.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    assert run_campaign(file, out=out, until="check").steps[0].did == "done"
+
+
+def test_navigation_beside_wrenches_is_one_log(tmp_path: Path) -> None:
+    """The wrench files have no word for yaw or command but their names, and no heading: alone they are no runs."""
+    for run in campaign(MOMENTS, noise_deg=0.3):
+        heading = np.round(run.position % (2 * np.pi), 4)
+        write_table(tmp_path / f"{run.name}_nav.csv", {"time_s": run.time, "heading_rad": heading})
+        wrench = {"force_x": 0.0, "force_y": 0.0, "torque_z": run.command}
+        write_table(tmp_path / f"{run.name}_wrench.csv", {"time_s": run.time} | wrench)
+    result, data = started(tmp_path)
+    (join,) = data["logs"]["join"]
+    assert (join["logs"], join["with"]) == ("*_nav.csv", "*_wrench.csv")
+    assert "wrench" not in str({kind: data["logs"][kind] for kind in ("thrusters", "steps", "manoeuvres")})
+    assert 'tau = "?"' in result.text and "torque_z" in result.text
+
+
+def test_answers_on_a_terminal(tmp_path: Path) -> None:
+    """Each question is put with its evidence; Enter leaves it open."""
+    mixed(tmp_path)
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "automarine_cli", "init", str(tmp_path)]
+    process = subprocess.Popen(command, cwd=ROOT, stdin=theirs, stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    os.write(ours, b"0.2\n\n")
+    printed = b""
+    while True:
+        try:
+            printed += os.read(ours, 65536)
+        except OSError:
+            break
+    os.close(ours)
+    assert process.wait(timeout=600) == 0
+    assert b"metres from the centre line to each thruster" in printed and b"arm_m (Enter: later)" in printed
+    data = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
+    assert data["vehicle"]["arm_m"] == 0.2 and data["thrusters"]["per_test"] == "?"
