@@ -4,12 +4,13 @@ import base64
 import json
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from browser import Tab, browser, chromium
 from click.testing import Result
 from small_campaign import make_small_campaign
 
@@ -222,6 +223,38 @@ def test_markdown_is_text_whatever_it_holds() -> None:
     assert '<h1 id="a-b">A &lt;b&gt;' in body
     assert "<p>x *y* <strong>z</strong> <code>a&lt;b</code> <var>k</var><sub>r|r|</sub> &lt; &lt;i&gt;</p>" in body
     assert '<th scope="row">|</th><td class="n">1</td>' in body
+
+
+@pytest.fixture(scope="module")
+def tab(files: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]]:
+    """The page's file and a browser to open it with."""
+    program = chromium()
+    if program is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(files["report.html"], encoding="utf-8")
+    with browser(program) as opened:
+        yield opened, path
+
+
+@pytest.mark.parametrize("width", [1200, 390])
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_browser_shows_it_without_a_word_to_anybody(tab: tuple[Tab, Path], width: int, dark: bool) -> None:
+    shown, path = tab
+    shown.asked.clear()
+    shown.open(path, width=width, dark=dark, touch=width < 400)
+    assert shown.problems == []
+    assert {address.partition(":")[0] for address in shown.asked} <= {"file", "data"}
+    assert shown.asked.count(path.as_uri()) == sum(address.startswith("file:") for address in shown.asked) == 1
+    assert shown.value("document.scrollingElement.scrollWidth") <= width
+    said = shown.value("document.querySelectorAll('details').forEach(d => { d.open = true }), document.body.innerText")
+    for words in ("Thruster map", "Table 1. Identified yaw models: drag", "never moved", HOSTILE[0], HOSTILE[4]):
+        assert words in said
+    paper, ink = (
+        sum(map(int, re.findall(r"\d+", shown.value(f"getComputedStyle(document.body).{one}"))))
+        for one in ("backgroundColor", "color")
+    )
+    assert (paper < 100 and ink > 600) if dark else (paper > 700 and ink < 150)
 
 
 def test_very_long_tables_stay_in_their_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
