@@ -124,8 +124,7 @@ def _of_the_plane(
     foretell(settings["progress"], "the diagnosis", expected_seconds(runs, planar=True))
     search = find_missing(stored, runs, held_out, observed(campaign.runs))
     search = replace(search, where=find_planar_where(search, seed))
-    aside = (*campaign.set_aside, *(other.set_aside if other else ()))
-    return PlanarDiagnosis(search, aside, sha256(model))
+    return PlanarDiagnosis(search, (*campaign.set_aside, *(other.set_aside if other else ())), sha256(model))
 
 
 def _of_a_map(

@@ -235,11 +235,10 @@ def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood
     tried = {str(simplest): best}
     while True:
         new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
-        promising = _promising(best, new, rough, estimator)
-        chosen = []
-        for structure, model, promise in promising:
-            begun = estimator.toward(model, best.estimated, promise)
-            chosen.append(Tried(structure, estimator.estimate(*begun, brief=True)))
+        chosen = [
+            Tried(structure, estimator.estimate(*estimator.toward(model, best.estimated, promise), brief=True))
+            for structure, model, promise in _promising(best, new, rough, estimator)
+        ]
         tried |= {str(trial.structure): trial for trial in chosen}
         better = min(chosen, key=lambda trial: trial.estimated.criterion, default=best)
         if better is not best:
@@ -464,8 +463,7 @@ class PlanarLikelihood:
         assert neighbour.fit is not None
         problem = self.problem(neighbour.model)
         starts = np.concatenate([neighbour.fit.theta[None], self.starts(problem, None)])
-        fit = fit_forecasts(problem, neighbour.fit.phi, starts)
-        return self._estimated(neighbour.model, with_chance(problem, fit))
+        return self._estimated(neighbour.model, with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts)))
 
     def _estimated(self, model: Tied, fit: InnovationsFit) -> Estimated:
         """The estimate of a fit, with the run as the unit of its errors."""
@@ -511,9 +509,8 @@ class PlanarLikelihood:
         (slopes,) = problem.slopes(phi[None])
         gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
         hessian = slopes.information.sum(axis=0) + problem.prior_information
-        names = [problem.names[i] for i in problem.free]
+        names, free = [problem.names[i] for i in problem.free], {*neighbour.model.free, *neighbour.random}
         limits, origin = problem.limits[problem.free], phi[problem.free]
-        free = {*neighbour.model.free, *neighbour.random}
 
         def promise(more: tuple[str, ...]) -> Promise:
             chosen = np.array([name in free or name in more for name in names])

@@ -274,7 +274,7 @@ class Collector:
             part.unlink()
         raise SettingError(
             f"{target.name} came {TRIES} times with another SHA-256 than it was closed with; its file on the vehicle "
-            "is damaged, or it is not the vehicle that answers"
+            "is damaged, or it is not the vehicle that answers: check its disk, and the address"
         )
 
     def _fetch_rest(self, part: Path, name: str, size: int) -> None:

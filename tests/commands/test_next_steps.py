@@ -22,7 +22,6 @@ PASSED_ON = (
     "{printable(str(data.get('error')))[:600]}", "{why}", "{self.silenced}", "{misfit.sentence}",
     "{table.origin.why_not}", "{what}", "{another_pilot(heard)}", "{_cannot(target, left_out, origin)}",
     "{' or '.join(stack.motions)}", "{mend}", "{reasons}{more}", "{_meant_for(table, lacking)}",
-    " and have {} bytes", "it is not the vehicle that answers",  # of another program: nobody can do much
 )  # fmt: skip
 """Ends of refusals whose sentence was made elsewhere, by a refusal that is read here or a table."""
 VERBS = (
