@@ -143,7 +143,7 @@ def candidates(base: Tied, observed: Observed, largest: float) -> Iterator[Candi
 FEWEST_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
 HEAD_START = 10.0  # deviance beyond the penalty that an effect has to gain
 ERRORS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
-FULLY = 4  # candidates of a round that are fitted at most, those that promise most
+FULLY, LOOK = 4, 6  # candidates of a round that are fitted at most, those that promise most; iterations of each
 MOST = 3  # effects that are named at most
 
 
@@ -278,7 +278,7 @@ class _Planar(Judge[Estimated, PlanarStep]):
         likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
         promised = _promised(likelihood, model, self.observed)
         tried = [
-            _fitted(c, likelihood.estimate(*likelihood.toward(c.model, model, promise), True), model, other)
+            _fitted(c, likelihood.estimate(*likelihood.toward(c.model, model, promise), LOOK), model, other)
             for c, promise in sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
             if 2.0 * promise.gain > HEAD_START
         ]
@@ -342,7 +342,7 @@ def _on_the_best_summit(
         return current, tried
     estimate = max(tried, key=lambda contender: contender.surplus).estimate
     model = current.model.with_theta([estimate.known[name] for name in current.model.free])
-    again = likelihood.estimate(model, estimate, True)
+    again = likelihood.estimate(model, estimate, LOOK)
     if again.log_likelihood <= current.log_likelihood:
         return current, tried
     again = likelihood.estimate(again.model, again)

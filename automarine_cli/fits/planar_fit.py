@@ -236,7 +236,7 @@ def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood
     while True:
         new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
         chosen = [
-            Tried(structure, estimator.estimate(*estimator.toward(model, best.estimated, promise), brief=True))
+            Tried(structure, estimator.estimate(*estimator.toward(model, best.estimated, promise), BRIEF))
             for structure, model, promise in _promising(best, new, rough, estimator)
         ]
         tried |= {str(trial.structure): trial for trial in chosen}
@@ -450,12 +450,12 @@ class PlanarLikelihood:
                 starts.append([*np.where(heavy, inertia * model.theta, model.theta), *pushed.values()])
         return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
-    def estimate(self, model: Tied, neighbour: Estimated | None = None, brief: bool = False) -> Estimated:
-        """The model fitted, from its own values, or from what was found of a `neighbour`; a `brief` fit ends early, and
+    def estimate(self, model: Tied, neighbour: Estimated | None = None, iterations: int = ITERATIONS) -> Estimated:
+        """The model fitted, from its own values, or from what was found of a `neighbour`; one of few `iterations`
         leaves no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
-        iterations = BRIEF if brief else ITERATIONS
-        return self._estimated(model, fit_innovations(problem, self.starts(problem, neighbour), iterations, brief))
+        starts, brief = self.starts(problem, neighbour), iterations < ITERATIONS
+        return self._estimated(model, fit_innovations(problem, starts, iterations, brief))
 
     def by_forecasts(self, neighbour: Estimated) -> Estimated:
         """The model of an estimate fitted to forecasts over seconds, from states that are smoothed by it. Raises

@@ -96,7 +96,7 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     every = PlanarLikelihood(tuple(campaign(HIDDEN["N_v"], 3, 6, 30.0, SPEEDS)), Observed(SPEEDS))
     bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
     near = Estimated(base_of(bare, every.observed), np.zeros((0, 0)), 0.0, 0, random={"yaw.disturbance": 0.5})
-    before = every.estimate(near.model, near, brief=True)
+    before = every.estimate(near.model, near, 6)
     search = PlanarSearch(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)
     assert where is not None

@@ -95,7 +95,7 @@ class Scripted:
     def __init__(self, *_: object) -> None:
         pass
 
-    def estimate(self, model: Tied, near: Estimated | None = None, brief: bool = False) -> Estimated:
+    def estimate(self, model: Tied, near: Estimated | None = None, iterations: int = 60) -> Estimated:
         return Estimated(model, 0.01 * np.eye(len(model.free)), self.worth(model.free), 1000, NOISE)
 
     def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
