@@ -187,7 +187,7 @@ class Log:
 
     def __post_init__(self) -> None:
         if not LOG_NAME.fullmatch(self.name) or not 0 <= self.size < LARGEST_LOG:
-            raise SettingError(f"a log cannot be called {told(self.name)} of {told(self.size)} B: check who answers")
+            raise SettingError(f"a log cannot be called {told(self.name)} or hold {told(self.size)} B: check its host")
         if self.closed and not (self.sha256 and SHA256.fullmatch(self.sha256) and self.name.endswith(".csv")):
             raise SettingError(f"{self.name} is closed and has the SHA-256 {told(self.sha256)}; expected 64 hex digits")
 

@@ -96,7 +96,8 @@ def test_a_missing_file(tmp_path: Path) -> None:
 
 def test_a_map_that_gives_the_unit_or_the_scale_is_believed(tmp_path: Path) -> None:
     for value in ('{ from = "heading_deg", unit = "rad" }', '{ from = "heading_deg", scale = 0.0174533 }'):
-        read_column_map(written(tmp_path, f"[columns]\nheading_rad = {value}\n"))
+        names = read_column_map(written(tmp_path, f"[columns]\nheading_rad = {value}\n"))
+        assert names.columns["heading_rad"].source == "heading_deg"
 
 
 def mapped(folder: Path, content: str, **rules: ColumnRule) -> LogTable:
