@@ -12,6 +12,7 @@ from functools import partial
 from itertools import combinations, product
 
 import numpy as np
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.scores import (
@@ -26,11 +27,13 @@ from automarine_cli.diagnosis.scores import (
     score,
 )
 from automarine_cli.diagnosis.study import ITERATIONS, DiagnosisProblem, Fit
+from automarine_cli.effects.learned import Learned
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, discover
+from automarine_cli.fits.whole_runs import run_dof
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
@@ -605,8 +608,8 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
     Runs left out of the fit have to be predicted better with it, and its size must be its own: one that only a bound
     stops says that the runs want something else. What is late by less than a sample is no more than a shift of the
     instants at which commands switch, which no log shows. Of driven runs the gain has to repeat itself from run to run:
-    its mean is more than CLEAR standard errors, for moving water over the runs that turn back; and nothing that comes
-    with the period of a controller's limit cycle stands."""
+    its mean is more than CLEAR standard errors, for moving water over the runs that turn back; the interval of its size
+    must not hold nothing; and nothing that comes with the period of a controller's limit cycle stands."""
     if float(trial.fit.predictive.sum()) <= float(current.fit.predictive.sum()):
         return "runs left out of the fit are not predicted better with it"
     term, end = trial.model.terms[-1], len(trial.model.theta)
@@ -625,7 +628,28 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
         i in trial.fit.at_bound and value != p.off and not fixed and (not p.scan or effect.varies(term.values))
         for i, p, value, fixed in zip(places, effect.parameters, term.values, effect.held(term.values))
     )
-    return "its size goes to the limit of what is allowed" if stopped else ""
+    if stopped:
+        return "its size goes to the limit of what is allowed"
+    return "the 95 % interval of its size holds zero" if study.driven and may_be_nothing(study, trial) else ""
+
+
+def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit) -> bool:
+    """Whether the sizes of a trial's last effect, all together, are within their errors of nothing.
+
+    Wald's test with the run as the unit; of one size that is whether its 95 % interval holds zero. Sizes at a bound say
+    nothing, nor do those on a logarithm, which has no zero."""
+    term, fit = trial.model.terms[-1], trial.fit
+    effect, first = effects.get(term.name), len(trial.model.theta) - len(term.values)
+    fixed = np.array(effect.shapes) | np.array(effect.held(term.values))
+    sizes = first + np.flatnonzero(~fixed & ~fit.positive[first : len(trial.model.theta)])
+    sizes = np.setdiff1d(sizes, fit.at_bound)
+    if not len(sizes) or effect.varies(term.values) or isinstance(effect, Learned):
+        return False
+    away = fit.theta[sizes] - np.array(effect.off)[sizes - first]
+    covariance = study.covariance(trial.model, fit)[np.ix_(sizes, sizes)]
+    dof = min(run_dof(fit, axis) for axis in np.eye(len(fit.theta))[sizes])
+    wald = float(away @ np.linalg.pinv(covariance) @ away) / len(sizes)
+    return float(special.fdtrc(len(sizes), dof, wald)) > WEAK
 
 
 def _rivals(final: CandidateFit, around: Mapping[str, SearchStep]) -> tuple[AlternativeModel, ...]:

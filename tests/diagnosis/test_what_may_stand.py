@@ -11,7 +11,7 @@ from effect_contract import base_for, planted, short_plans, unmeasured
 from automarine_cli.diagnosis.diagnose import ForecastGain, apart
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.scores import drag_drives
-from automarine_cli.diagnosis.search import CandidateFit, is_admissible, obstacle
+from automarine_cli.diagnosis.search import CandidateFit, is_admissible, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.driven import ForecastScore
@@ -43,6 +43,29 @@ def test_a_lag_of_less_than_a_sample_is_a_shift_of_the_switches(name: str, value
     assert is_admissible(study, trial, before) == stands
     assert ("less than a sample" in obstacle(study, trial, before)) != stands
     assert "predicted better" in obstacle(study, replace(trial, fit=fit), before)
+
+
+@pytest.mark.parametrize(
+    ("law", "sizes", "errors", "at_bound", "nothing"),
+    [
+        (0.0, (0.208, 0.03), (0.066, 0.0), (), False),  # five runs: t is 2.78
+        (0.0, (0.150, 0.03), (0.066, 0.0), (), True),
+        (1.0, (0.0, 0.337), (0.0, 0.138), (2,), True),  # a boat on a lake: the constant part at its bound
+        (1.0, (0.180, 0.180), (0.066, 0.066), (), False),  # neither alone is clear of zero, both together are
+    ],
+)
+def test_an_effect_whose_interval_holds_nothing_is_not_added(
+    law: float, sizes: tuple[float, float], errors: tuple[float, float], at_bound: tuple[int, ...], nothing: bool
+) -> None:
+    model = BASE.with_effect("coulomb-drag", [sizes[0], law, sizes[1], 0.15])
+    first, theta = len(model.theta) - 4, model.theta
+    covariance = np.zeros((len(theta), len(theta)))
+    covariance[[first, first + 2], [first, first + 2]] = np.square(errors)
+    fit: Any = SimpleNamespace(
+        theta=theta, positive=np.zeros(len(theta), dtype=bool), at_bound=at_bound, left_out=np.zeros((5, 1))
+    )
+    study: Any = SimpleNamespace(covariance=lambda *of: covariance)
+    assert may_be_nothing(study, CandidateFit(("coulomb-drag",), model, fit, 0.0)) == nothing
 
 
 def in_water(count: int, column: str = "water_temp_C") -> list[Run]:
