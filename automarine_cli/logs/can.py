@@ -9,9 +9,8 @@ The column map names the DBC, relative to itself, and the signals as MESSAGE.SIG
 
 SLCAN (.slcan) is the text that a CAN-to-serial converter sends, one frame a line: `t12380011223344556677ABCD` is a
 frame of identifier 0x123 with 8 bytes and, after them, the converter's clock in milliseconds, which begins anew every
-minute (switched on by its command Z1). A capture may have the time of its arrival in seconds in front of each line. A
-serial line of 138.24 kbit/s needs 1.9 ms for such a line, and lines wait for one another: the converter's own clock is
-used where there is one. Source: the LAWICEL protocol.
+minute. A capture may have the time of its arrival in seconds in front of each line; as lines wait for one another, the
+converter's own clock is used where there is one. Source: the LAWICEL protocol.
 """
 
 import io
@@ -42,14 +41,10 @@ Name = tuple[int, bool]  # identifier, and whether it is an extended one
 Captured = tuple[Floats, list[Name], list[bytes]]  # times [s], names and data of frames
 
 
-def read_slcan(content: bytes, source: str) -> tuple[Floats, list[Name], list[bytes], int]:
-    """Times [s], names and data of each frame; how many lines that look like frames are none. Raises LogError where
-    the frames have no time."""
-    arrived: list[float] = []
-    clock: list[float] = []
-    names: list[Name] = []
-    frames: list[bytes] = []
-    bad = 0
+def read_slcan(content: bytes, source: str) -> tuple[Captured, int]:
+    """The frames of a capture; how many lines that look like frames are none. Raises LogError where they have no
+    time."""
+    rows, bad = [], 0
     for line in re.split(rb"[\r\n\a]+", content):
         match = SLCAN_LINE.fullmatch(line)
         digits = 2 * int(match[4]) if match else 0
@@ -57,11 +52,11 @@ def read_slcan(content: bytes, source: str) -> tuple[Floats, list[Name], list[by
             bad += FRAME.search(line) is not None
             continue
         data, stamp = match[5][:digits], match[5][digits:]
-        arrived.append(float(match[1]) if match[1] else np.nan)
-        clock.append(int(stamp, 16) / 1e3 if stamp else np.nan)
-        names.append((int(match[2] or match[3], 16), match[2] is None))
-        frames.append(bytes.fromhex(data.decode()))
-    return _time(np.array(arrived), np.array(clock), source), names, frames, bad
+        clock = int(stamp, 16) / 1e3 if stamp else np.nan
+        name = int(match[2] or match[3], 16), match[2] is None
+        rows.append((float(match[1] or "nan"), clock, name, bytes.fromhex(data.decode())))
+    arrived, clocks = (np.array([row[i] for row in rows], dtype=np.float64) for i in (0, 1))
+    return (_time(arrived, clocks, source), [row[2] for row in rows], [row[3] for row in rows]), bad
 
 
 def _time(arrived: Floats, clock: Floats, source: str) -> Floats:
@@ -152,8 +147,8 @@ def _guarded(reader: Any) -> Any:
 
 
 def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
-    time, names, frames, bad = read_slcan(path.read_bytes(), name)
-    return (time, names, frames), skipped(bad, "line", "not a CAN frame")
+    captured, bad = read_slcan(path.read_bytes(), name)
+    return captured, skipped(bad, "line", "not a CAN frame")
 
 
 def messages_of(columns: ColumnMap) -> list[Any]:

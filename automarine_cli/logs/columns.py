@@ -154,12 +154,12 @@ def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Dof:
     return next(iter(motions_in(quantities)), None) or next(begun, YAW)
 
 
-# Words by which people call a quantity; only for suggestions, nothing is ever read by them.
-_WORDS: Mapping[str, Sequence[str]] = {
-    "time": ("t", "time", "timestamp", "seconds", "secs", "clock", "stamp", "times", "millis", "times_s"),
-    "n": ("n", "cmd", "command", "n_rev_s", "effort", "control", "throttle", "thruster_input", "pwm", "rpm"),
-    "force": ("force", "thrust", "load", "newtons", "force_n", "thrust_n", "pull", "mean_force", "total_force"),
-    "voltage": ("voltage", "volts", "battery", "vbat", "bat", "nominal_voltage_v"),
+# Words by which people call a quantity, the usual one first.
+WORDS: Mapping[str, Sequence[str]] = {
+    "time": ("t", "time", "timestamp", "seconds", "secs", "clock", "stamp", "millis", "zeit", "uhrzeit", "datetime"),
+    "n": ("n", "cmd", "command", "n_rev_s", "effort", "throttle", "thruster_input", "pwm", "rpm", "esc", "pulse"),
+    "force": ("force", "thrust", "load", "newtons", "pull", "mean_force", "total_force"),
+    "voltage": ("voltage", "volts", "battery_voltage", "vbat", "battery", "bat", "nominal_voltage_v"),
     **{
         quantity: [word for other in DOFS.values() for word in other.nicknames.get(quantity, ())]
         for dof in DOFS.values()
@@ -190,7 +190,7 @@ RATES = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
     """The column that may be meant by a quantity, for a suggestion; None where nothing comes near. Of several that come
     as near it is the one of which the word is the usual one."""
-    words = (*_WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
+    words = (*WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
     position = any(quantity == dof.position for dof in DOFS.values())
     best, score = None, 0.75
     for name in islice(names, MOST_LOOKED_AT):
@@ -249,13 +249,10 @@ class Join:
     def places(self, path: Path) -> tuple[Path, ...]:
         """Return where the files joined to the log at `path` should be; none where it is not of those meant."""
         depth = len(PurePosixPath(self.logs).parts)
-        stars = "([^/]*)".join(re.escape(part) for part in self.logs.split("*"))
-        match = re.fullmatch(stars, "/".join(path.absolute().parts[-depth:]))
-        if match is None:
-            return ()
-        parts = [(other.split("*"), [*match.groups()[: other.count("*")], ""]) for other in self.others]
-        base = path.parents[depth - 1] if depth <= len(path.parents) else path.absolute().parents[depth - 1]
-        return tuple(base / "".join(text + letters for text, letters in zip(*part)) for part in parts)
+        pattern = re.escape(self.logs).replace(r"\*", "([^/]*)")
+        match = re.fullmatch(pattern, "/".join(path.absolute().parts[-depth:]))
+        base = path.absolute().parents[depth - 1]
+        return () if match is None else tuple(base / _filled(other, match.groups()) for other in self.others)
 
     def beside(self, path: Path) -> tuple[Path, ...]:
         """Return the files joined to the log at `path`. Raises LogError for one that is not there."""
@@ -266,6 +263,11 @@ class Join:
                 "correct the names in join"
             )
         return places
+
+
+def _filled(pattern: str, letters: Iterable[str]) -> str:
+    remaining = iter(letters)
+    return re.sub(r"\*", lambda _: next(remaining), pattern)
 
 
 def matches(path: Path, pattern: str) -> bool:

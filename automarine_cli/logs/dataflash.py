@@ -85,11 +85,9 @@ def _indexed(data: bytes, characters: Characters) -> tuple[dict[int, Layout], di
         kind = data[at + 2]
         if kind == FMT:
             new = np.frombuffer(data, LAYOUT, 1, at)[0]
-            layout = _layout(new, characters)
-            if layout is not None and int(new["type"]) != FMT and int(new["type"]) not in lengths:
-                lengths[int(new["type"])] = int(new["length"])
-                layouts[int(new["type"])] = layout
-                places[int(new["type"])] = []
+            number, layout = int(new["type"]), _layout(new, characters)
+            if layout is not None and number not in lengths:
+                lengths[number], layouts[number], places[number] = int(new["length"]), layout, []
         places[kind].append(at)
         at += length
     return layouts, places, lost
@@ -127,7 +125,8 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     changes = messages.get("PARM", {})
     clock = _clock(changes) if {"Name", "Value"} <= changes.keys() else None
     values = {} if clock is None else parameters(changes["Name"], clock, changes["Value"])
-    return recorded(messages, _clock, SECONDS, own, "RCOU", values, columns, _states(messages), notes)
+    holds = [f"{name} ({len(next(iter(message.values())))})" for name, message in messages.items()]
+    return recorded(messages, _clock, SECONDS, own, "RCOU", values, columns, _states(messages), holds, notes)
 
 
 def _clock(fields: Message) -> Floats | None:

@@ -195,8 +195,8 @@ class Stamps:
 def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps | None:
     """Read the times of a column, typed or text; None where a cell is none.
 
-    Day or month first: as `day_first` says, else as the dates show (a number above 12, a clock that rises, a night
-    passed without a gap); dots are day first where nothing speaks against it. A clock goes on past midnight.
+    Day or month first: as `day_first` says, else as a number above 12 shows; dots are day first where nothing speaks
+    against it. A clock goes on past midnight.
     A float64 holds a present-day stamp to a quarter of a microsecond.
     """
     typed = array if pa.types.is_timestamp(array.type) else _parsed(array)
@@ -230,14 +230,7 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
                 ways.append(Stamps(since.dt.total_seconds().to_numpy() + seconds, kind))
     if len(ways) < 2:
         return ways[0] if ways else None
-    steps = [np.diff(way.seconds[np.isfinite(way.seconds)]) for way in ways]
-    # the only reading whose clock rises, or the only one that passes midnight without a gap
-    rises, unbroken = [bool((step >= 0).all()) for step in steps], [bool(step.max(initial=0) < HOUR) for step in steps]
-    for fits in (rises, unbroken):
-        if sum(fits) == 1:
-            return ways[fits.index(True)]
-    by_day = next(way for way in ways if way.kind == "day first")
-    return by_day if pc.any(pc.match_substring(date, ".")).as_py() else replace(by_day, open=True)
+    return replace(ways[0], open=not pc.any(pc.match_substring(date, ".")).as_py())
 
 
 def first_not_a_stamp(array: pa.ChunkedArray, day_first: bool | None) -> tuple[int, str]:

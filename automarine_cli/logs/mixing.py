@@ -171,7 +171,6 @@ FRAMES: Mapping[int, tuple[str, tuple[Row, ...]]] = {
     6: ("SimpleROV 5", _SIMPLE),
 }  # fmt: skip
 """ArduSub's frames by `FRAME_CONFIG`: one row of factors a motor."""
-CUSTOM = 7
 MOTORS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
 STEERED: Mapping[str, Mapping[int, Row]] = {
     "skid steering (SERVOn_FUNCTION 73 and 74)": {73: (0, 0, 1, 0, 1, 0), 74: (0, 0, -1, 0, 1, 0)},
@@ -195,7 +194,7 @@ def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Paramete
 def recorded(
     messages: Mapping[str, Mapping[str, NDArray[Any]]], clock_of: Callable[[Mapping[str, NDArray[Any]]], Floats | None],
     stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, known: Parameters, columns: ColumnMap,
-    states: Sequence[Stream], notes: tuple[str, ...],
+    states: Sequence[Stream], holds: Sequence[str], notes: tuple[str, ...],
 ) -> Recording:  # fmt: skip
     """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `own` or the column map
     takes, states, and pulses, fields of `outputs` of which the name holds the number, with what was asked of the
@@ -214,8 +213,7 @@ def recorded(
             asked = asked_of_pulses(name, time, pulses, known)
             stream = replace(stream, columns={**stream.columns, **asked.columns})
         streams.append(stream)
-    holds = tuple(f"{name} ({len(next(iter(message.values())))})" for name, message in messages.items())
-    return Recording([*streams, *states], "messages", holds, (*asked.notes, *notes), asked.origin)
+    return Recording([*streams, *states], "messages", tuple(holds), (*asked.notes, *notes), asked.origin)
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -230,10 +228,7 @@ def part_of(source: str, channels: Channels, values: Values) -> Part:
     """How the outputs are read by these parameters. Raises Unclear."""
     lacking = [name for name in (f"SERVO{n}_FUNCTION" for n in channels) if name not in values]
     if not values:
-        raise Unclear(
-            f"{source} would tell it by FRAME_CONFIG, SERVOn_FUNCTION and MOT_n_DIRECTION, but the log does not hold "
-            f"these parameters; {FETCH}"
-        )
+        refuse_lacking(source, ["FRAME_CONFIG", "SERVOn_FUNCTION", "MOT_n_DIRECTION"])
     functions = {n: int(values[f"SERVO{n}_FUNCTION"]) for n in range(1, LAST + 1) if f"SERVO{n}_FUNCTION" in values}
     silent = [n for n, function in functions.items() if function in DRIVING and n not in channels]
     if silent:
@@ -259,10 +254,7 @@ def part_of(source: str, channels: Channels, values: Values) -> Part:
 def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Sequence[str]) -> Part:
     number = int(values["FRAME_CONFIG"])
     if number not in FRAMES:
-        name = "custom" if number == CUSTOM else "not one that we know"
-        raise Unclear(
-            f"FRAME_CONFIG is {number}, which is {name}: how its motors are mixed is in no published table; {ELSE}"
-        )
+        raise Unclear(f"FRAME_CONFIG is {number}: how the motors of this frame are mixed is in no table; {ELSE}")
     refuse_lacking(source, lacking)
     name, rows = FRAMES[number]
     motors = {motor: outputs[function] for motor, function in enumerate(MOTORS[: len(rows)]) if function in outputs}
@@ -271,10 +263,6 @@ def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Seq
     factors = np.array([rows[motor] for motor in motors]).reshape(-1, 6)
     way = np.array([np.sign(values[key]) for key in directions.values()])
     back, observable = least_squares(factors)
-    if not observable.any():
-        raise Unclear(
-            f"no motor of the frame {name} is among the outputs in {source} (SERVOn_FUNCTION 33 to 40); {ELSE}"
-        )
     neutral = np.full(len(motors), NEUTRAL)
     how = f"the mixing of ArduSub's frame {name} (FRAME_CONFIG {number})"
     return Part(how, tuple(motors.values()), neutral - SPAN, neutral, neutral + SPAN, back * way, observable)
@@ -286,9 +274,6 @@ def _steered(how: str, source: str, rows: Mapping[int, Row], values: Values) -> 
     refuse_lacking(source, [key for four in keys for key in four if key not in values])
     low, neutral, high, turned = np.array([[values[key] for key in four] for four in keys]).T
     if not np.all((low < neutral) & (neutral < high)):
-        raise Unclear(
-            f"SERVOn_TRIM of an output in {source} is not between SERVOn_MIN and SERVOn_MAX: it goes one way only; "
-            f"{ELSE}"
-        )
+        raise Unclear(f"SERVOn_TRIM of an output in {source} is not between SERVOn_MIN and SERVOn_MAX; {ELSE}")
     back, observable = least_squares(np.array(list(rows.values())))
     return Part(how, tuple(rows), low, neutral, high, back * np.where(turned > 0, -1.0, 1.0), observable)

@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -44,24 +43,18 @@ def read_table(content: bytes, name: str) -> RawLog:
     return _read(pa.BufferReader(content), name, math.inf)
 
 
-def _read(path: Path | pa.BufferReader, name: str, limit: float) -> RawLog:
-    with pq.ParquetFile(path) as file:
+def _read(source: Path | pa.BufferReader, name: str, limit: float) -> RawLog:
+    with pq.ParquetFile(source) as file:
         if file.metadata.num_columns > MOST_COLUMNS:
             raise too_many_columns(name, file.metadata.num_columns)
-        fields = [field for field in file.schema_arrow if _readable(field)]
-        names = [field.name for field in fields]
+        names = [field.name for field in file.schema_arrow if _readable(field)]
         rows = file.metadata.num_rows
         if len(set(names)) < len(names):
             return RawLog(tuple(names), (), np.arange(1, min(rows, 1) + 1))
         if rows * max(1, len(names)) * _CELL > limit:
             raise too_well_packed(name)
-    # text stays a dictionary until its length is known: a word of a megabyte may stand in every row
-    words = [field.name for field in fields if _is_text(field.type)]
-    with pq.ParquetFile(path, read_dictionary=words) as file:
         table = file.read(columns=names)
     table.validate(full=True)
-    if sum(_text_bytes(table[word]) for word in words) > limit:
-        raise too_well_packed(name)
     arrays = tuple(_plain(table[column]) for column in names)
     return RawLog(tuple(n.strip() for n in names), arrays, np.arange(1, table.num_rows + 1))
 
@@ -69,18 +62,6 @@ def _read(path: Path | pa.BufferReader, name: str, limit: float) -> RawLog:
 def _is_text(kind: pa.DataType) -> bool:
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_binary(kind))
-
-
-def _text_bytes(column: Any) -> int:
-    total = 0
-    for chunk in column.chunks:
-        if pa.types.is_dictionary(chunk.type):
-            times = np.bincount(chunk.indices.drop_null().to_numpy(), minlength=len(chunk.dictionary))
-            lengths: Any = pc.fill_null(pc.binary_length(chunk.dictionary), 0)
-            total += int(times @ lengths.to_numpy().astype(np.int64))
-        else:
-            total += chunk.nbytes
-    return total
 
 
 def _readable(field: pa.Field) -> bool:

@@ -25,13 +25,13 @@ from automarine_cli.logs.columns import (
     COMMANDS,
     LABELS,
     NORMALISED,
-    OLDEST,
     PULSES,
     ROTATIONS,
     RUN,
     TIMESTAMP,
     UNITS,
     VELOCITIES,
+    WORDS,
     ColumnMap,
     ColumnRule,
     ColumnsOf,
@@ -121,7 +121,6 @@ def is_share(span: Span) -> bool:
 
 
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
-SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4
 DEGREES, RADIANS = 360.0, 2 * np.pi
 HARDLY = 20.0  # an angle that stays within as many degrees in all logs may be radians
 LEAST_SUPPLY = 3.0  # V
@@ -132,10 +131,7 @@ FORCE = {
 }  # fmt: skip
 SPEED = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
-    "time": ("t", "time", "timestamp", "seconds", "clock", "stamp", "millis", "zeit", "uhrzeit", "datetime"),
-    "n": ("n", "cmd", "command", "rpm", "pwm", "esc", "pulse", "n_rev_s", "throttle", "effort", "thruster_input"),
-    "force": ("force", "thrust", "load", "pull", "newtons", "mean_force", "total_force"),
-    "voltage": ("voltage", "volts", "vbat", "battery_voltage"),
+    **{quantity: {*WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", "voltage")},
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
 ABOUT = {
@@ -183,8 +179,6 @@ def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) ->
     canonical = next((name for name in names_of(quantity) if name in names), None)
     free = [name for name in names if name in spans and name not in CANONICAL and name not in LABELS]
     free = [name for name in free if quantity == "time" or not spans[name].stamps]
-    if quantity == "force":  # a supply under load is none
-        free = [name for name in free if not (_named_exactly("voltage", name) and spans[name].high > LEAST_SUPPLY)]
     if canonical == "time" and canonical in spans and not spans[canonical].stamps:  # plain numbers: no timestamps
         canonical, free = None, [*free, "time"]
     exact = [name for name in free if _named_exactly(quantity, name)]
@@ -230,7 +224,6 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised("time", source, KINDS[span.stamps])
     step, seen = span.median_step, f"{span}, {span.median_step:.4g} from sample to sample"
     fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
-    fits = fits or [u for u in ("s", "ms", "us") if FASTEST_OF_ALL <= step * UNITS["time"][u] <= SLOWEST_OF_ALL]
     unit = _unit_in(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
     if unit in fits or (len(fits) == 1 and unit is None):
         return Recognised(f"time_{unit or fits[0]}", source, seen)
@@ -349,21 +342,22 @@ NEAR = 60.0  # us about the usual neutral of pulses
 
 
 def directed(
-    n: Recognised, force: Recognised, columns: Mapping[str, Floats], spans: Mapping[str, Span]
+    n: Recognised, force: Recognised, signal: Floats, pull: Floats, pulses: bool
 ) -> tuple[Recognised, Recognised]:
     """Both with the neutral that the signal needs, and with the column that tells the sign of one that has none, by the
-    numbers of the tests, (N,) each."""
-    good = np.isfinite(columns[n.source]) & np.isfinite(columns[force.source])
-    signal, pull = columns[n.source][good], columns[force.source][good]
+    numbers of the tests, (N,) each; `pulses` says whether the signal may be some."""
+    good = np.isfinite(signal) & np.isfinite(pull)
+    signal, pull = signal[good], pull[good]
     if not np.any(pull):
         return n, force
     middle = (float(signal.min()) + float(signal.max())) / 2
     if signal.min() >= 0 and _both_ways(pull):
         between = _neutral(signal, pull)
         if between is None:
-            return _turned_by(n, force, columns, spans), force
+            why = f"never below 0 while {force.source} goes from {pull.min():.4g} to {pull.max():.4g}: unsigned"
+            return replace(n, open="", ask="", seen=f"{n.seen}, {why}", more={"sign_from": force.source}), force
         n = _about(n, *between, middle)
-    elif signal.min() >= 0 and is_pulses(n.source, spans[n.source]):
+    elif signal.min() >= 0 and pulses:
         n = _about(n, PULSES[1], PULSES[1], PULSES[1])
     elif n.ask == "subtract":  # percent, 0 to 100: is there thrust in the middle?
         around = np.abs(signal - middle) <= LITTLE * np.ptp(signal) / 2
@@ -400,21 +394,6 @@ def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
         return replace(n, open="", ask="", more={"subtract": middle}, seen=seen)
     why = f"the force changes sign between {low:.4g} and {high:.4g}: at which value does the thruster stop?"
     return replace(n, open=why, more={"subtract": float(f"{(low + high) / 2:.3g}")}, ask="subtract")
-
-
-def _turned_by(
-    n: Recognised, force: Recognised, columns: Mapping[str, Floats], spans: Mapping[str, Span]
-) -> Recognised:
-    pull, other = columns[force.source], _signed_by(force.source, 0)
-    strong = np.abs(pull) > LITTLE * np.nanmax(np.abs(pull))
-    for name, values in columns.items():
-        neutral = PULSES[1] if is_pulses(name, spans[name]) else 0
-        agree = np.mean(np.sign(values[strong] - neutral) == np.sign(pull[strong]))
-        if name not in (n.source, force.source) and agree >= APART:
-            other = _signed_by(name, neutral)
-            break
-    why = f"never below 0 while {force.source} goes from {np.nanmin(pull):.4g} to {np.nanmax(pull):.4g}: unsigned"
-    return replace(n, open="", ask="", seen=f"{n.seen}, {why}", more={"sign_from": other})
 
 
 def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> Recognised:
@@ -546,17 +525,19 @@ def _tests(
     n, force = columns["n"], columns["force"]
     if n is None and force is not None:  # a throttle called thrust, beside a force with its unit
         for name, span in layout.seen.items():
-            if name.lower().startswith("thrust") and name != force.source and is_share(span) and n is None:
-                n = Recognised("n", name, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
+            if name.lower().startswith("thrust") and name != force.source and is_share(span):
+                n = n or Recognised("n", name, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
     if n is None or force is None:
         return {"n": n, "force": force}
     if n.source == force.source:
         return {"n": None, "force": force}
     if not mapped.keys() & {"n", "force"} and (not force.open or force.unit_open):
         raws = [whole_log(file, ColumnMap()) for file in layout.files[:MOST_LOOKED_INTO]]
-        numeric = [i for i, name in enumerate(layout.names) if name in layout.seen and not layout.seen[name].stamps]
-        numbers = {layout.names[i]: np.concatenate([np.asarray(raw.arrays[i], float) for raw in raws]) for i in numeric}
-        n, force = directed(n, force, numbers, layout.seen)
+        signal, pull = (
+            np.concatenate([np.asarray(raw.arrays[raw.names.index(column.source)], float) for raw in raws])
+            for column in (n, force)
+        )
+        n, force = directed(n, force, signal, pull, is_pulses(n.source, layout.seen[n.source]))
     return {"n": n, "force": force}
 
 
@@ -607,13 +588,8 @@ def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
     pairs: dict[tuple[str, str], None] = {}
     for path in main:
         pair = next(filter(None, (_pattern(path, other) for other in driving_files)), None)
-        neighbours = [other for other in driving_files if other.parent == path.parent]
-        if pair is None and len(neighbours) == 1:
-            pair = path.name, neighbours[0].name
         pairs |= {pair: None} if pair else {}
-    longest = max(map(_longest_gap, driving), default=0.0)
-    age = OLDEST if longest < OLDEST else float(np.ceil(1.1 * longest))
-    return tuple(Join(*pair, max_age_s=age) for pair in pairs)
+    return tuple(Join(*pair) for pair in pairs)
 
 
 def _goes_with(layout: Layout, main: Sequence[Path], folder: Path) -> bool:
@@ -631,16 +607,6 @@ def _moves(layout: Layout) -> bool:
 def _drives(layout: Layout) -> bool:
     sides = all(is_called(side, layout.names) for side in YAW.thrusters)
     return not layout.bollard and (sides or any(is_called(dof.command, layout.names) for dof in DOFS.values()))
-
-
-def _longest_gap(layout: Layout) -> float:
-    """The longest time [s] between two rows of a file that is written seldom; none of one that pauses now and then."""
-    clock = recognise("time", layout.names, layout.seen)
-    if clock is None:
-        return 0.0
-    unit = {"time_ms": 1e-3, "time_us": 1e-6}.get(clock.key, 1.0)
-    span = layout.seen[clock.source]
-    return unit * span.largest_step if 3 * unit * span.median_step > OLDEST else 0.0
 
 
 def _pattern(path: Path, other: Path) -> tuple[str, str] | None:
@@ -739,7 +705,7 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
         if inside <= remaining and not re.search(r"[*?[]", folder):
             places.append(folder)
             remaining -= inside
-    for glob in _globs(sorted(remaining)):
+    for glob in dict.fromkeys(glob for make in (_of_ending, _of_first_word) for glob in map(make, sorted(remaining))):
         folder = glob.rpartition("/")[0]
         meant = {name for name in everywhere if name.rpartition("/")[0] == folder and fnmatchcase(name, glob)}
         if len(meant & remaining) > 1 and meant <= set(wanted):
@@ -748,15 +714,12 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
     return sorted([*places, *remaining])
 
 
-def _globs(names: Sequence[str]) -> list[str]:
-    wide, narrow = [], []
-    for name in names:
-        folder, slash, last = name.rpartition("/")
-        stem, ending = stem_of(last), last[len(stem_of(last)) :]
-        if re.search(r"[*?[]", name):
-            continue
-        wide.append(f"{folder}{slash}*{ending}")
-        word = re.match(r"[A-Za-z]+[_-]?|\d+", stem)
-        if word and word[0] != stem:
-            narrow += [f"{folder}{slash}{word[0]}*", f"{folder}{slash}{word[0]}*{ending}"]
-    return list(dict.fromkeys([*wide, *narrow]))
+def _of_ending(name: str) -> str:
+    folder, slash, last = name.rpartition("/")
+    return f"{folder}{slash}*{last.removeprefix(stem_of(last))}"
+
+
+def _of_first_word(name: str) -> str:
+    folder, slash, last = name.rpartition("/")
+    word = re.match(r"[A-Za-z]+[_-]?|\d+|", stem_of(last))
+    return f"{folder}{slash}{word[0]}*" if word and word[0] else name

@@ -11,20 +11,19 @@ such as video, are passed over. Sources: mcap.dev/spec; bluerobotics/blueos-reco
 bluerobotics/mavlink-server, src/lib/drivers/zenoh/json.rs.
 """
 
+import contextlib
 import json
+import re
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.streams import (
@@ -37,15 +36,13 @@ from automarine_cli.logs.streams import (
     unsound_is_refused,
     yaw_of,
 )
-from automarine_cli.logs.tlog import MAV_MODE_ARMED, Message, of_the_vehicle, recording
+from automarine_cli.logs.tlog import MAV_MODE_ARMED, Message, of_the_vehicle, recording, serves
 from automarine_cli.quantities import Floats
-from automarine_cli.text import listed, quoted
+from automarine_cli.text import listed
 
-MAVLINK_OWN = ("ATTITUDE", "SERVO_OUTPUT_RAW", "SYS_STATUS", "HEARTBEAT", "PARAM_VALUE")  # what is always looked at
 ROOT = "mavlink/"
 VEHICLES = {"MAV_TYPE_GROUND_ROVER": 10, "MAV_TYPE_SURFACE_BOAT": 11, "MAV_TYPE_SUBMARINE": 12}
 ARMED = "MAV_MODE_FLAG_SAFETY_ARMED"
-DEEPEST_OBJECT = 4  # objects within objects
 Rows = list[tuple[float, dict[str, Any]]]
 
 
@@ -55,7 +52,6 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
-    sources = {rule.source for rule in columns.columns.values()}
     rows: dict[str, Rows] = {}
     counted: Counter[str] = Counter()
     notes: tuple[str, ...] = ()
@@ -63,10 +59,10 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
     with unsound_is_refused(name, "MCAP file's", mend), path.open("rb") as file:
         try:
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
-                topic, kind = channel.topic, _mavlink(channel.topic)
+                topic = channel.topic
                 counted[topic] += 1
-                serves = kind in MAVLINK_OWN or any(s.startswith((f"{topic}.", f"{kind or topic}.")) for s in sources)
-                if channel.message_encoding == "json" and serves and isinstance(data := json.loads(message.data), dict):
+                wanted = channel.message_encoding == "json" and serves(_mavlink(topic) or topic, columns.sources)
+                if wanted and isinstance(data := json.loads(message.data), dict):
                     rows.setdefault(topic, []).append((message.log_time / 1e9, data))
         except (EndOfFile, struct.error):  # the library unpacks what is left of a record
             if file.read(1):
@@ -78,13 +74,13 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
             if kind := _mavlink(topic):
                 by_kind.setdefault(kind, []).extend(part)
             else:
-                time = np.array([at for at, _ in part])
-                streams.append(taken(topic, time, _json_columns([_flat(data) for _, data in part]), {}, columns))
+                fields = _columns([data for _, data in part], _named(topic, columns.sources))
+                streams.append(taken(topic, np.array([at for at, _ in part]), fields, {}, columns))
         messages = {kind: _json_message(sorted(part, key=lambda row: row[0])) for kind, part in by_kind.items()}
-        recorded = recording(of_the_vehicle(messages), columns, notes) if messages else Recording((), "", (), notes)
         holds = tuple(f"{topic} ({count})" for topic, count in counted.items())
+        recorded = recording(of_the_vehicle(messages), columns, holds, notes)
     all_streams = (*recorded.streams, *streams)
-    return on_one_clock(replace(recorded, streams=all_streams, kind="topics", holds=holds), columns, name)
+    return on_one_clock(replace(recorded, streams=all_streams, kind="topics"), columns, name)
 
 
 def _mavlink(topic: str) -> str:
@@ -97,7 +93,9 @@ def _json_message(rows: Rows) -> Message:
     """The fields of one kind of message, with when it was recorded [s] and who sent it."""
     headers = [data.get("header", {}) for _, data in rows]
     sender = [(int(head.get("system_id", 0)) << 8) + int(head.get("component_id", 0)) for head in headers]
-    fields = _json_columns([_plain(data.get("message", {})) for _, data in rows])
+    messages = [_plain(data.get("message", {})) for _, data in rows]
+    keys = dict.fromkeys(key for message in messages for key in message)
+    fields = {key: np.array([message.get(key, np.nan) for message in messages]) for key in keys}
     return {"received": np.array([at for at, _ in rows]), "sender": np.array(sender, dtype=np.int64), **fields}
 
 
@@ -118,31 +116,6 @@ def _plain(message: Mapping[str, Any]) -> dict[str, float | str]:
     return fields
 
 
-def _flat(value: object, prefix: str = "", depth: int = 0) -> dict[str, float | str]:
-    """`{"a": {"b": [1, 2]}}` as a.b[0] and a.b[1]: the numbers, and words."""
-    if isinstance(value, int | float | str):
-        return {prefix: value if isinstance(value, str) else float(value)}
-    inner: Mapping[str, object] = {}
-    if isinstance(value, dict):
-        inner = {f"{prefix}.{key}" if prefix else str(key): part for key, part in value.items()}
-    elif isinstance(value, list):
-        inner = {f"{prefix}[{i}]": part for i, part in enumerate(value)}
-    flat = (_flat(part, path, depth + 1) for path, part in inner.items() if depth < DEEPEST_OBJECT)
-    return dict(item for part in flat for item in part.items())
-
-
-def _json_columns(rows: list[dict[str, float | str]]) -> Message:
-    """One array a field that is a number, or a word, in every row that has it; a number that is missing is NaN."""
-    fields: Message = {}
-    for key in dict.fromkeys(key for row in rows for key in row):
-        values = [row.get(key) for row in rows]
-        if all(isinstance(value, float) or value is None for value in values):
-            fields[key] = np.array(values, dtype=np.float64)
-        elif all(isinstance(value, str) for value in values):
-            fields[key] = np.array(values, dtype=str)
-    return fields
-
-
 MCAP = b"\x89MCAP0\r\n"
 STANDARD = "std_msgs/msg/"
 STATE = "mavros_msgs/msg/State"
@@ -154,13 +127,11 @@ POSES = {  # type -> where its quaternion, angular and linear velocity are; the 
     "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose.orientation", "", ""),
 }
 OWN = {"heading": "heading_rad", "yaw_rate": "yaw_rate_rad_s", "surge": "surge_m_s", "sway": "sway_m_s"}
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 NOT_MEASURED = "orientation_covariance[0]"  # of an Imu without orientation: -1
 MEND = "copy the file again, or if its recorder was stopped: rosbag reindex, ros2 bag reindex or mcap recover"
 OTHER_CLOCK = 1.0  # s between stamps and the recorder's clock, from which they are two clocks
-Getter = Callable[[Any], Any]
 LONGEST_ARRAY = 16  # numbers of an array that become columns
-DEEPEST = 6  # messages within messages
-NUMBERS = ("bool", "float", "int", "uint", "octet", "byte", "char")
 Fields = dict[str, NDArray[Any]]
 
 
@@ -178,11 +149,6 @@ class Topic:
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a bag, or an MCAP file of JSON channels. Raises LogError for what is none, and where it holds no heading."""
     profile = _profile(path)
-    if profile == "ros1":
-        raise LogError(
-            f"{name}: an MCAP file of the profile {quoted(profile)}, expected one of ros2 or of JSON channels; record "
-            "a ROS 2 bag, or write its signals as CSV"
-        )
     if profile not in (None, "ros2"):
         return _read_json_channels(path, name, columns)
     ros1 = path.suffix.lower() == ".bag"
@@ -208,12 +174,12 @@ def _profile(path: Path) -> str | None:
     return head[21 : 21 + min(length, 40)].decode("latin-1")
 
 
-def _wanted(link: Any, asked: Iterable[str]) -> bool:
+def _wanted(link: Any, sources: Iterable[str]) -> bool:
     known = link.msgtype in (*POSES, STATE, BATTERY) or link.msgtype.startswith(STANDARD)
-    return known or any(source.startswith(f"{link.topic}.") for source in asked)
+    return known or bool(_named(link.topic, sources))
 
 
-def _topics(bag: Any, wanted: list[Any], ros1: bool, asked: set[str]) -> Iterable[Topic]:
+def _topics(bag: Any, wanted: list[Any], ros1: bool, sources: set[str]) -> Iterable[Topic]:
     """The topics with the numbers and words that serve; messages of one topic in the order of the file."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -233,25 +199,50 @@ def _topics(bag: Any, wanted: list[Any], ros1: bool, asked: set[str]) -> Iterabl
             stamps.append(stamp)
             messages.append(deserialize(raw, link.msgtype))
     for topic, (kind, stamps, messages) in topics.items():
-        fields = {}
-        for name, get in _inside(store.fielddefs, kind, "", messages[0], 0):
-            if _serves(topic, kind, asked, name):
-                values = np.array([get(message) for message in messages])
-                fields[name] = values if values.dtype.kind == "U" else values.astype(np.float64)
-        seconds, nanos = fields.pop("header.stamp.sec", None), fields.pop("header.stamp.nanosec", None)
+        fields = _columns(messages, [*STAMP, *_usual(kind, messages[0]), *_named(topic, sources)])
+        seconds, nanos = (fields.pop(path, None) for path in STAMP)
         none = np.full(len(stamps), np.nan)
         stamped = none if seconds is None or nanos is None else np.where(seconds > 0, seconds + nanos / 1e9, np.nan)
         yield Topic(topic, kind, fields, np.array(stamps, dtype=np.float64) / 1e9, stamped)
 
 
-def _serves(topic: str, kind: str, asked: set[str], path: str) -> bool:
-    """Whether a field of a message is looked at: stamps, motion, states, whatever is asked for, plain numbers."""
-    if path.startswith("header.stamp.") or f"{topic}.{path}" in asked:
-        return True
+def _usual(kind: str, first: Any) -> list[str]:
+    """The fields of a type that are looked at without being named: motion, states, plain numbers."""
     if kind in POSES:
-        return path == NOT_MEASURED or path.rpartition(".")[0] in POSES[kind]
-    own = {STATE: ("mode", "armed"), BATTERY: ("voltage",)}
-    return path in own[kind] if kind in own else kind.startswith(STANDARD) and not path.startswith("layout.")
+        quaternion, angular, linear = POSES[kind]
+        parts = [(quaternion, "xyzw"), (angular, "z"), (linear, "xy")]
+        return [NOT_MEASURED, *(f"{path}.{axis}" for path, axes in parts if path for axis in axes)]
+    if kind.startswith(STANDARD) and isinstance(getattr(first, "data", ""), np.ndarray):
+        return [f"data[{i}]" for i in range(min(len(first.data), LONGEST_ARRAY))]
+    return {STATE: ["mode", "armed"], BATTERY: ["voltage"]}.get(kind, ["data"] * kind.startswith(STANDARD))
+
+
+def _named(topic: str, sources: Iterable[str]) -> list[str]:
+    return [source.removeprefix(f"{topic}.") for source in sources if source.startswith(f"{topic}.")]
+
+
+def _columns(messages: list[Any], paths: Iterable[str]) -> Fields:
+    """The fields of numbers and words at these paths, such as `pose.x` or `data[3]`, shape (N,): NaN where a message
+    lacks one; none that all lack."""
+    fields: Fields = {}
+    for path in paths:
+        keys = re.findall(r"[^.\[\]]+", path)
+        values = [_inside(message, keys) for message in messages]
+        if any(value is not None for value in values):
+            with contextlib.suppress(TypeError, ValueError):  # neither numbers nor words
+                column = np.array(values)
+                fields[path] = column if column.dtype.kind == "U" else column.astype(np.float64)
+    return {path: column for path, column in fields.items() if column.ndim == 1}
+
+
+def _inside(value: Any, keys: list[str]) -> Any:
+    for key in keys:
+        try:
+            by_place = isinstance(value, list | np.ndarray)
+            value = value[int(key)] if by_place else value[key] if isinstance(value, dict) else getattr(value, key)
+        except (AttributeError, LookupError, ValueError):
+            return None
+    return value
 
 
 def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) -> Recording:
@@ -305,23 +296,3 @@ def _clocks(turning: list[Topic]) -> tuple[float, list[str]]:
     if abs(shift) < OTHER_CLOCK:
         return 0.0, []
     return shift, [f"the stamps are {shift:+.3f} s from the recorder's clock; its times are moved by that"]
-
-
-def _inside(types: Mapping[str, Any], kind: str, prefix: str, first: Any, depth: int) -> Iterator[tuple[str, Getter]]:
-    """Path and getter of every number and word of a message type; `first` shows how long its arrays are."""
-    for name, (node, about) in types[kind][1]:
-        path = f"{prefix}{name}"
-        if node.name == "BASE" and (about[0].startswith(NUMBERS) or about[0] == "string"):
-            yield path, attrgetter(path)
-        elif node.name == "NAME" and depth < DEEPEST:
-            yield from _inside(types, about, f"{path}.", first, depth + 1)
-        elif node.name in ("ARRAY", "SEQUENCE"):
-            (inner, what), _ = about
-            if inner.name == "BASE" and what[0].startswith(NUMBERS):
-                values = attrgetter(path)
-                for i in range(min(len(values(first)), LONGEST_ARRAY)):
-                    yield f"{path}[{i}]", partial(_element, values, i)
-
-
-def _element(values: Getter, i: int, message: Any) -> Any:
-    return next(iter(values(message)[i : i + 1]), np.nan)

@@ -85,7 +85,6 @@ def arming(armed: NDArray[np.bool_]) -> NDArray[np.str_]:
     return np.where(armed, "armed", "disarmed")
 
 
-DAY, BARE = 86400.0, 30 * 86400.0  # s; times below that are of a day's clock
 PAUSE = 5.0  # s without a heading: the recorder stood still
 MOTION = {*VELOCITIES, *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps)}
 """What moves on between two messages: no position that wraps."""
@@ -251,18 +250,15 @@ def joined(
     """A log with the columns of another file on its clock, each value held as `join` says; the log's own of the same
     name stay. Clocks are columns and seconds (N,). Raises LogError where they never meet."""
     (column, time), master = theirs, Stream(names[0], clock[1], {})
-    clocks = [clock[np.isfinite(clock)] for clock in (master.time, time)]
-    if all(len(clock) and clock.max() < BARE for clock in clocks):  # clocks of the day: the nearest midnight
-        time = time + DAY * np.round((np.median(clocks[0]) - np.median(clocks[1])) / DAY)
     sound = np.isfinite(time)
     stream = Stream(names[1], time[sound], {}, oldest=join.max_age_s, nearest=join.take == "nearest")
     last = _held(stream, master) if sound.any() else np.full(len(master.time), -1)
     if not (last >= 0).any():
-        ends = [f"from {c.min():.10g} to {c.max():.10g} s" if len(c) else "without a time" for c in clocks]
+        clocks = [at[np.isfinite(at)] for at in (master.time, time)]
+        ends = (f"from {at.min():.10g} to {at.max():.10g} s" for at in clocks if len(at))
         raise LogError(
-            f"{names[0]} runs {ends[0]}, {names[1]}, which is joined to it, {ends[1]}: their clocks do not meet within "
-            f"{join.max_age_s:g} s; expected one clock. Correct the names in join, or one clock by an offset under "
-            "[[columns_of]]"
+            f"{names[0]} and {names[1]}, which is joined to it, run {listed(ends)}: their clocks do not meet within "
+            f"{join.max_age_s:g} s. Correct the names in join, or one clock by an offset under [[columns_of]]"
         )
     moving, arrays = _moving(columns), {}
     for name, array in zip(other.names, other.arrays):

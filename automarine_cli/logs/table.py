@@ -125,10 +125,7 @@ def read_log(
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
         if name and name not in used and raw.is_numeric(i):
             values = array.to_numpy()
-            if (infinite := np.isinf(values)).any():
-                notes.append(f"column {printable(name)}: {int(infinite.sum())} infinite values are treated as missing")
-                values = np.where(infinite, np.nan, values)
-            extras[printable(name)] = values
+            extras[printable(name)] = np.where(np.isinf(values), np.nan, values)
     values_of = {use.canonical.quantity: _values(raw, use, source, notes) for use in uses}
     return LogTable(
         source=source,
@@ -194,18 +191,16 @@ def _format_of_file(path: Path, name: str) -> Format:
     form = format_of(path.name)
     if form is None:
         raise LogError(f"{name}: unknown log format; give a file that ends in {ENDINGS}")
-    if path.is_symlink() and not path.exists():
-        trouble = f"a broken link; expected a {form.name} file. Copy the log here, or leave the link out"
-    elif path.is_dir() or not path.is_file():
-        kind = "a directory" if path.is_dir() else "not a regular file"
-        trouble = f"{kind}; expected a {form.name} file. Rename it, or leave it out"
-    elif path.stat().st_size == 0:
-        trouble = (
-            f"the file is empty; expected a {form.name} file with a header and rows. Copy it again, or leave it out"
-        )
-    else:
+    if path.is_file() and path.stat().st_size:
         return form
-    raise LogError(f"{name}: {trouble}")
+    troubles = (
+        ("a broken link", "Copy the log here", path.is_symlink() and not path.exists()),
+        ("a directory", "Rename it", path.is_dir()),
+        ("the file is empty", "Copy it again", path.is_file()),
+        ("not a regular file", "Rename it", True),
+    )
+    trouble, mend = next((trouble, mend) for trouble, mend, applies in troubles if applies)
+    raise LogError(f"{name}: {trouble}; expected a {form.name} file. {mend}, or leave it out")
 
 
 def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:
@@ -347,7 +342,6 @@ def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
 
 
 MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean
-LONGEST_RUN_NAME = 100  # characters; every row of a log carries the name of its run
 REQUIRED = {
     RUN: "no run named; expected the name or number of the run in every row",
     BY: "nothing named; expected a name in every row, because the column map splits the table by this column",
@@ -358,7 +352,7 @@ PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label
 
 def split_by(raw: RawLog, columns: ColumnMap, source: str, label: str) -> Labels | None:
     """Return what the column `label` names in each row: RUN the runs, BY the parts of a table, such as thrusters; None
-    without that column. Raises LogError with the row where it is empty, or the name of a run is too long."""
+    without that column. Raises LogError with the row where it is empty."""
     index = raw.place(columns.source_of(label))
     if index is None:
         return None
@@ -366,15 +360,7 @@ def split_by(raw: RawLog, columns: ColumnMap, source: str, label: str) -> Labels
     if array.null_count:
         row = raw.rows[int(np.flatnonzero(pc.is_null(array).to_numpy())[0])]
         raise LogError(f"{source}, row {row}, column {column}: {REQUIRED[label]}. Complete the column")
-    labels = _labels(array)
-    long = next((i for i, name in enumerate(labels.names) if len(name) > LONGEST_RUN_NAME), None)
-    if label == RUN and long is not None:
-        row, name = int(np.flatnonzero(labels.code == long)[0]), labels.names[long]
-        raise LogError(
-            f"{source}, row {raw.rows[row]}, column {column}: found {quoted(name)} of {len(name)} characters, expected "
-            f"the name of a run of at most {LONGEST_RUN_NAME}. Shorten it, or check which column names the runs"
-        )
-    return labels
+    return _labels(array)
 
 
 def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:

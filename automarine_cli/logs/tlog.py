@@ -1,12 +1,12 @@
 """MAVLink telemetry logs of a ground station (.tlog): ATTITUDE, SERVO_OUTPUT_RAW, SYS_STATUS, HEARTBEAT.
 
 Each packet stands behind eight bytes of the ground station's clock. The vehicle's own stamps are kept where a message
-has them: the station's hold the delays of the link. All messages of one kind are unpacked, and their checksums
-looked at, at once. Source: MAVLink 1 and 2, packet serialisation; CRC-16/MCRF4XX.
+has them: the station's hold the delays of the link. Packets are found here and unpacked by pymavlink, only those that
+serve. Source: MAVLink 1 and 2, packet serialisation.
 """
 
-import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ TAKEN = {
     "SYS_STATUS": {"voltage_battery": "voltage_V"},
 }
 SERVOS = "SERVO_OUTPUT_RAW"
+ALWAYS = (*TAKEN, SERVOS, "HEARTBEAT", "PARAM_VALUE")  # messages that are looked at without being named
 OWN_CLOCK = {"time_boot_ms": 1e3, "time_usec": 1e6}  # counts a second since the vehicle started
 NO_VOLTAGE = 65535  # mV, says the protocol
 COUNTER = 2**32 / 1e6  # s after which 32 bits of microseconds are full
@@ -39,34 +40,46 @@ Message = dict[str, NDArray[Any]]
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a telemetry log. Raises LogError for what is none, and where it holds no attitude."""
-    known = needed("pymavlink.dialects.v20.ardupilotmega", "ardupilot", name, "MAVLink logs").mavlink_map
+    dialect = needed("pymavlink.dialects.v20.ardupilotmega", "ardupilot", name, "MAVLink logs")
     with unsound_is_refused(name, "telemetry"):
-        messages, bad = _messages(path.read_bytes(), known)
-        refuse_empty(messages, name, "MAVLink packets")
+        messages, counted, bad = _messages(path.read_bytes(), columns.sources, dialect)
+        refuse_empty(counted, name, "MAVLink packets")
         notes = skipped(bad, "packet", "wrong checksum")
-        return on_one_clock(recording(messages, columns, notes), columns, name)
+        holds = [f"{kind} ({count})" for kind, count in counted.items()]
+        return on_one_clock(recording(messages, columns, holds, notes), columns, name)
 
 
 FORMAT = Format("MAVLink telemetry", (".tlog",), read)
 
 
-def _messages(data: bytes, known: Mapping[int, Any]) -> tuple[dict[str, Message], int]:
-    """Fields of the vehicle's messages by name, with the station's clock as `received` [s]; how many are damaged."""
-    places = _indexed(data, known)
-    content = np.frombuffer(data + bytes(300), dtype=np.uint8)  # a short payload ends in zeros that are not sent
-    messages, bad = {}, 0
-    for number, starts in sorted(places.items()):
-        kind = known[number]
-        packets = _Packets(content, np.array(starts))
-        good = packets.sound(kind.crc_extra)
-        bad += len(starts) - int(np.count_nonzero(good))
-        if good.any():
-            messages[kind.msgname] = _Packets(content, packets.at[good]).fields(kind)
-    return of_the_vehicle(messages), bad
+def serves(kind: str, sources: Iterable[str]) -> bool:
+    """Whether messages of this kind are looked at: always, or as a column map names a field of theirs."""
+    return kind in ALWAYS or any(source.startswith(f"{kind}.") for source in sources)
 
 
-def _indexed(data: bytes, known: Mapping[int, Any]) -> dict[int, list[int]]:
-    places: dict[int, list[int]] = {}
+def _messages(data: bytes, sources: Iterable[str], dialect: Any) -> tuple[dict[str, Message], Counter[str], int]:
+    """Fields of the vehicle's messages that serve by name, with the station's clock as `received` [s]; how many there
+    are of every kind; how many of those that serve are damaged."""
+    decode, kinds = dialect.MAVLink(None).decode, dialect.mavlink_map
+    wanted = {number for number, kind in kinds.items() if serves(kind.msgname, sources)}
+    rows: dict[int, list[tuple[float, Any]]] = {}
+    counted, bad = Counter[int](), 0
+    for at, after, number in _packets(data):
+        counted[number] += 1
+        if number in wanted:
+            try:
+                message = decode(bytearray(data[at + STAMP : after]))
+            except dialect.MAVError:
+                bad += 1
+                continue
+            rows.setdefault(number, []).append((int.from_bytes(data[at : at + STAMP], "big") / 1e6, message))
+    messages = {kinds[number].msgname: _fields(kinds[number].fieldnames, part) for number, part in rows.items()}
+    by_name = Counter({kinds[number].msgname: count for number, count in counted.items() if number in kinds})
+    return of_the_vehicle(messages), by_name, bad
+
+
+def _packets(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Where each packet's stamp begins, where the packet ends, and the number of its message."""
     at, end = 0, len(data)
     while at + STAMP + 8 <= end:
         head = HEADS.get(data[at + STAMP])
@@ -75,66 +88,24 @@ def _indexed(data: bytes, known: Mapping[int, Any]) -> dict[int, list[int]]:
             continue
         packet = at + STAMP
         number = data[packet + 5] if head == 6 else int.from_bytes(data[packet + 7 : packet + 10], "little")
-        length = head + data[packet + 1] + 2
-        if head == 10 and data[packet + 2] & SIGNED:
-            length += SIGNATURE
-        after = packet + length
+        signature = SIGNATURE if head == 10 and data[packet + 2] & SIGNED else 0
+        after = packet + head + data[packet + 1] + 2 + signature
         if after > end or (after + STAMP < end and data[after + STAMP] not in HEADS):
             at += 1  # no packet follows: this was none, or the next is damaged
             continue
-        if number in known:
-            places.setdefault(number, []).append(at)
+        yield at, after, number
         at = after
-    return places
 
 
-class _Packets:
-    """Packets of one kind: `whole` are the bytes of the file, `at` where the stamps begin, shape (N,)."""
-
-    def __init__(self, whole: NDArray[np.uint8], at: NDArray[np.int64]) -> None:
-        self.whole, self.at = whole, at
-        self.head = np.where(whole[at + STAMP] == 0xFD, 10, 6)
-        self.length = whole[at + STAMP + 1].astype(np.int64)
-
-    def _bytes(self, start: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
-        return self.whole[np.minimum((self.at + start)[:, None] + np.arange(count), len(self.whole) - 1)]
-
-    def sound(self, extra: int) -> NDArray[np.bool_]:
-        """Whether the checksum is right, shape (N,): over all but the first byte, then the kind's own byte."""
-        size = self.head - 1 + self.length
-        content = self._bytes(np.full(len(self.at), STAMP + 1), int(size.max()) + 1)
-        content[np.arange(len(size)), size] = extra
-        crc = np.full(len(size), 0xFFFF, dtype=np.uint16)
-        for i in range(content.shape[1]):
-            byte = content[:, i] ^ (crc & 0xFF).astype(np.uint8)
-            byte ^= byte << 4
-            wide = byte.astype(np.uint16)
-            crc = np.where(i <= size, (crc >> 8) ^ (wide << 8) ^ (wide << 3) ^ (wide >> 4), crc)
-        written = self._bytes(STAMP + self.head + self.length, 2).astype(np.uint16)
-        return crc == written[:, 0] | written[:, 1] << 8
-
-    def fields(self, kind: Any) -> Message:
-        types = re.findall(r"(\d*)(\D)", kind.unpacker.format[1:])  # I16sB: I, 16s, B
-        layout = np.dtype([(key, _type(*parts)) for key, parts in zip(kind.ordered_fieldnames, types)])
-        content = self._bytes(STAMP + self.head, layout.itemsize)
-        content[np.arange(layout.itemsize) >= self.length[:, None]] = 0
-        table = np.ascontiguousarray(content).view(layout)[:, 0]
-        stamps = np.ascontiguousarray(self._bytes(np.zeros(len(self.at), np.int64), STAMP)).view(">u8")[:, 0]
-        sender = self.whole[self.at + STAMP + np.where(self.head == 10, 5, 3)].astype(np.int64) << 8
-        component = self.whole[self.at + STAMP + np.where(self.head == 10, 6, 4)]
-        columns = {
-            key: np.char.decode(table[key], "latin-1") if layout[key].kind == "S" else table[key].astype(np.float64)
-            for key in kind.ordered_fieldnames
-            if layout[key].kind in "iufS"
-        }
-        return {"received": stamps / 1e6, "sender": sender + component, **columns}
-
-
-def _type(count: str, character: str) -> str:
-    """The numpy type of a field; an array of numbers counts as bytes, which are not looked at."""
-    if count:
-        return f"S{count}" if character == "s" else f"V{int(count) * np.dtype(character).itemsize}"
-    return f"<{np.dtype(character).str[1:]}"
+def _fields(names: Iterable[str], rows: list[tuple[float, Any]]) -> Message:
+    """The numbers and words of one kind of message, with when it was received [s] and who sent it."""
+    senders = [(message.get_srcSystem() << 8) + message.get_srcComponent() for _, message in rows]
+    fields: Message = {"received": np.array([received for received, _ in rows]), "sender": np.array(senders)}
+    for name in names:
+        values = np.array([getattr(message, name) for _, message in rows])
+        if values.ndim == 1:  # an array of numbers is not looked at
+            fields[name] = values if values.dtype.kind == "U" else values.astype(np.float64)
+    return fields
 
 
 def of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
@@ -151,7 +122,9 @@ def of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
     }
 
 
-def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
+def recording(
+    messages: Mapping[str, Message], columns: ColumnMap, holds: Sequence[str], notes: tuple[str, ...]
+) -> Recording:
     """What a vehicle's messages hold: by name, with when each was `received` [s], in whatever file they are."""
     starts, values, states = _starts(messages), messages.get("PARAM_VALUE"), []
     known = parameters(values["param_id"], values["received"], values["param_value"]) if values else {}
@@ -167,7 +140,7 @@ def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[
         }
         states.append(Stream("HEARTBEAT", beat["received"], state, lasting=True))
     stamps = {*OWN_CLOCK, "received"}
-    return recorded(messages, partial(_clock, starts), stamps, TAKEN, SERVOS, known, columns, states, notes)
+    return recorded(messages, partial(_clock, starts), stamps, TAKEN, SERVOS, known, columns, states, holds, notes)
 
 
 def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:

@@ -65,14 +65,9 @@ FORMAT = Format("PX4 ULog", (".ulg",), read, begins=(HEAD,))
 
 
 def _notes(log: Any) -> tuple[str, ...]:
-    notes: tuple[str, ...] = ()
-    if log.dropouts:
-        lengths = np.array([dropout.duration for dropout in log.dropouts], dtype=np.float64)
-        many = "s" * (len(lengths) != 1)
-        notes = (
-            f"{len(lengths)} drop-out{many} of the logger of up to {lengths.max():g} ms, {lengths.sum():g} ms in all",
-        )
-    return (*notes, "damaged data were skipped") if log.file_corruption else notes
+    lengths = [dropout.duration for dropout in log.dropouts]
+    dropouts = f"drop-outs of the logger: {len(lengths)}, the longest {max(lengths, default=0):g} ms"
+    return (*[dropouts] * bool(lengths), *["damaged data were skipped"] * log.file_corruption)
 
 
 def _recording(

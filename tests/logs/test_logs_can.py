@@ -47,12 +47,12 @@ def test_multiplexed_signals_keep_to_their_frames(tmp_path: Path, content: bytes
 def test_the_converter_s_clock_goes_on_over_the_minutes(tmp_path: Path) -> None:
     sent = frames(dive())
     late = [(at + 47, message, data) for at, message, data in sent]
-    time, *_ = read_slcan(slcan(late), "x")
+    (time, *_), _ = read_slcan(slcan(late), "x")
     np.testing.assert_allclose(time, [round(at, 3) for at, _, _ in late], atol=1e-9)
     apart = [*sent, *[(at + 300, message, data) for at, message, data in sent]]
-    time, *_ = read_slcan(slcan(apart, host=1e9), "x")
+    (time, *_), _ = read_slcan(slcan(apart, host=1e9), "x")
     np.testing.assert_allclose(time - 1e9 - 0.003, [at for at, _, _ in apart], atol=1e-3)
-    time, *_ = read_slcan(slcan(sent, host=50.0, clock=False), "x")
+    (time, *_), _ = read_slcan(slcan(sent, host=50.0, clock=False), "x")
     np.testing.assert_allclose(time, [at + 50.003 for at, _, _ in sent], atol=1e-6)
     sentence = refusal(log(tmp_path, slcan(sent, clock=False), "dive.slcan"), CAN)
     assert sentence.startswith("dive.slcan: the frames have no time") and "command Z1" in sentence

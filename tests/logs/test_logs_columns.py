@@ -42,41 +42,25 @@ def test_the_contract_s_example(tmp_path: Path) -> None:
 REFUSED = {  # the place, what was found, what was expected
     "": ("heading_deg", "under [columns]"),
     "time_s = 't'": ("time_s", "columns_of, logs, defaults, can"),
-    "columns = 3": ("columns: found 3", "a table"),
     "[columns]\nyaw = 'a'": ("columns.yaw:", "known are time_s, time_ms", "force_lbf, run, mode, armed, by"),
     "[columns]\ntau = 1": ("columns.tau:", 'a column in quotes, or a table such as { from = "yaw"'),
     "[columns]\ntau = ''": ("columns.tau:", "from is ''", "a column in quotes"),
     "[columns]\ntau = { unit = 'nu' }": ("columns.tau:", 'key "from" is missing'),
-    "[columns]\ntau = { from = 'a', form = 1 }": ("columns.tau:", 'unknown key "form"', "from"),
-    "[columns]\ntau = { from = 'a', subtract = true }": ("columns.tau.subtract: found true", "expected a number"),
-    "[columns]\nn = { from = 'a', sign_from = 1 }": ("columns.n.sign_from: found 1", "expected a table"),
-    "[columns]\nn = { from = 'a', sign_from = { from = '' } }": ("columns.n.sign_from:", "from is ''", "a column"),
     "[columns]\nn = { from = 'a', sign_from = { from = 'b', unit = 'us' } }": ("columns.n:", "from, subtract and sign"),
-    "[columns]\ntime = { from = 'a', day_first = 1 }": ("columns.time.day_first: found 1", "true or false"),
     "[columns]\ntau = { from = 'a', day_first = true }": ("columns.tau.day_first:", "goes with time", "leave it out"),
-    "columns_of = 1": ("columns_of: found 1", "a list, each entry a table"),
     "[[columns_of]]\nn = 'a'": ("columns_of[0].logs: missing", '["bollard/*.csv"]'),
-    "[[columns_of]]\nlogs = 'a'\nyaw = 'a'": ("columns_of[0].yaw:", "known are"),
-    "[logs]\nsteps = ['a']": ("logs:", 'unknown key "steps"', "join"),
     "[logs]\njoin = { logs = 'a' }": ("logs.join[0]:", 'key "with" is missing'),
     "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ("logs.join[0]:", '"*_cmd_*"', "as many stars in both"),
-    "[columns]\ntau = { from = 'a', sign = 2 }": ("columns.tau.sign: found 2", "1, -1"),
     "[columns]\ntau = { from = 'a', unit = 'N m' }": ("columns.tau.unit: found 'N m'", "expected nu"),
     "[columns]\nheading_deg = { from = 'a', unit = 'grad' }": ("columns.heading_deg.unit: found 'grad'", "deg or rad"),
-    "[columns]\ntau = { from = 'a', scale = nan }": ("columns.tau.scale: found NaN", "a finite number"),
     "[columns]\ntau = { from = 'a', scale = 0 }": ("columns.tau:", "scale is 0", "other than 0"),
     "[columns]\nrun = { from = 'a', sign = -1 }": ("columns.run:", "names runs", "leave them out"),
     "[columns]\nheading_rad = 'heading_deg'": ("heading_rad", 'write { from = "heading_deg", unit = "deg" }'),
     "[columns]\nheading_deg = 'yaw_rad'": ("heading_deg", "name says rad, for deg"),
     "[columns]\nyaw_rate_rad_s = 'gyro_deg_s'": ("yaw_rate_rad_s", 'unit = "deg/s" }'),
-    "[can]\nfile = 1": ("can:", 'unknown key "file"', "dbc"),
     "[can]\ndbc = ' '": ("can.dbc: found no name", "a DBC file in quotes"),
-    "[defaults]\narm = 1": ("defaults:", 'unknown key "arm"', "arm_m"),
     "[defaults]\narm_m = -1": ("defaults:", "arm_m is -1", "above 0"),
-    "[defaults]\narm_m = inf": ("defaults.arm_m: found Infinity", "a finite number"),
-    b"\xff\xfe": ("expected UTF-8 text", "save it as UTF-8"),
     b"[columns": ("not valid TOML: ",),
-    b"x = " + b"[" * 20_000: ("not valid TOML: nested too deep",),
     b"#" * 2_000_000: ("more than 200000 bytes", "a file of a few kilobytes"),
 }
 
@@ -87,11 +71,6 @@ def test_refused_with_the_key_s_path(tmp_path: Path, text: str | bytes, parts: t
         read_column_map(written(tmp_path, text))
     assert str(refused.value).startswith("columns.toml: ") and str(refused.value).isprintable()
     assert [part for part in parts if part not in str(refused.value)] == []
-
-
-def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"no\.toml: cannot be read \(No such file or directory\)"):
-        read_column_map(tmp_path / "no.toml")
 
 
 def test_a_map_that_gives_the_unit_or_the_scale_is_believed(tmp_path: Path) -> None:
@@ -180,13 +159,9 @@ def test_single_files_have_maps_of_their_own(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("rule", "unit"),
-    [
-        ("PWM_us", "us"), ("port rpm", "rpm"), ("throttle_pct", "%"), ("Throttle (%)", "%"), ("u", ""),
-        ("pwm", ""), ({"from": "pwm", "subtract": 1500}, "us"),  # a signed one; pulses less their neutral
-    ],
-)  # fmt: skip
-def test_a_signal_s_unit_is_told_by_its_name(tmp_path: Path, rule: object, unit: str) -> None:
-    name = rule["from"] if isinstance(rule, dict) else rule
-    rows = "".join(f"{value},{value}\n" for value in (range(-255, 256, 15) if name == "pwm" else (1, 2)))
+    [("PWM_us", "us"), ("port rpm", "rpm"), ("Throttle (%)", "%"), ("u", ""), ("pwm", "")],  # a signed one is no pulse
+)
+def test_a_signal_s_unit_is_told_by_its_name(tmp_path: Path, rule: str, unit: str) -> None:
+    rows = "-255,-1\n255,1\n" if rule == "pwm" else "1,1\n2,2\n"
     columns = ColumnMap(column_rules({"n": rule}, ""))
-    assert read_log(log(tmp_path, f"{name},force_N\n{rows}".encode()), columns, dof=YAW).units["n"] == unit
+    assert read_log(log(tmp_path, f"{rule},force_N\n{rows}".encode()), columns, dof=YAW).units["n"] == unit

@@ -74,16 +74,6 @@ def test_files_of_one_name_get_their_folders_in_front(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "shown"),
-    [("a\nb.csv", "a\\nb.csv"), ("a\x1b[31m.csv", "a\\x1b[31m.csv"), (os.fsdecode(b"caf\xe9.csv"), "caf\\xe9.csv")],
-)
-def test_odd_names_are_shown_on_one_line(tmp_path: Path, name: str, shown: str) -> None:
-    touched(tmp_path, name)
-    assert names(find_logs([tmp_path / name])) == [shown]
-    assert names(find_logs([tmp_path])) == [f"{tmp_path.name}/{shown}"]
-
-
-@pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (["notes.txt"], "unknown log format; give a file that ends in "),

@@ -89,10 +89,3 @@ def test_an_older_bag_that_does_not_define_its_types(tmp_path: Path) -> None:
     table = table_of("dive.db3", tmp_path, path.read_bytes())
     assert "voltage" in table.columns and "mode" not in table.states
     assert "/mavros/state (mavros_msgs/State)" in table.holds
-
-
-def test_an_mcap_file_of_something_else(tmp_path: Path) -> None:
-    other = bytearray(bag(".mcap", dive()))
-    at = other.find(b"ros2")
-    other[at : at + 4] = b"ros1"
-    assert "the profile 'ros1', expected one of ros2 or of JSON" in refusal(log(tmp_path, bytes(other), "dive.mcap"))
