@@ -98,7 +98,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     decoded = {messages[key]: at for key, at in places.items() if key in messages}
     streams = [s for m, at in decoded.items() for s in _streams(m, time[at], [frames[i] for i in at], columns)]
     holds = (*(f"{message.name} ({len(at)})" for message, at in decoded.items()), *unknown)
-    return on_one_clock(Recording(streams, "CAN messages", holds, notes), columns, name)
+    return on_one_clock(Recording(streams, holds, notes), columns, name)
 
 
 CANDUMP = Format("candump", (".log",), read, begins=(b"(",))

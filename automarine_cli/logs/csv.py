@@ -92,13 +92,9 @@ def _unpacked(path: Path, name: str) -> bytes:
     try:
         with gzip.open(path) as file:
             data = file.read(limit + 1)
-    except EOFError:
-        raise LogError(f"{name}: the gzip data ends too early; the file was cut short, copy it again") from None
-    except (gzip.BadGzipFile, zlib.error):
-        trouble = "the gzip data is damaged inside; copy the file again"
-        if not path.read_bytes().startswith(b"\x1f\x8b"):
-            trouble = "found no gzip data, expected some from its extension; drop .gz from the name if it is plain text"
-        raise LogError(f"{name}: {trouble}") from None
+    except (EOFError, gzip.BadGzipFile, zlib.error):
+        formats.refuse_empty(path.read_bytes().startswith(b"\x1f\x8b"), name, "gzip data")
+        raise LogError(f"{name}: the gzip data is damaged or cut short; copy the file again") from None
     if len(data) > limit:
         raise formats.too_well_packed(name)
     return data

@@ -173,19 +173,12 @@ _SHAPE = (
     r"^(?:(?P<date>\d{1,4}[./-]\d{1,2}[./-]\d{1,4})(?:[T,]? +|T))?"
     r"(?P<clock>\d{1,2}:\d{2}(?::\d{2})?(?:[.,]\d+)?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?$"
 )
-KINDS = {
-    "iso": "timestamps",
-    "year first": "dates, year first",
-    "day first": "dates, day first",
-    "month first": "dates, month first",
-    "clock": "clock times",
-}
 
 
 @dataclass(frozen=True)
 class Stamps:
     """Times of a column [s], shape (N,), a missing one NaN: since 1970 (UTC; without a zone taken as UTC), of bare
-    clock times since midnight. `kind` is one of `KINDS`; `open` says that day and month may as well be exchanged."""
+    clock times since midnight. `kind` says how they are written; `open` that day and month may as well be exchanged."""
 
     seconds: Floats
     kind: str
@@ -201,7 +194,7 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
     """
     typed = array if pa.types.is_timestamp(array.type) else _parsed(array)
     if typed is not None:
-        return Stamps(_seconds(typed), "iso")
+        return Stamps(_seconds(typed), "timestamps")
     try:
         cells = plain(array)
     except pa.ArrowInvalid:
@@ -213,7 +206,7 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
     seconds, again = _clock(clock, half)
     dated = pc.not_equal(date, "")
     if not pc.any(dated).as_py():
-        return Stamps(_past_midnight(seconds, again), "clock")
+        return Stamps(_past_midnight(seconds, again), "clock times")
     if not pc.all(dated).as_py():
         return None
     import pandas as pd  # here, as clocks in seconds need none of it
@@ -222,12 +215,12 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
     year = "%y" if pc.all(pc.match_substring_regex(days, r"/\d\d$")).as_py() else "%Y"
     ways = []
     for first, kind, form in (
-        (None, "year first", "%Y/%m/%d"), (True, "day first", f"%d/%m/{year}"), (False, "month first", f"%m/%d/{year}"),
+        (None, "year", "%Y/%m/%d"), (True, "day", f"%d/%m/{year}"), (False, "month", f"%m/%d/{year}"),
     ):  # fmt: skip
         if first is None or day_first in (None, first):
             with contextlib.suppress(ValueError):
                 since = pd.to_datetime(days.to_pandas(), format=form) - pd.Timestamp(0)
-                ways.append(Stamps(since.dt.total_seconds().to_numpy() + seconds, kind))
+                ways.append(Stamps(since.dt.total_seconds().to_numpy() + seconds, f"dates, {kind} first"))
     if len(ways) < 2:
         return ways[0] if ways else None
     return replace(ways[0], open=not pc.any(pc.match_substring(date, ".")).as_py())

@@ -16,7 +16,7 @@ and SRV_Channel.cpp (`pwm_from_angle`); libraries/AR_Motors/AP_MotorsUGV.cpp (`o
 import re
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -37,27 +37,28 @@ ELSE = "name the commands in a column map (tau, or n_port and n_stbd) and give i
 FETCH = f"record again after the ground station has fetched them, read the vehicle's own log (.bin, .ulg), or {ELSE}"
 
 
-@dataclass(frozen=True)
-class Told:
-    """One parameter: when it was told [s, on the clock of the outputs], and the values, each of shape (N,)."""
-
-    time: Floats
-    values: Floats
-
-    def at(self, time: float) -> float:
-        """Its value then; before it was first told, the first."""
-        return float(self.values[max(int(np.searchsorted(self.time, time, side="right")) - 1, 0)])
-
-
-Parameters = Mapping[str, Told]
+Parameters = Sequence[tuple[float, str, float]]  # when told [s, on the clock of the outputs], name, value; by time
 Values = Mapping[str, float]  # parameters by name, at one time
 Channels = Mapping[int, Floats]  # outputs by their number
 
 
 def parameters(names: NDArray[np.str_], time: Floats, values: Floats) -> Parameters:
-    """Parameters by name, from messages that each tell one: names, times [s] and values, shape (N,)."""
-    order = np.lexsort((time, names))
-    return {str(name): Told(time[i], values[i]) for name in np.unique(names) for i in [order[names[order] == name]]}
+    """Parameters from messages that each tell one: names, times [s] and values, shape (N,)."""
+    return sorted(zip(time.tolist(), names.tolist(), values.tolist()), key=itemgetter(0))
+
+
+def _stretches(told: Parameters, begin: float, end: float) -> tuple[dict[float, Values], list[str]]:
+    """The parameters that stand from `begin` [s] and from each change on, and what changed; before one is first told,
+    its first value stands."""
+    values = {name: value for _, name, value in reversed(told)}
+    values |= {name: value for at, name, value in told if at <= begin}
+    stretches: dict[float, Values] = {begin: values}
+    changes = []
+    for at, name, value in told:
+        if begin < at <= end and values[name] != value:
+            changes.append(f"{name} from {values[name]:g} to {value:g} at {at - begin:.1f} s")
+            stretches[at] = values = values | {name: value}
+    return stretches, changes
 
 
 @dataclass(frozen=True)
@@ -104,23 +105,17 @@ def is_commanded_by(columns: ColumnMap) -> bool:
 
 
 def worked_back(
-    source: str, time: Floats, channels: Channels, known: Parameters, read_by: Callable[[str, Channels, Values], Part]
+    source: str, time: Floats, channels: Channels, told: Parameters, read_by: Callable[[str, Channels, Values], Part]
 ) -> Asked:
     """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s], which the file calls
     `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
-    changes = [
-        (float(at), f"{name} from {before:g} to {after:g}")
-        for name, parameter in known.items()
-        for at, (before, after) in zip(parameter.time[1:], pairwise(parameter.values))
-        if before != after and time[0] < at <= time[-1]
-    ]
-    edges = [time[0], *sorted({at for at, _ in changes}), np.inf]
+    stretches, changes = _stretches(told, float(time[0]), float(time[-1]))
     wishes = np.full((len(WISHES), len(time)), np.nan)
     hows, why = [], ""
-    for first, after in pairwise(edges):
+    for (first, values), after in zip(stretches.items(), [*list(stretches)[1:], np.inf]):
         rows = (time >= first) & (time < after)
         try:
-            part = read_by(source, channels, {name: parameter.at(first) for name, parameter in known.items()})
+            part = read_by(source, channels, values)
         except Unclear as unclear:
             why = why or str(unclear)
             continue
@@ -132,8 +127,7 @@ def worked_back(
     origin = f"{source} by {' and '.join(dict.fromkeys(hows))}"
     notes = [f"commands {meaning(columns)} worked back from {origin}"]
     if changes:
-        which = listed(f"{what} at {at - time[0]:.1f} s" for at, what in sorted(changes))
-        notes.append(f"parameters changed within the log ({which}): each stretch is read by what stood then")
+        notes.append(f"parameters changed within the log ({listed(changes)}): each stretch is read by what stood then")
     if why:
         notes.append(f"for a part of the log there are no commands: {why}")
     return Asked(columns, tuple(notes), Origin(origin))
@@ -182,18 +176,16 @@ LAST = 32  # the highest number of an output
 NEUTRAL, SPAN = 1500.0, 400.0  # us, of ArduSub's motors whatever the limits of their outputs
 
 
-def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Parameters) -> Asked:
+def asked_of_pulses(source: str, time: Floats, pulses: Channels, told: Parameters) -> Asked:
     """What ArduPilot asked of the vehicle, from pulses [us] by number of the output, shape (N,), at `time` [s], which
     the file calls `source`."""
-    ends = ("_FUNCTION", "_MIN", "_MAX", "_TRIM", "_REVERSED", "_DIRECTION")
-    driving = {name for name in known if name.startswith(("SERVO", "MOT_")) and name.endswith(ends)} | {"FRAME_CONFIG"}
-    known = {name: parameter for name, parameter in known.items() if name in driving}
-    return worked_back(source, time, pulses, known, part_of)
+    driving = re.compile(r"FRAME_CONFIG|(SERVO|MOT_).*_(FUNCTION|MIN|MAX|TRIM|REVERSED|DIRECTION)")
+    return worked_back(source, time, pulses, [row for row in told if driving.fullmatch(row[1])], part_of)
 
 
 def recorded(
     messages: Mapping[str, Mapping[str, NDArray[Any]]], clock_of: Callable[[Mapping[str, NDArray[Any]]], Floats | None],
-    stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, known: Parameters, columns: ColumnMap,
+    stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, told: Parameters, columns: ColumnMap,
     states: Sequence[Stream], holds: Sequence[str], notes: tuple[str, ...],
 ) -> Recording:  # fmt: skip
     """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `own` or the column map
@@ -210,10 +202,10 @@ def recorded(
         stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == outputs)
         if name == outputs and fields and not is_commanded_by(columns):
             pulses = {int("".join(filter(str.isdigit, key))): values for key, values in fields.items()}
-            asked = asked_of_pulses(name, time, pulses, known)
+            asked = asked_of_pulses(name, time, pulses, told)
             stream = replace(stream, columns={**stream.columns, **asked.columns})
         streams.append(stream)
-    return Recording([*streams, *states], "messages", tuple(holds), (*asked.notes, *notes), asked.origin)
+    return Recording([*streams, *states], tuple(holds), (*asked.notes, *notes), asked.origin)
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -258,9 +250,11 @@ def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Seq
     refuse_lacking(source, lacking)
     name, rows = FRAMES[number]
     motors = {motor: outputs[function] for motor, function in enumerate(MOTORS[: len(rows)]) if function in outputs}
+    if not motors:
+        raise Unclear(f"no motor of the frame {name} is among the outputs in {source}; {ELSE}")
     directions = {motor: f"MOT_{motor + 1}_DIRECTION" for motor in motors}
     refuse_lacking(source, [key for key in directions.values() if key not in values])
-    factors = np.array([rows[motor] for motor in motors]).reshape(-1, 6)
+    factors = np.array([rows[motor] for motor in motors])
     way = np.array([np.sign(values[key]) for key in directions.values()])
     back, observable = least_squares(factors)
     neutral = np.full(len(motors), NEUTRAL)

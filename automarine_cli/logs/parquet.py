@@ -9,8 +9,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs import formats
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import MOST_COLUMNS, Format, RawLog, most_unpacked, too_many_columns, too_well_packed
+from automarine_cli.logs.formats import Format, RawLog
 
 _INDEX = "__index_level_"  # what pandas writes beside the columns
 _MAGIC = b"PAR1"
@@ -20,19 +21,11 @@ _CELL = 8  # bytes of a number once read
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a Parquet file. Raises LogError for anything that pyarrow cannot read."""
     with path.open("rb") as file:
-        begins, size = file.read(4) == _MAGIC, path.stat().st_size
-        file.seek(max(0, size - 4))
-        ends = file.read(4) == _MAGIC
-    if not begins:
-        raise LogError(
-            f"{name}: found no Parquet data, expected some from its extension; if it is text, name it .csv or .tsv"
-        )
-    if not ends or size < 12:
-        raise LogError(f"{name}: the Parquet data ends too early; the file was cut short, copy it again")
+        formats.refuse_empty(file.read(len(_MAGIC)) == _MAGIC, name, "Parquet data")
     try:
-        return _read(path, name, most_unpacked(path))
+        return _read(path, name, formats.most_unpacked(path))
     except (pa.ArrowException, OSError, MemoryError, ValueError, KeyError, OverflowError, RecursionError):
-        raise LogError(f"{name}: the Parquet data is damaged inside; copy the file again") from None
+        raise LogError(f"{name}: the Parquet data is damaged or cut short; copy the file again") from None
 
 
 FORMAT = Format("Parquet", (".parquet",), read)
@@ -45,14 +38,14 @@ def read_table(content: bytes, name: str) -> RawLog:
 
 def _read(source: Path | pa.BufferReader, name: str, limit: float) -> RawLog:
     with pq.ParquetFile(source) as file:
-        if file.metadata.num_columns > MOST_COLUMNS:
-            raise too_many_columns(name, file.metadata.num_columns)
+        if file.metadata.num_columns > formats.MOST_COLUMNS:
+            raise formats.too_many_columns(name, file.metadata.num_columns)
         names = [field.name for field in file.schema_arrow if _readable(field)]
         rows = file.metadata.num_rows
         if len(set(names)) < len(names):
             return RawLog(tuple(names), (), np.arange(1, min(rows, 1) + 1))
         if rows * max(1, len(names)) * _CELL > limit:
-            raise too_well_packed(name)
+            raise formats.too_well_packed(name)
         table = file.read(columns=names)
     table.validate(full=True)
     arrays = tuple(_plain(table[column]) for column in names)

@@ -46,7 +46,7 @@ from automarine_cli.logs.columns import (
     unit_in,
 )
 from automarine_cli.logs.find import stem_of, whole_logs
-from automarine_cli.logs.formats import KINDS, LogFile, RawLog, read_stamps
+from automarine_cli.logs.formats import LogFile, RawLog, read_stamps
 from automarine_cli.logs.mixing import WISHES
 from automarine_cli.logs.table import few_words, means_thruster_test, splitting, whole_log
 from automarine_cli.pipeline.parallel import Progress, ordered_map
@@ -58,7 +58,7 @@ class Span:
     """What the values of one column do, over one log or many: ends, steps from one row to the next, and the median.
 
     `made_from` names the outputs that it was worked back from, where no file holds it. Of a column of times `stamps`
-    is one of `KINDS`, and `open` says that day and month may be exchanged.
+    says how they are written, and `open` that day and month may be exchanged.
     """
 
     low: float
@@ -218,10 +218,10 @@ def _named_exactly(quantity: str, source: str) -> bool:
 def _time(quantity: str, source: str, span: Span) -> Recognised:
     """The unit in which the samples are a sensible time apart; times of the calendar or the day as they are."""
     if span.stamps and span.open:
-        why = f"true where the day comes first, false where the month does: {KINDS[span.stamps]} or month first?"
+        why = f"true where the day comes first, false where the month does: {span.stamps} or month first?"
         return Recognised("time", source, "dates", open=why, more={"day_first": True}, ask="day_first")
     if span.stamps:
-        return Recognised("time", source, KINDS[span.stamps])
+        return Recognised("time", source, span.stamps)
     step, seen = span.median_step, f"{span}, {span.median_step:.4g} from sample to sample"
     fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
     unit = _unit_in(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})

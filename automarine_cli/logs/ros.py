@@ -80,7 +80,7 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
         holds = tuple(f"{topic} ({count})" for topic, count in counted.items())
         recorded = recording(of_the_vehicle(messages), columns, holds, notes)
     all_streams = (*recorded.streams, *streams)
-    return on_one_clock(replace(recorded, streams=all_streams, kind="topics"), columns, name)
+    return on_one_clock(replace(recorded, streams=all_streams), columns, name)
 
 
 def _mavlink(topic: str) -> str:
@@ -269,7 +269,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         others = f", not of {listed(topic.name for topic in turning[1:])}" if len(turning) > 1 else ""
         turned = "turned from ROS's east, north, up and forward, left, up to clockwise from north"
         notes.insert(0, f"heading of {turning[0].name}{others}, {turned}")
-    return Recording(streams, "topics", holds, tuple(notes))
+    return Recording(streams, holds, tuple(notes))
 
 
 def _motion(topic: Topic) -> Fields:

@@ -110,10 +110,9 @@ class Stream:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a format finds in a file: its streams, what it calls them (`kind`: messages, topics), and as in `RawLog`."""
+    """What a format finds in a file: its streams, and as in `RawLog`."""
 
     streams: Sequence[Stream]
-    kind: str
     holds: tuple[str, ...]
     notes: tuple[str, ...] = ()
     origin: Origin = LOGGED
@@ -150,11 +149,10 @@ def on_one_clock(recording: Recording, columns: ColumnMap, source: str) -> RawLo
         also = {name: column for name, column in also.items() if column not in headings}
     master = _master(streams, also, columns, bollard)
     if master is None:
-        holds = recording.holds
-        there = f"found the {recording.kind} {listed(holds)}" if holds else f"it holds no {recording.kind}"
         raise LogError(
-            f"{source}: no heading in it; {there}. If one of them holds the heading, name its field with a line such "
-            'as heading_deg = "NAME.FIELD" under [columns] in a file and give it with --columns FILE.toml'
+            f"{source}: no heading in it; found {listed(recording.holds) or 'nothing'}. If one of these holds the "
+            'heading, name its field with a line such as heading_deg = "NAME.FIELD" under [columns] in a file and '
+            "give it with --columns FILE.toml"
         )
     arrays: dict[str, pa.ChunkedArray] = {"time_s": _array(master.time)}
     ages, moving = [], _moving(columns)

@@ -308,8 +308,8 @@ def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
             f"{source}, column {column}: found {text}, in which the day or the month may come first; say which with "
             f'time = {{ from = "{column}", day_first = true }} (or false) {GIVE_IT}'
         )
-    if stamps.kind in ("day first", "month first") and use.rule.day_first is None:
-        notes.append(f"column {column}: dates are read with the {stamps.kind}")
+    if stamps.kind in ("dates, day first", "dates, month first") and use.rule.day_first is None:
+        notes.append(f"column {column}: {stamps.kind}")
     return stamps.seconds
 
 
@@ -342,10 +342,6 @@ def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
 
 
 MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean
-REQUIRED = {
-    RUN: "no run named; expected the name or number of the run in every row",
-    BY: "nothing named; expected a name in every row, because the column map splits the table by this column",
-}
 RUN_WORDS = {"run", "trial", "test", "session", "series", "experiment"}
 PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label", "id"}
 
@@ -359,7 +355,9 @@ def split_by(raw: RawLog, columns: ColumnMap, source: str, label: str) -> Labels
     array, column = raw.arrays[index], printable(raw.names[index])
     if array.null_count:
         row = raw.rows[int(np.flatnonzero(pc.is_null(array).to_numpy())[0])]
-        raise LogError(f"{source}, row {row}, column {column}: {REQUIRED[label]}. Complete the column")
+        raise LogError(
+            f"{source}, row {row}, column {column}: nothing named; expected a name in every row. Complete it"
+        )
     return _labels(array)
 
 
@@ -410,28 +408,26 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return
-    missing = f"{table.source}: no {_and([called(quantity) for quantity in lacking])}"
+    missing = f"{table.source}: no {' and '.join(map(called, lacking))}"
     if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
         raise LogError(f"{missing}; {table.origin.why_not}")
-    guesses = {quantity: guess for quantity in lacking if (guess := _guess(table, quantity)) is not None}
-    hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
-    if guesses:
-        lines, verb = " and ".join(map(_line, guesses, guesses.values())), "is" if len(guesses) == 1 else "are"
-        hint = f"If {_and([*map(quoted, guesses.values())])} {verb} meant, write {lines}"
+    free = _free(table.names)
+    lines = [_line(q, guess) for q in lacking if (guess := likely_column(q, free))]
+    hint = " and ".join(lines or [f'{names_of(lacking[0])[0]} = "NAME"'])
     holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
     unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
     raise LogError(
         f"{missing}; found the columns {listed(table.names)}{holds}; expected {'; '.join(map(_expected, lacking))}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
-        + (_meant_for(table, lacking) or f"{hint} {GIVE_IT}")
+        + (_meant_for(table, lacking) or f"If a column of another name is meant, write {hint} {GIVE_IT}")
     )
 
 
 def require_motion(table: LogTable) -> None:
     """Refuse a table that is no log of its motion: time, position (or velocity, which can be summed up), and a moment
     or force or every thruster command."""
-    dof = table.dof
-    by_name = _guess(table, dof.position) is None and _guess(table, dof.velocity) is not None
+    dof, free = table.dof, _free(table.names)
+    by_name = likely_column(dof.position, free) is None and likely_column(dof.velocity, free) is not None
     velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)
     by_thrusters = dof.command not in table.columns and {*dof.thrusters} & set(table.columns)
     commands = dof.thrusters if by_thrusters else (dof.command,)
@@ -479,14 +475,6 @@ def _expected(quantity: str) -> str:
     return f"{names} or {'both ' * (len(thrusters) > 1)}{' and '.join(thrusters)}" if thrusters else names
 
 
-def _guess(table: LogTable, quantity: str) -> str | None:
-    return likely_column(quantity, _free(table.names))
-
-
 def _free(names: Sequence[str]) -> list[str]:
     """The columns without a meaning of their own; a `time` of plain numbers has none."""
     return [name for name in names if name and (name not in CANONICAL or name == "time")]
-
-
-def _and(words: Sequence[str]) -> str:
-    return " and ".join([*filter(None, [", ".join(words[:-1])]), words[-1]])

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import LogError
 from automarine_cli.logs import mixing, streams
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.formats import Format, RawLog, refuse_empty
 from automarine_cli.quantities import Floats
 
 HEAD = b"ULog\x01\x12\x35"
@@ -46,10 +45,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a PX4 log. Raises LogError for what is none, and where it holds no attitude."""
     library = streams.needed("pyulog", "px4", name, "PX4 logs")
     with path.open("rb") as file, streams.unsound_is_refused(name, "ULog"):
-        if file.read(len(HEAD)) != HEAD:
-            raise LogError(
-                f"{name}: found no PX4 log (ULog), expected one from its extension; copy the file again, or rename it"
-            )
+        refuse_empty(file.read(len(HEAD)) == HEAD, name, "PX4 log (ULog)")
         file.seek(0)
         log = library.ULog(file, None, True)
         topics = {
@@ -71,11 +67,11 @@ def _notes(log: Any) -> tuple[str, ...]:
 
 
 def _recording(
-    topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known: mixing.Parameters
+    topics: Topics, notes: tuple[str, ...], columns: ColumnMap, told: mixing.Parameters
 ) -> streams.Recording:
     readings = []
     motors = next((name for name in MOTORS if name in topics), "")
-    asked, wished = (mixing.Asked(), NOTHING) if mixing.is_commanded_by(columns) else _asked(topics, known)
+    asked, wished = (mixing.Asked(), NOTHING) if mixing.is_commanded_by(columns) else _asked(topics, told)
     for name, data in topics.items():
         fields = {key: np.asarray(values, dtype=np.float64) for key, values in data.items()}
         own = {**TAKEN, **wished}.get(name, {})
@@ -97,10 +93,10 @@ def _recording(
         states = {"mode": streams.named(status["nav_state"], MODES, "mode {}"), "armed": armed}
         readings.append(streams.Stream("vehicle_status", _clock(status), states, lasting=True))
     holds = tuple(f"{name} ({len(data['timestamp'])})" for name, data in topics.items())
-    return streams.Recording(readings, "topics", holds, (*asked.notes, *notes), asked.origin)
+    return streams.Recording(readings, holds, (*asked.notes, *notes), asked.origin)
 
 
-def _asked(topics: Topics, known: mixing.Parameters) -> tuple[mixing.Asked, Fields]:
+def _asked(topics: Topics, told: mixing.Parameters) -> tuple[mixing.Asked, Fields]:
     """What PX4 asked of the vehicle: by what it sent to the motors and where these are; else its own setpoints, as
     fields to take by topic."""
     asked = mixing.Asked()
@@ -111,7 +107,7 @@ def _asked(topics: Topics, known: mixing.Parameters) -> tuple[mixing.Asked, Fiel
             for key, values in data.items()
             if key.startswith("control[")
         }
-        asked = mixing.worked_back(MOTORS[0], _clock(data), sent, known, _by_places)
+        asked = mixing.worked_back(MOTORS[0], _clock(data), sent, told, _by_places)
     wished = {topic: fields for topic, fields in SETPOINTS.items() if topic in topics}
     if asked.columns or TORQUE not in wished:
         return asked, NOTHING
@@ -144,9 +140,8 @@ def _by_places(source: str, sent: mixing.Channels, values: mixing.Values) -> mix
 def _parameters(log: Any) -> mixing.Parameters:
     """The parameters of the allocation: at the start of the log, and where they changed."""
     changes = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
-    changes = [change for change in (*changes, *log.changed_parameters) if change[1].startswith("CA_ROTOR")]
-    time, names, values = zip(*changes) if changes else ((), (), ())
-    return mixing.parameters(np.array(names, dtype=str), np.array(time) / 1e6, np.array(values, dtype=np.float64))
+    changes += log.changed_parameters
+    return [(time / 1e6, name, float(value)) for time, name, value in changes if name.startswith("CA_ROTOR")]
 
 
 def _clock(data: Mapping[str, NDArray[Any]], sampled: bool = False) -> Floats:

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from broken_logs.make import csv_of
 from fuzzing import KINDS, case, judge_log, outcome
@@ -13,9 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from automarine_cli.commands.check import check
-from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
-from automarine_cli.logs import LogFile, read_log
 from automarine_cli.pipeline.records import json_text
 
 
@@ -93,23 +89,3 @@ def test_any_table(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
         judge_log(path)
     except AutomarineError as refusal:
         assert str(refusal).isprintable(), refusal
-
-
-CELLS = (
-    st.floats(), st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(max_size=4), st.binary(max_size=4),
-    st.datetimes(), st.lists(st.integers(0, 3), max_size=2),
-)  # fmt: skip
-PARQUET_COLUMNS = st.one_of(*(st.lists(st.none() | cell, min_size=3, max_size=3) for cell in CELLS))
-
-
-@settings(max_examples=60)
-@given(columns=st.dictionaries(NAME, PARQUET_COLUMNS, max_size=4))
-def test_any_parquet_types(tmp_path_factory: pytest.TempPathFactory, columns: dict[str, list[object]]) -> None:
-    path = tmp_path_factory.getbasetemp() / "types.parquet"
-    pq.write_table(pa.table(columns), path)
-    answers(path)
-    try:
-        table = read_log(LogFile(path, path.name, True), dof=YAW)
-    except AutomarineError:
-        return
-    assert len(table) == 3 and not any(np.isinf(column).any() for column in table.columns.values())

@@ -72,7 +72,7 @@ def test_without_a_dbc_the_identifiers_are_told(tmp_path: Path, content: bytes) 
     assert "the identifiers 0x123 (200), 0x200 (84), 0x300 (41), 0x18fef002 (82)" in sentence
     assert '[can] with dbc = "vehicle.dbc"' in sentence
     sentence = refusal(file, with_dbc(tmp_path, DBC.read_text().replace("BO_ 291", "BO_ 292")))
-    assert "no heading in it; found the CAN messages State (41)" in sentence and " 0x123 (200)" in sentence
+    assert "no heading in it; found State (41)" in sentence and " 0x123 (200)" in sentence
 
 
 def test_the_column_map_names_the_dbc_relative_to_itself(

@@ -7,11 +7,9 @@ import pytest
 from reader_contract import log
 from tolerances import assert_close
 
-from automarine_cli.commands.check import check
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, column_rules, read_column_map, read_log
-from automarine_cli.report.sections import sections
 
 
 def written(folder: Path, text: str | bytes) -> Path:
@@ -128,19 +126,6 @@ def test_another_column_says_the_direction(tmp_path: Path, way: dict[str, object
     assert_close(table.columns["n"], sign * np.array([-3000, -1500, 0, 1600, 3200]), "same arithmetic")
     with pytest.raises(LogError, match=r"n takes its sign from 'pwm'; .*\. Correct sign_from"):
         bench(tmp_path, n={"from": "rpm", "sign_from": "pwm"})
-
-
-def test_check_tells_a_signal_that_holds_its_neutral_or_lacks_its_sign(tmp_path: Path) -> None:
-    (tmp_path / "bench.csv").write_text(BENCH, encoding="utf-8")
-    for rule, words in (
-        ("PWM_us", "from 1100 to 1900, as pulses about 1500 do"),
-        ("rpm", "never negative while the"),
-        ({"from": "PWM_us", "subtract": 1500}, ""),
-    ):
-        columns = ColumnMap(column_rules({"n": rule, "force_N": "load"}, ""))
-        result = check(tmp_path / "bench.csv", columns=columns)
-        for notes in (result.tests[0].notes, sections(result).printed[0].notes):
-            assert words in notes[0] if words else not notes
 
 
 def test_single_files_have_maps_of_their_own(tmp_path: Path) -> None:

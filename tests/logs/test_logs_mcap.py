@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_outputs import sub_dive, wishes
-from reader_contract import log, refusal, table_of
+from reader_contract import table_of
 from vehicle_blueos import recorded
 from vehicle_logs import dive, telemetry
 
@@ -45,9 +45,3 @@ def test_a_recorder_that_was_stopped_is_read_up_to_there(tmp_path: Path) -> None
     assert 10 < len(table) < len(full)
     np.testing.assert_array_equal(table.columns["heading"], full.columns["heading"][: len(table)])
     assert any("its recorder was stopped; read up to there" in note for note in table.notes)
-
-
-def test_a_file_of_video_alone_is_refused(tmp_path: Path) -> None:
-    without = ("ATTITUDE", "SERVO_OUTPUT_RAW", "SYS_STATUS", "HEARTBEAT", "HEARTBEAT/mavtype", "extra/range")
-    sentence = refusal(log(tmp_path, recorded(dive(), without=without), "recorder.mcap"))
-    assert sentence.startswith("recorder.mcap: no heading in it; found the topics video/1/stream (1)")

@@ -133,7 +133,7 @@ def test_what_a_yaw_log_lacks_is_said_at_once(tmp_path: Path) -> None:
     with pytest.raises(LogError) as refused:
         require_motion(table)
     for part in (
-        "log.csv: no time, heading and yaw moment; found the columns t, Heading_deg, depth",
+        "log.csv: no time and heading and yaw moment; found the columns t, Heading_deg, depth",
         "time_s or time_ms or time_us or time; heading_deg or heading_rad; tau or tau_Nm or both n_port and n_stbd",
         'time_s = "t" and heading_deg = "Heading_deg" under [columns]', "--columns FILE.toml",
     ):  # fmt: skip

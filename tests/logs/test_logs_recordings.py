@@ -74,7 +74,7 @@ def test_a_run_turns_through_north_and_a_bad_recording_beside_it_is_set_aside(tm
 def test_a_recording_without_heading_or_commands_says_what_it_holds(tmp_path: Path, suffix: str) -> None:
     content, recorder = made(suffix, without=RECORDERS[suffix].heading)
     sentence = refusal(recorded(tmp_path, suffix, content), recorder.columns)
-    assert sentence.startswith(f"dive{suffix}: no heading in it; found the ") and recorder.commands[0] in sentence
+    assert sentence.startswith(f"dive{suffix}: no heading in it; found ") and recorder.commands[0] in sentence
     assert "give it with --columns FILE.toml" in sentence and sentence.isprintable()
     content, recorder = made(suffix, without=RECORDERS[suffix].commands)
     with pytest.raises(LogError, match=f"no yaw moment.*{re.escape(recorder.heading[0])}"):

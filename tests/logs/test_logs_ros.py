@@ -78,7 +78,7 @@ def test_an_imu_without_orientation_is_no_heading(tmp_path: Path) -> None:
             imu = types["sensor_msgs/msg/Imu"](header, still, nine, vector, nine, vector, nine)
             writer.write(link, i * 10**8, store.serialize_ros1(imu, imu.__msgtype__))
     sentence = refusal(LogFile(tmp_path / "gyro.bag", "gyro.bag", True))
-    assert "no heading in it; found the topics /imu (sensor_msgs/Imu)" in sentence
+    assert "no heading in it; found /imu (sensor_msgs/Imu)" in sentence
 
 
 def test_an_older_bag_that_does_not_define_its_types(tmp_path: Path) -> None:

@@ -28,14 +28,14 @@ def stamps(*cells: str, day_first: bool | None = None) -> Stamps:
 @pytest.mark.parametrize(
     ("first", "second", "kind", "open_still"),
     [
-        ("03.05.2024 14:00:20,200", "03.05.2024 14:00:20,300", "day first", False),  # dots
-        ("13/05/2024 14:00:20.2", "13/05/2024 14:00:20.3", "day first", False),
-        ("05/13/2024 02:00:20.2 PM", "05/13/2024 02:00:20.3 PM", "month first", False),
-        ("03/05/2024 14:00:20.2", "03/05/2024 14:00:20.3", "day first", True),
-        ("2024-05-03 14:00:20,200", "2024-05-03 14:00:20,300", "iso", False),
-        ("2024/05/03 14:00:20.2", "2024/05/03 14:00:20.3", "year first", False),
-        ("14:00:20.2", "14:00:20.3", "clock", False),
-        ("00:20.2", "00:20.3", "clock", False),
+        ("03.05.2024 14:00:20,200", "03.05.2024 14:00:20,300", "dates, day first", False),  # dots
+        ("13/05/2024 14:00:20.2", "13/05/2024 14:00:20.3", "dates, day first", False),
+        ("05/13/2024 02:00:20.2 PM", "05/13/2024 02:00:20.3 PM", "dates, month first", False),
+        ("03/05/2024 14:00:20.2", "03/05/2024 14:00:20.3", "dates, day first", True),
+        ("2024-05-03 14:00:20,200", "2024-05-03 14:00:20,300", "timestamps", False),
+        ("2024/05/03 14:00:20.2", "2024/05/03 14:00:20.3", "dates, year first", False),
+        ("14:00:20.2", "14:00:20.3", "clock times", False),
+        ("00:20.2", "00:20.3", "clock times", False),
     ],
 )
 def test_the_column_decides(first: str, second: str, kind: str, open_still: bool) -> None:
@@ -89,7 +89,7 @@ def read(folder: Path, date: str, **rule: object) -> LogTable:
 def test_a_log_with_dates_says_how_they_are_read_and_an_open_date_is_refused(tmp_path: Path) -> None:
     table = read(tmp_path, "03.05.2024")
     assert_close(np.diff(table.columns["time"]), np.ones(4), "same arithmetic")
-    assert table.notes == ("column Zeit: dates are read with the day first",)
+    assert table.notes == ("column Zeit: dates, day first",)
     with pytest.raises(LogError) as refused:
         read(tmp_path, "03/05/2024")
     for part in ("log.csv, column Zeit: found '03/05/2024 14:00:20", "day_first = true } (or false)", "--columns"):
