@@ -455,8 +455,7 @@ def _rule(codec: Codec, key: str, value: object, place: tuple[object, ...]) -> C
     canonical = CANONICAL.get(key)
     if canonical is None:
         if rule != ColumnRule(rule.source):
-            what = {RUN: "names runs", BY: "names what each row is of"}.get(key, "is a state")
-            raise codec.refusal(place, f"{what}; unit, sign, scale and offset do not apply; leave them out")
+            raise codec.refusal(place, "a column of words; unit, sign, scale and offset do not apply; leave them out")
         return rule
     units = canonical.units()
     if rule.unit is not None and units and rule.unit not in units:

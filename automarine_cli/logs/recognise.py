@@ -227,10 +227,8 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
     unit = _unit_in(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
     if unit in fits or (len(fits) == 1 and unit is None):
         return Recognised(f"time_{unit or fits[0]}", source, seen)
-    if unit is not None and fits:
-        why = f"the name says {unit}, the samples say {' or '.join(fits)}"
-    else:
-        why = f"{' or '.join(fits)}?" if fits else "no unit makes these a clock; is this the time?"
+    says = f"the name says {unit}, the samples say " if unit else ""
+    why = f"{says}{' or '.join(fits)}?" if fits else "no unit makes these a clock; is this the time?"
     return Recognised("time_s", source, seen, fits[0] if fits else None, why, unit_open=True)
 
 
@@ -273,10 +271,8 @@ def _force(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised(f"force_{unit}", source, f"{span}")
     if unit is not None:
         return Recognised("force_N", source, f"{span}", unit)
-    if words_of(source)[-1:] in (["v"], ["mv"], ["volts"]):
-        why = f'volts of a load cell? Then write {{ from = "{source}", scale = NEWTONS_PER_VOLT }}'
-    elif is_share(span):
-        why = f'this looks like a throttle; which column is the force? If it is this one, write "{source}"'
+    if words_of(source)[-1:] in (["v"], ["mv"], ["volts"]) or is_share(span):
+        why = f'a load cell in volts, or a throttle? For a load cell write {{ from = "{source}", scale = NEWTONS }}'
     return Recognised("force_N", source, f"{span}", open=why or "N, kgf or lbf?", unit_open=not why)
 
 

@@ -55,8 +55,7 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
     rows: dict[str, Rows] = {}
     counted: Counter[str] = Counter()
     notes: tuple[str, ...] = ()
-    mend = "copy the file again, or if its recorder was stopped: mcap recover"
-    with unsound_is_refused(name, "MCAP file's", mend), path.open("rb") as file:
+    with unsound_is_refused(name, "MCAP file's", MEND), path.open("rb") as file:
         try:
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
                 topic = channel.topic
@@ -290,9 +289,8 @@ def _motion(topic: Topic) -> Fields:
 
 def _clocks(turning: list[Topic]) -> tuple[float, list[str]]:
     """What takes the recorder's times to the clock of the heading's stamps [s], and a note where they are two."""
-    if not turning or np.isnan(turning[0].stamped).all():
-        return 0.0, []
-    shift = float(np.nanmedian(turning[0].stamped - turning[0].recorded))
+    apart = turning[0].stamped - turning[0].recorded if turning else np.zeros(0)
+    shift = float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else 0.0
     if abs(shift) < OTHER_CLOCK:
         return 0.0, []
     return shift, [f"the stamps are {shift:+.3f} s from the recorder's clock; its times are moved by that"]

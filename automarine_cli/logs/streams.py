@@ -65,8 +65,6 @@ def yaw_of(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
 
 def mode_names(codes: NDArray[Any], vehicle: int) -> NDArray[np.str_]:
     """Names of flight modes, shape (N,), for a MAV_TYPE; a mode without a name keeps its number."""
-    if codes.dtype.kind not in "iuf":
-        return codes.astype(str)
     names: Mapping[int, object] = {}
     with contextlib.suppress(ImportError):  # a log that needs no pymavlink otherwise
         from pymavlink.mavutil import mode_mapping_bynumber

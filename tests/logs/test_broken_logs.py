@@ -165,17 +165,15 @@ def test_a_file_that_may_not_be_read_is_no_input(
         (secret.parent / name).write_bytes(csv_of(good_table()))
     for name in ("dangling_link.csv", "truncated.parquet"):
         shutil.copy(broken / name, secret.parent / name, follow_symlinks=False)
-    secret.chmod(0)
-    if os.geteuid() == 0:  # the superuser may read everything: the opener refuses instead
-        opened, allowed = Path.open, os.access
+    opened, allowed = Path.open, os.access
 
-        def refusing(path: Path, *how: Any, **more: Any) -> Any:
-            if path.name == "secret.csv":
-                raise PermissionError(13, "Permission denied", str(path))
-            return opened(path, *how, **more)
+    def refusing(path: Path, *how: Any, **more: Any) -> Any:
+        if path.name == "secret.csv":
+            raise PermissionError(13, "Permission denied", str(path))
+        return opened(path, *how, **more)
 
-        monkeypatch.setattr(Path, "open", refusing)
-        monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "secret.csv" and allowed(path, mode))
+    monkeypatch.setattr(Path, "open", refusing)  # the superuser may read everything
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "secret.csv" and allowed(path, mode))
     why = "cannot be opened (Permission denied); check…that you may read it"
     is_refusal(run("fit-yaw", secret), f"Error: secret.csv: {why}")
     result = run("validate", secret.parent, "--model", model, "-o", tmp_path / "out")

@@ -52,7 +52,7 @@ REFUSED = {  # the place, what was found, what was expected
     "[columns]\ntau = { from = 'a', unit = 'N m' }": ("columns.tau.unit: found 'N m'", "expected nu"),
     "[columns]\nheading_deg = { from = 'a', unit = 'grad' }": ("columns.heading_deg.unit: found 'grad'", "deg or rad"),
     "[columns]\ntau = { from = 'a', scale = 0 }": ("columns.tau:", "scale is 0", "other than 0"),
-    "[columns]\nrun = { from = 'a', sign = -1 }": ("columns.run:", "names runs", "leave them out"),
+    "[columns]\nrun = { from = 'a', sign = -1 }": ("columns.run:", "a column of words", "leave them out"),
     "[columns]\nheading_rad = 'heading_deg'": ("heading_rad", 'write { from = "heading_deg", unit = "deg" }'),
     "[columns]\nheading_deg = 'yaw_rad'": ("heading_deg", "name says rad, for deg"),
     "[columns]\nyaw_rate_rad_s = 'gyro_deg_s'": ("yaw_rate_rad_s", 'unit = "deg/s" }'),
