@@ -157,14 +157,11 @@ def messages_of(columns: ColumnMap) -> list[Any]:
     name = printable(Path(columns.dbc).name)
     try:
         return list(library.database.load_file(columns.dbc, database_format="dbc", strict=False).messages)
-    except OSError as problem:
-        raise LogError(
-            f"{columns.source or 'the column map'}: can.dbc is {name}, which cannot be opened ({problem.strerror}); "
-            "give its place relative to this file"
-        ) from None
     except Exception as problem:
-        reason = printable(str(problem).partition("\n")[0])
-        raise LogError(f"{name}: is not a readable DBC ({reason}); export it again") from None
+        reason = printable((getattr(problem, "strerror", None) or str(problem)).partition("\n")[0])
+        raise LogError(
+            f"{name}: is not a readable DBC ({reason}); give its place relative to the column map, or export it again"
+        ) from None
 
 
 def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap) -> Iterator[Stream]:

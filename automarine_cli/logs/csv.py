@@ -24,7 +24,6 @@ from automarine_cli.text import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 6
-LONGEST_HEADER = 10_000_000  # bytes
 PIECE = 1 << 20  # bytes
 SIGNATURES = {
     b"\x1f\x8b": "is gzip-compressed; expected plain text (name it .csv.gz)",
@@ -132,10 +131,6 @@ def _lines(data: bytes) -> tuple[bytes, NDArray[np.int64], NDArray[np.int64]]:
 
 def _header(lines: Sequence[bytes], where: str) -> tuple[tuple[str, ...], str]:
     """Return the names of the columns, and what separates them from each other, by the first lines. Raises LogError."""
-    if len(lines[0]) > LONGEST_HEADER:
-        raise LogError(
-            f"{where}: found {len(lines[0])} bytes in one line, expected a line of column names. Check the line ends"
-        )
     header, *rows = (formats.text_of(line).strip(" ") for line in lines)
     delimiter, best = ",", (0.0, 0)
     for mark in DELIMITERS:  # that gives the header and most rows the same number of cells, more than one

@@ -121,9 +121,9 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     own = TAKEN | {other: fields for name, (other, fields) in INSTEAD.items() if name not in messages}
     changes = messages.get("PARM", {})
     clock = _clock(changes) if {"Name", "Value"} <= changes.keys() else None
-    told = () if clock is None else parameters(changes["Name"], clock, changes["Value"])
+    history = () if clock is None else parameters(changes["Name"], clock, changes["Value"])
     holds = [f"{name} ({len(next(iter(message.values())))})" for name, message in messages.items()]
-    return recorded(messages, _clock, SECONDS, own, "RCOU", told, columns, _states(messages), holds, notes)
+    return recorded(messages, _clock, SECONDS, own, "RCOU", history, columns, _states(messages), holds, notes)
 
 
 def _clock(fields: Message) -> Floats | None:

@@ -47,14 +47,14 @@ def parameters(names: NDArray[np.str_], time: Floats, values: Floats) -> Paramet
     return sorted(zip(time.tolist(), names.tolist(), values.tolist()), key=itemgetter(0))
 
 
-def _stretches(told: Parameters, begin: float, end: float) -> tuple[dict[float, Values], list[str]]:
+def _stretches(history: Parameters, begin: float, end: float) -> tuple[dict[float, Values], list[str]]:
     """The parameters that stand from `begin` [s] and from each change on, and what changed; before one is first told,
     its first value stands."""
-    values = {name: value for _, name, value in reversed(told)}
-    values |= {name: value for at, name, value in told if at <= begin}
+    values = {name: value for _, name, value in reversed(history)}
+    values |= {name: value for at, name, value in history if at <= begin}
     stretches: dict[float, Values] = {begin: values}
     changes = []
-    for at, name, value in told:
+    for at, name, value in history:
         if begin < at <= end and values[name] != value:
             changes.append(f"{name} from {values[name]:g} to {value:g} at {at - begin:.1f} s")
             stretches[at] = values = values | {name: value}
@@ -105,11 +105,11 @@ def is_commanded_by(columns: ColumnMap) -> bool:
 
 
 def worked_back(
-    source: str, time: Floats, channels: Channels, told: Parameters, read_by: Callable[[str, Channels, Values], Part]
+    source: str, time: Floats, channels: Channels, history: Parameters, read_by: Callable[[str, Channels, Values], Part]
 ) -> Asked:
     """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s], which the file calls
     `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
-    stretches, changes = _stretches(told, float(time[0]), float(time[-1]))
+    stretches, changes = _stretches(history, float(time[0]), float(time[-1]))
     wishes = np.full((len(WISHES), len(time)), np.nan)
     hows, why = [], ""
     for (first, values), after in zip(stretches.items(), [*list(stretches)[1:], np.inf]):
@@ -176,16 +176,16 @@ LAST = 32  # the highest number of an output
 NEUTRAL, SPAN = 1500.0, 400.0  # us, of ArduSub's motors whatever the limits of their outputs
 
 
-def asked_of_pulses(source: str, time: Floats, pulses: Channels, told: Parameters) -> Asked:
+def asked_of_pulses(source: str, time: Floats, pulses: Channels, history: Parameters) -> Asked:
     """What ArduPilot asked of the vehicle, from pulses [us] by number of the output, shape (N,), at `time` [s], which
     the file calls `source`."""
     driving = re.compile(r"FRAME_CONFIG|(SERVO|MOT_).*_(FUNCTION|MIN|MAX|TRIM|REVERSED|DIRECTION)")
-    return worked_back(source, time, pulses, [row for row in told if driving.fullmatch(row[1])], part_of)
+    return worked_back(source, time, pulses, [row for row in history if driving.fullmatch(row[1])], part_of)
 
 
 def recorded(
     messages: Mapping[str, Mapping[str, NDArray[Any]]], clock_of: Callable[[Mapping[str, NDArray[Any]]], Floats | None],
-    stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, told: Parameters, columns: ColumnMap,
+    stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, history: Parameters, columns: ColumnMap,
     states: Sequence[Stream], holds: Sequence[str], notes: tuple[str, ...],
 ) -> Recording:  # fmt: skip
     """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `own` or the column map
@@ -202,7 +202,7 @@ def recorded(
         stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == outputs)
         if name == outputs and fields and not is_commanded_by(columns):
             pulses = {int("".join(filter(str.isdigit, key))): values for key, values in fields.items()}
-            asked = asked_of_pulses(name, time, pulses, told)
+            asked = asked_of_pulses(name, time, pulses, history)
             stream = replace(stream, columns={**stream.columns, **asked.columns})
         streams.append(stream)
     return Recording([*streams, *states], tuple(holds), (*asked.notes, *notes), asked.origin)

@@ -127,7 +127,7 @@ def recording(
 ) -> Recording:
     """What a vehicle's messages hold: by name, with when each was `received` [s], in whatever file they are."""
     starts, values, states = _starts(messages), messages.get("PARAM_VALUE"), []
-    told = parameters(values["param_id"], values["received"], values["param_value"]) if values else ()
+    history = parameters(values["param_id"], values["received"], values["param_value"]) if values else ()
     if "SYS_STATUS" in messages:
         volts = messages["SYS_STATUS"]["voltage_battery"]
         supply = {**messages["SYS_STATUS"], "voltage_battery": np.where(volts == NO_VOLTAGE, np.nan, volts / 1e3)}
@@ -140,7 +140,7 @@ def recording(
         }
         states.append(Stream("HEARTBEAT", beat["received"], state, lasting=True))
     stamps = {*OWN_CLOCK, "received"}
-    return recorded(messages, partial(_clock, starts), stamps, TAKEN, SERVOS, told, columns, states, holds, notes)
+    return recorded(messages, partial(_clock, starts), stamps, TAKEN, SERVOS, history, columns, states, holds, notes)
 
 
 def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:

@@ -67,11 +67,11 @@ def _notes(log: Any) -> tuple[str, ...]:
 
 
 def _recording(
-    topics: Topics, notes: tuple[str, ...], columns: ColumnMap, told: mixing.Parameters
+    topics: Topics, notes: tuple[str, ...], columns: ColumnMap, history: mixing.Parameters
 ) -> streams.Recording:
     readings = []
     motors = next((name for name in MOTORS if name in topics), "")
-    asked, wished = (mixing.Asked(), NOTHING) if mixing.is_commanded_by(columns) else _asked(topics, told)
+    asked, wished = (mixing.Asked(), NOTHING) if mixing.is_commanded_by(columns) else _asked(topics, history)
     for name, data in topics.items():
         fields = {key: np.asarray(values, dtype=np.float64) for key, values in data.items()}
         own = {**TAKEN, **wished}.get(name, {})
@@ -96,7 +96,7 @@ def _recording(
     return streams.Recording(readings, holds, (*asked.notes, *notes), asked.origin)
 
 
-def _asked(topics: Topics, told: mixing.Parameters) -> tuple[mixing.Asked, Fields]:
+def _asked(topics: Topics, history: mixing.Parameters) -> tuple[mixing.Asked, Fields]:
     """What PX4 asked of the vehicle: by what it sent to the motors and where these are; else its own setpoints, as
     fields to take by topic."""
     asked = mixing.Asked()
@@ -107,7 +107,7 @@ def _asked(topics: Topics, told: mixing.Parameters) -> tuple[mixing.Asked, Field
             for key, values in data.items()
             if key.startswith("control[")
         }
-        asked = mixing.worked_back(MOTORS[0], _clock(data), sent, told, _by_places)
+        asked = mixing.worked_back(MOTORS[0], _clock(data), sent, history, _by_places)
     wished = {topic: fields for topic, fields in SETPOINTS.items() if topic in topics}
     if asked.columns or TORQUE not in wished:
         return asked, NOTHING
