@@ -3,7 +3,6 @@
 `get(name)` finds a target, `names()` lists them; the recipe for the next one is in `base`.
 """
 
-import difflib
 import importlib
 import pkgutil
 from functools import cache
@@ -27,7 +26,5 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> Target:
     """The target of that name; raises SettingError with the names that there are."""
     if name not in _targets():
-        matches = difflib.get_close_matches(name.lower(), names(), n=1, cutoff=0.5)
-        meant = f". Did you mean {matches[0]}?" if matches else ""
-        raise SettingError(f"--to {name}: no such target; known are {', '.join(names())}{meant}")
+        raise SettingError(f"--to {name}: no such target; known are {', '.join(names())}")
     return _targets()[name]

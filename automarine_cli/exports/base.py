@@ -24,9 +24,8 @@ from automarine_cli.thrusters.map import ThrusterMap
 FRAMES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
 TURNS = {"NED": "from north, positive clockwise", "ENU": "from east, positive anticlockwise"}
 DRAG = ("linear-drag", "quadratic-drag")
-YAW_MODEL, THRUSTER_MAP = "yaw model", "thruster map"
-FORCES, PLACES = "XYZKMN", ("first", "second", "third", "fourth", "fifth", "last")
-"""Of the six motions: the letter of force or moment (SNAME 1950), and where they stand in vectors."""
+FORCES = "XYZKMN"
+"""Of the six motions: the letter of force or moment (SNAME 1950)."""
 
 
 @dataclass(frozen=True)
@@ -129,10 +128,7 @@ class YawSubject:
 
     def about_entries(self) -> str:
         """The sentence on what was not identified, for vectors and matrices of all six motions."""
-        return (
-            f"Only the entries of {self.dof.name} (the {PLACES[self.dof.number]} ones) are identified: all others are "
-            "placeholders; merge with the values of your model."
-        )
+        return f"Only {self.dof.name} is identified: all other entries are placeholders; merge with your model."
 
 
 @dataclass(frozen=True)
@@ -167,14 +163,12 @@ class Target:
     """One simulator or paper.
 
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
-    effects it has terms for, `carries_with` what it carries where that hangs on the settings, `lacks` laws of them that
-    it does not, and why; `varying` whether also effects that differ from run to run; `why` not, by effect, and
-    `instead` the option that helps. `si` whether moments must be newton metres; `uses` the settings that mean
-    something; `motions` those whose models it takes, `planar` how it takes surge, sway and yaw together, if it does."""
+    effects it has terms for, `lacks` laws of them that it does not, and why; `varying` whether also effects that differ
+    from run to run. `si` whether moments must be newton metres; `uses` the settings that mean something; `motions`
+    those whose models it takes (none: thruster maps), `planar` how it takes surge, sway and yaw together."""
 
     name: str
     says: str
-    source: str
     forms: Mapping[str, str]
     write: Callable[[Any], Written]
     frames: tuple[str, ...] = ("NED", "ENU")
@@ -182,10 +176,6 @@ class Target:
     lacks: Mapping[tuple[str, int], str] = field(default_factory=dict)
     si: bool = True
     uses: frozenset[str] = frozenset()
-    takes: str = YAW_MODEL
-    carries_with: Callable[[Settings], frozenset[str]] | None = None
-    instead: str = ""
-    why: Mapping[str, str] = field(default_factory=dict)
     varying: bool = False
     motions: tuple[str, ...] = tuple(DOFS)
     planar: Planar | None = None

@@ -147,7 +147,6 @@ def _code(text: str) -> str:
 TARGET = Target(
     name="card",
     says="a model card: parameters, intervals, covariance, signs, range, data",
-    source="Mitchell et al. (2019), doi 10.1145/3287560.3287596",
     forms={"markdown": ".md"},
     carries=frozenset({*effects.built_in(), PREFIX}),
     varying=True,

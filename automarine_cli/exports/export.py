@@ -93,9 +93,8 @@ class Targets:
 
     def to_json(self) -> dict[str, Any]:
         rows = [
-            {"name": target.name, "says": target.says, "takes": target.takes, "motions": _motions(target),
-             "forms": dict(target.forms), "frames": list(target.frames), "effects": sorted(target.carries),
-             "newton_metres": target.si, "source": target.source}
+            {"name": target.name, "says": target.says, "motions": _motions(target), "forms": dict(target.forms),
+             "frames": list(target.frames), "effects": sorted(target.carries), "newton_metres": target.si}
             for target in self.targets
         ]  # fmt: skip
         return {"schema": "automarine/export-targets/1", "targets": rows}
@@ -113,8 +112,7 @@ def _(result: Targets) -> Sections:
 
 
 def _motions(target: Target) -> list[str]:
-    together = [PLANAR.name] * (target.planar is not None)
-    return [*target.motions, *together] if target.takes == base.YAW_MODEL else []
+    return [*target.motions, *[PLANAR.name] * (target.planar is not None)]
 
 
 def export_targets() -> Targets:
@@ -134,8 +132,10 @@ def export_model(
     _refuse_unused(target, chosen)
     data = read_plain(model, "JSON", ModelError)
     origin, kind = Origin(printable(model.name), sha256(model)), data.get("schema")
-    if kind == PLANAR_MODEL.schema:
-        _refuse_plane(target, origin, chosen)
+    if kind == PLANAR_MODEL.schema and target.planar is None:
+        takers = " or ".join(name for name in targets.names() if targets.get(name).planar is not None)
+        wrong = f"{origin.file} is a model of surge, sway and yaw together; --to {target.name} takes one motion"
+        raise SettingError(f"{wrong}: take --to {takers}, or a model of one motion")
     takes = target.planar if kind == PLANAR_MODEL.schema and target.planar else target
     ending = "" if out is None or takes is not target else out.suffix.lower()
     usual = next((name for name, suffix in takes.forms.items() if suffix == ending), next(iter(takes.forms)))
@@ -146,10 +146,12 @@ def export_model(
     unit, left_out = None, tuple[Unsupported, ...]()
     subject: PlanarSubject | MapSubject | YawSubject
     if takes is not target:
+        if chosen.newton_metres_per_nu is not None:
+            raise SettingError(IN_NEWTONS.format(origin.file, "newtons"))
         planar = planar_from_json(data, origin.file).model
         subject = planar_subject(planar, origin, frame, form, chosen, target.name)
         unit, left_out, carried = "N m", subject.left_out, ("inertia", *(name for name, _, _ in subject.drags()))
-    elif target.takes == base.THRUSTER_MAP:
+    elif not target.motions:
         if kind != MAP.schema and "models" in data:
             wrong = f"{origin.file} is a {motion_of(data).name} model"
             raise SettingError(f"{wrong}; --to {target.name} takes the thrusters.json of a fit")
@@ -173,18 +175,6 @@ def _one_of(choices: Iterable[str], value: str, option: str) -> str:
     return value
 
 
-def _refuse_plane(target: Target, origin: Origin, settings: Settings) -> None:
-    """Raise SettingError where a target takes no models of surge, sway and yaw together, and for a unit given."""
-    if target.planar is None:
-        takers = [name for name in targets.names() if targets.get(name).planar is not None]
-        raise SettingError(
-            f"{origin.file} is a model of surge, sway and yaw together; --to {target.name} takes one motion: take --to "
-            f"{' or '.join(takers)}, or a model of one motion"
-        )
-    if settings.newton_metres_per_nu is not None:
-        raise SettingError(IN_NEWTONS.format(origin.file, "newtons"))
-
-
 def _yaw_subject(
     target: Target, data: Mapping[str, object], origin: Origin, number: str | None, form: str, frame: str,
     settings: Settings, logs: tuple[tuple[str, str], ...] | None,
@@ -200,9 +190,13 @@ def _yaw_subject(
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
     model = in_unit(target, stored.models[which], settings, origin)
-    terms, left_out = split(target, model, settings)
+    terms, left_out = split(target, model)
     if left_out and not settings.allow_partial:
-        raise SettingError(_cannot(target, left_out, origin))
+        missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
+        raise SettingError(
+            f"{origin.file}: {target.name} cannot represent {missing}; give --allow-partial to write the file without, "
+            "or take --to python, which has nearly every effect"
+        )
     model = replace(model, terms=terms)
     model = in_enu(model) if frame == "ENU" else model
     refuse_inertia(target, settings.rigid_inertia, model, origin)
@@ -227,55 +221,42 @@ def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin)
     return model if factor is None else in_newton_metres(model, factor)
 
 
-def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Term, ...], tuple[Unsupported, ...]]:
+def split(target: Target, model: YawModel) -> tuple[tuple[Term, ...], tuple[Unsupported, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
-    dof = model.dof
     live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
-    reasons = [(term, _why_not(target, term, dof, settings)) for term in live]
+    reasons = [(term, _why_not(target, term, model.dof)) for term in live]
     left_out = tuple(Unsupported(term.name, why) for term, why in reasons if why)
     return tuple(term for term, why in reasons if not why), left_out
 
 
-def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
+def _why_not(target: Target, term: Term, dof: Dof) -> str:
     effect = effects.get(term.name)
-    carried = target.carries_with(settings) if target.carries_with else target.carries
     if effect.varies(term.values) and not target.varying:
         return "it differs from run to run"
-    if term.name.startswith(PREFIX) and PREFIX in carried:
+    if term.name.startswith(PREFIX) and PREFIX in target.carries:
         return ""
-    if term.name in carried:
+    if term.name in target.carries:
         return target.lacks.get((term.name, effect.law(term.values)), "")
     if dof.has_constant and term.name == "bias-moment":
         return "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
-    if term.name in target.why or term.name == "thruster-lag":
-        return target.why.get(term.name, "it acts in the thrusters; --to thrusters has --lag for it")
+    if term.name == "thruster-lag":
+        return "it acts in the thrusters; --to thrusters has --lag for it"
     return f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
 
 
 def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     """Drag that a model has twice, once of its own and once found by a diagnosis, as one term."""
-    merged: dict[str, Term] = {}
-    for term in terms:
-        twin = merged.get(term.name) if term.name in DRAG else None
-        key = f"{term.name} {len(merged)}" if term.name in merged and twin is None else term.name
-        merged[key] = term if twin is None else replace(twin, values=(twin.values[0] + term.values[0],))
+    merged: dict[str | int, Term] = {}
+    for i, term in enumerate(terms):
+        key = term.name if term.name in DRAG else i
+        twin = merged.get(key)
+        merged[key] = replace(twin, values=(twin.values[0] + term.values[0],)) if twin else term
     return tuple(merged.values())
 
 
 def _matters(term: Term) -> bool:
     effect = effects.get(term.name)
     return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
-
-
-def _cannot(target: Target, left_out: tuple[Unsupported, ...], origin: Origin) -> str:
-    missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
-    python = targets.get("python")
-    has = target is not python and all(effect.name in python.carries for effect in left_out)
-    hint = ", or take --to python, which has them" if has else ""
-    return (
-        f"{origin.file}: {target.name} cannot represent {missing}; give {target.instead or ''}--allow-partial to write "
-        f"the file without{hint}"
-    )
 
 
 def refuse_inertia(target: Target, rigid: float | None, model: YawModel, origin: Origin) -> None:

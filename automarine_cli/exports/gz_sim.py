@@ -94,7 +94,6 @@ def write_planar(subject: PlanarSubject) -> Written:
 TARGET = Target(
     name="gz-sim",
     says="Gazebo Sim: SDF for the Hydrodynamics system",
-    source="gazebosim.org/api/sim/9, class Hydrodynamics",
     forms={FLUID: ".sdf", DERIVATIVE: ".sdf"},
     frames=("ENU", "NED"),
     carries=frozenset({*DRAG, "drag-asymmetry"}),

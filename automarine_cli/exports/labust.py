@@ -27,7 +27,6 @@ coupled: false
 TARGET = Target(
     name="labust",
     says="LABUST's simulator and controllers: model YAML, positive coefficients",
-    source="labust-ros-pkg, labust_sim/config/model_example.yaml",
     forms={"model": ".yaml"},
     frames=("NED",),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),

@@ -93,7 +93,6 @@ def _attributes(attributes: Mapping[str, str]) -> str:
 TARGET = Target(
     name="mjcf",
     says="MuJoCo: an MJCF model, drag as damping of a joint",
-    source="mujoco.readthedocs.io, XML Reference (3.7 or newer)",
     forms={"joint": ".xml"},
     frames=("ENU", "NED"),
     carries=frozenset(CARRIES),

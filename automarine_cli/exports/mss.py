@@ -66,7 +66,6 @@ def write_planar(subject: PlanarSubject) -> Written:
 TARGET = Target(
     name="mss",
     says="Fossen's MSS and its Python twin: constants N_r, N_rr with their signs",
-    source="github.com/cybergalactic/MSS",
     forms={"python": ".py", "matlab": ".m"},
     frames=("NED",),
     carries=frozenset({*DRAG, *MORE}),

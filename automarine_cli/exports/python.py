@@ -177,7 +177,6 @@ def write_planar(subject: PlanarSubject) -> Written:
 TARGET = Target(
     name="python",
     says="one file of Python and numpy with simulate()",
-    source="automarine effects NAME",
     forms={"simulate": ".py"},
     carries=frozenset({*CARRIES, PREFIX}),
     si=False,

@@ -13,14 +13,14 @@ Added inertia cannot be set: it is approximated from the geometry where physics=
 physics="floating", which is why the total stands in one place there.
 """
 
-from automarine_cli.exports.base import DRAG, Settings, Target, Written, YawSubject, comment, head, number
+from automarine_cli.errors import SettingError
+from automarine_cli.exports.base import Target, Written, YawSubject, comment, head, number
 
 EQUATION = "I r' = tau - quadratic_drag_z Q |r| r - viscous_drag_z V r"
 HEAVE = (
     "Warning: the z entries of quadratic_drag and viscous_drag scale the drag in heave as well; check heave after "
     "setting them."
 )
-DRAG_UNSET = "Warning: no drag is set; it needs --mesh-torque."
 ADDED = (
     'Warning: added inertia cannot be set in Stonefish; the total stands in <inertia> and physics is "floating", '
     "which adds none of its own in any direction."
@@ -32,27 +32,24 @@ POWER = (
 OTHERS = "The x and y entries of inertia and drag are placeholders: put your own."
 
 
-def carries_with(settings: Settings) -> frozenset[str]:
-    """Drag can be told only against the mesh's own."""
-    return frozenset() if settings.mesh_torque is None else frozenset(DRAG)
-
-
 def write(subject: YawSubject) -> Written:
-    total = number(subject.model.inertia)
-    notes: tuple[str, ...]
-    drag, notes = "", (ADDED, DRAG_UNSET, OTHERS)
-    if subject.settings.mesh_torque is not None:
-        quadratic, viscous = subject.settings.mesh_torque
-        form = number(subject.value("quadratic-drag") / quadratic)
-        friction = number(subject.value("linear-drag") / viscous)
-        drag = f'  <hydrodynamics viscous_drag="1 1 {friction}" quadratic_drag="1 1 {form}"/>\n'
-        mesh = f"Mesh: Q = {number(quadratic)} N m, V = {number(viscous)} N m at 1 rad/s (given)."
-        notes = (ADDED, HEAVE, mesh, POWER, OTHERS)
+    """The text. Raises SettingError where the drag of the mesh is not given."""
+    if subject.settings.mesh_torque is None:
+        raise SettingError(
+            f"{subject.origin.file}: Stonefish's coefficients of drag count against the drag of your mesh; give that "
+            "with --mesh-torque"
+        )
+    quadratic, viscous = subject.settings.mesh_torque
+    total, form = number(subject.model.inertia), number(subject.value("quadratic-drag") / quadratic)
+    friction = number(subject.value("linear-drag") / viscous)
+    mesh = f"Mesh: Q = {number(quadratic)} N m, V = {number(viscous)} N m at 1 rad/s (given)."
+    notes = (ADDED, HEAVE, mesh, POWER, OTHERS)
     return Written(
         f"""<?xml version="1.0"?>
 {comment(head(subject, EQUATION, notes))}<base_link name="base_link" physics="floating">
   <inertia xyz="{total} {total} {total}"/>
-{drag}</base_link>
+  <hydrodynamics viscous_drag="1 1 {friction}" quadratic_drag="1 1 {form}"/>
+</base_link>
 """,
         notes,
     )
@@ -61,13 +58,9 @@ def write(subject: YawSubject) -> Written:
 TARGET = Target(
     name="stonefish",
     says="Stonefish: inertia, and drag coefficients where the mesh's own drag is given",
-    source="stonefish.readthedocs.io, Dynamic bodies",
     forms={"body": ".scn"},
     frames=("NED",),
     uses=frozenset({"newton_metres_per_nu", "mesh_torque"}),
     motions=("yaw",),
     write=write,
-    carries_with=carries_with,
-    instead="--mesh-torque for the drag of the mesh, or ",
-    why=dict.fromkeys(DRAG, "its coefficient counts against the drag of your mesh"),
 )

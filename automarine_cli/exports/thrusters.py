@@ -14,24 +14,17 @@ Ours: F = a max(min(|n|, n_sat) - n_0, 0)^p, forward and backward apart. Theirs:
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import THRUSTER_MAP, MapSubject, Target, Written, comment, filled, head, number, row
+from automarine_cli.exports.base import MapSubject, Target, Written, comment, filled, head, number, row
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.map import Curve, ThrusterMap, thrust_both_ways
 
 GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
 MOST_POINTS = 1025  # of a table, in one direction
-TABLES = {
-    "constants": "stonefish-table or uuv-table",
-    "stonefish-deadband": "stonefish-table",
-    "uuv-bessa": "uuv-table",
-}
-"""The form that follows any map, for those that do not."""
 DENSITY, DIAMETER = 1000.0, 0.1  # of Gazebo's law; only their product with the coefficient counts
 AHEAD = "Thrust is positive ahead, in both frames alike."
 NAMES = "Names of links, joints and actuators are placeholders: merge with your model."
@@ -81,22 +74,15 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
     if off < CLOSE * full:
         return []
     wrong = f"{off:.2g} N ({100 * off / full:.2g} % of {full:.3g} N)"
-    if subject.form == "gz-thruster":  # has one coefficient; with two it would need another plugin
-        if not subject.settings.symmetrise:
-            ahead, astern = force_of(subject.map, np.array([n_max, -n_max]))
-            raise SettingError(
-                f"{subject.origin.file}: gz-thruster has one coefficient for both directions and no other law than "
-                f"the square, but at n = {n_max:.4g} this thruster gives {ahead:.3g} N ahead and {-astern:.3g} N "
-                f"astern: its thrust would be wrong by up to {wrong}; give --symmetrise to take that"
-            )
-        return [f"Warning: symmetrised; the thrust of this file is wrong by up to {wrong}."]
-    if not subject.settings.allow_partial:
-        raise SettingError(
-            f"{subject.origin.file}: {subject.form} cannot follow a map of the form {subject.map.form}: its thrust "
-            f"would be wrong by up to {wrong}; give --form {TABLES[subject.form]}, which follows any map, or "
-            "--allow-partial"
-        )
-    return [f"Warning: the thrust of this file is wrong by up to {wrong}, for the map has the form {subject.map.form}."]
+    why, remedy = f"cannot follow a map of the form {subject.map.form}", "--allow-partial, or a form that is a table"
+    allowed = subject.settings.allow_partial
+    if subject.form == "gz-thruster":
+        why, remedy = "has one coefficient for both directions and no law but the square", "--symmetrise to take that"
+        allowed = subject.settings.symmetrise
+    if not allowed:
+        wrong = f"its thrust would be wrong by up to {wrong}"
+        raise SettingError(f"{subject.origin.file}: {subject.form} {why}: {wrong}; give {remedy}")
+    return [f"Warning: the thrust of this file is wrong by up to {wrong}: {subject.form} {why}."]
 
 
 def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_max: float) -> Written:
@@ -130,16 +116,13 @@ class Side:
 
 
 def largest_signal(subject: MapSubject) -> float:
-    """The largest control signal: as given, else where the stronger direction reaches the full scale measured.
+    """The largest control signal: of the settings, else where the stronger direction reaches the full scale measured.
 
-    Raises SettingError where neither is told."""
+    Raises SettingError without either."""
     if subject.settings.n_max is not None:
         return subject.settings.n_max
     curves = [curve for curve in (subject.map.forward, subject.map.backward) if curve is not None]
     if subject.full_scale is None or subject.full_scale <= 0:
-        limits = [curve.n_sat for curve in curves if curve.n_sat is not None]
-        if limits:
-            return max(limits)
         raise SettingError(f"{subject.origin.file} does not tell how far the thruster was driven; give --n-max")
     return min(min(curve.signal(subject.full_scale), curve.n_sat or np.inf) for curve in curves)
 
@@ -162,8 +145,7 @@ def table(map_: ThrusterMap, n_max: float) -> tuple[Floats, Floats]:
         backward, forward = (_knots(curve, n_max, points) for curve in (map_.backward, map_.forward))
         n = np.concatenate([-backward[::-1], forward[1:]])
         force = force_of(map_, n)
-        straight: Callable[[Floats], Floats] = partial(np.interp, xp=n, fp=force)  # type: ignore[assignment]
-        off = worst(map_, straight, n_max)
+        off = worst(map_, lambda signals: np.interp(signals, n, force), n_max)  # noqa: B023
         if points >= MOST_POINTS or off < CLOSE * top(map_, n_max):
             return n, force
         points = 2 * points - 1
@@ -204,11 +186,10 @@ EQUATIONS = {
 TARGET = Target(
     name="thrusters",
     says="a thruster map: constants, Stonefish, uuv_simulator or Gazebo",
-    source="see each form's own: stonefish.readthedocs.io, gazebosim.org/api/sim/9, uuv_gazebo_plugins",
     forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in EQUATIONS},
     carries=frozenset(),
     si=False,
     uses=frozenset({"symmetrise", "n_max", "lag"}),
-    takes=THRUSTER_MAP,
+    motions=(),
     write=write,
 )

@@ -38,7 +38,6 @@ def write(subject: YawSubject) -> Written:
 TARGET = Target(
     name="uuv",
     says="uuv_simulator and its forks: URDF for the plugin, YAML for the controllers",
-    source="uuvsimulator.github.io, class gazebo::HMFossen",
     forms={"urdf": ".urdf", "controller": ".yaml"},
     frames=("ENU", "NED"),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),

@@ -18,7 +18,7 @@ from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, THRUSTER_MAP, Origin, Settings, Written, YawSubject
+from automarine_cli.exports.base import FRAMES, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.export import in_enu, in_unit, split
 from automarine_cli.models.store import ModelEntry, ModelFile
 from automarine_cli.models.yaw_model import YawModel, steady_rate
@@ -60,9 +60,9 @@ def test_files_have_no_word_of_another_motion(motion: str) -> None:
     for name, values in ADDED.items():
         model = model.with_effect(name, values)
     for target in map(targets.get, targets.names()):
-        if target.takes == THRUSTER_MAP or motion not in target.motions:
+        if motion not in target.motions:
             continue
-        terms, left_out = split(target, model, Settings())
+        terms, left_out = split(target, model)
         change = {"model": replace(model, terms=terms), "left_out": left_out, "file": model_of(dof)}
         for form, frame in product(target.forms, target.frames):
             file = written(motion, target.name, form, frame=frame, **change)
