@@ -91,13 +91,6 @@ def test_laws_of_another_shape_are_refused_with_their_error(tmp_path: Path, form
     assert f"{off:.2g} N".replace(".", r"\.") in REFUSED[form] and f"{off:.2g} N" in partly.text
 
 
-def test_a_dead_band_is_where_it_was_measured(tmp_path: Path) -> None:
-    text = export(map_file(tmp_path, BANDED), to="thrusters", form="uuv-bessa", allow_partial=True).text
-    law = LAWS["uuv-bessa"](text)
-    assert np.all(law(np.array([-17.9, -10.0, 0.0, 11.9])) == 0.0)
-    assert law(np.array([12.5]))[0] > 0 > law(np.array([-18.5]))[0]
-
-
 def test_gazebo_is_symmetric_and_says_what_that_costs(tmp_path: Path) -> None:
     path = map_file(tmp_path, SQUARE)
     with pytest.raises(SettingError, match=r"one coefficient for both directions .* up to 2\.1 N .* give --symmetrise"):
