@@ -1,7 +1,4 @@
-"""Simulators and papers that a model can be written for: every module here with a `TARGET` is one.
-
-`get(name)` finds a target, `names()` lists them; the recipe for the next one is in `base`.
-"""
+"""Simulators and papers that a model can be written for: every module here with a `TARGET` is one."""
 
 import importlib
 import pkgutil

@@ -1,22 +1,17 @@
-"""What a target of an export is, and the recipe for the next one.
+"""What a target of an export is; `automarine guide developers` says how to add one.
 
 Ours: I_r r' = tau - k_r r - k_rr |r| r with both coefficients positive, I_r the sum of rigid and added inertia.
-
-Recipe: one file in this folder with `TARGET = Target(...)` and a function that makes a `Written` of a `YawSubject`
-(or of a `MapSubject`, for a target that takes a thruster map). The module's docstring gives the simulator's own
-equation with the page that documents it; `carries` names the effects that this equation has a term for. What a
-model has beyond them is listed, and refused unless the user allows a part: the target sees only what it carries.
-The folder is the registry; the tests ask for a reader in `tests/helpers/export_readers.py` and do the rest.
 """
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.errors import SettingError
 from automarine_cli.models.store import ModelFile
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.thrusters.map import ThrusterMap
@@ -163,7 +158,7 @@ class Target:
     """One simulator or paper.
 
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
-    effects it has terms for, `lacks` laws of them that it does not, and why; `varying` whether also effects that differ
+    effects it has terms for, `lacks` the laws of them that it has none for; `varying` whether also effects that differ
     from run to run. `si` whether moments must be newton metres; `uses` the settings that mean something; `motions`
     those whose models it takes (none: thruster maps), `planar` how it takes surge, sway and yaw together."""
 
@@ -173,12 +168,21 @@ class Target:
     write: Callable[[Any], Written]
     frames: tuple[str, ...] = ("NED", "ENU")
     carries: frozenset[str] = frozenset(DRAG)
-    lacks: Mapping[tuple[str, int], str] = field(default_factory=dict)
+    lacks: frozenset[tuple[str, int]] = frozenset()
     si: bool = True
     uses: frozenset[str] = frozenset()
     varying: bool = False
     motions: tuple[str, ...] = tuple(DOFS)
     planar: Planar | None = None
+
+
+def refuse_part(option: str, value: float, total: float, origin: Origin) -> None:
+    """Raise SettingError for a rigid mass or inertia that is no part of the total, rigid and added together."""
+    if not 0.0 < value <= total:
+        raise SettingError(
+            f"{option}: found {value:g}, expected more than 0 and no more than {total:.6g}, the total of rigid and "
+            f"added inertia in {origin.file}; check unit and axis"
+        )
 
 
 def plain(text: str) -> str:

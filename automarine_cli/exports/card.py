@@ -11,7 +11,7 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.estimate import Given
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
 from automarine_cli.exports.export import in_enu, in_newton_metres
-from automarine_cli.models.store import AddedEffect, Covariance, ModelEntry, ModelFile
+from automarine_cli.models.store import AddedEffect, ModelEntry, ModelFile
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.text import printable
@@ -33,8 +33,6 @@ def write(subject: YawSubject) -> Written:
         f"- Frame: {frame_in_words(subject.frame, subject.dof)}\n- {_signs(subject)}\n",
         "## Parameters\n",
         Table("", HEADER, tuple(_rows(subject, entry, file.effects))).to_markdown(),
-        "## Covariance\n",
-        _covariance(subject, entry.covariance),
         "## Valid range\n",
         _range(subject, file),
         "## Effects\n",
@@ -99,17 +97,6 @@ def _row(name: str, meaning: str, figures: list[float], unit: str) -> tuple[str,
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
 
 
-def _covariance(subject: YawSubject, covariance: Covariance | None) -> str:
-    """The matrix of the file, in its own frame and unit, with the run as the unit of the data."""
-    names, lines = (covariance.parameters, covariance.matrix) if covariance else ((), ())
-    if not lines or any(len(line) != len(names) for line in lines):
-        return "The file does not tell it; fit again with this version of automarine.\n"
-    rows = tuple((name, *map(number, line)) for name, line in zip(names, lines))
-    unit = f"its own unit of {subject.dof.words.force}"
-    note = f"As in the file: {unit}, in NED; in the products of the parameters' units."
-    return Table("", ("", *names), rows, notes=(note,)).to_markdown()
-
-
 def _range(subject: YawSubject, file: ModelFile) -> str:
     dof, words = subject.dof, subject.dof.words
     if file.force_range is None:
@@ -146,7 +133,7 @@ def _code(text: str) -> str:
 
 TARGET = Target(
     name="card",
-    says="a model card: parameters, intervals, covariance, signs, range, data",
+    says="a model card: parameters, intervals, signs, range, data",
     forms={"markdown": ".md"},
     carries=frozenset({*effects.built_in(), PREFIX}),
     varying=True,

@@ -193,10 +193,9 @@ def _yaw_subject(
     terms, left_out = split(target, model)
     if left_out and not settings.allow_partial:
         missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
-        raise SettingError(
-            f"{origin.file}: {target.name} cannot represent {missing}; give --allow-partial to write the file without, "
-            "or take --to python, which has nearly every effect"
-        )
+        hint = ", or take --to python, which has nearly every effect" * (target.name != "python")
+        remedy = f"give --allow-partial to write the file without{hint}"
+        raise SettingError(f"{origin.file}: {target.name} cannot represent {missing}; {remedy}")
     model = replace(model, terms=terms)
     model = in_enu(model) if frame == "ENU" else model
     refuse_inertia(target, settings.rigid_inertia, model, origin)
@@ -236,11 +235,9 @@ def _why_not(target: Target, term: Term, dof: Dof) -> str:
     if term.name.startswith(PREFIX) and PREFIX in target.carries:
         return ""
     if term.name in target.carries:
-        return target.lacks.get((term.name, effect.law(term.values)), "")
+        return "the target has no counterpart for its law" * ((term.name, effect.law(term.values)) in target.lacks)
     if dof.has_constant and term.name == "bias-moment":
         return "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
-    if term.name == "thruster-lag":
-        return "it acts in the thrusters; --to thrusters has --lag for it"
     return f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
 
 
@@ -261,18 +258,13 @@ def _matters(term: Term) -> bool:
 
 def refuse_inertia(target: Target, rigid: float | None, model: YawModel, origin: Origin) -> None:
     """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
-    dof, word = model.dof, model.dof.words.inertia
-    if rigid is None and target.si and not dof.levered:
+    if rigid is None and target.si and not model.dof.levered:
         raise SettingError(
-            f"{origin.file}: the identified {word}, {model.inertia:.4g}, holds the water that moves along; as a "
-            "link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"
+            f"{origin.file}: the identified {model.dof.words.inertia}, {model.inertia:.4g}, holds the water that moves "
+            "along; as a link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"
         )
-    if rigid is not None and not 0.0 < rigid <= model.inertia:
-        raise SettingError(
-            f"--rigid-inertia: found {rigid:g}, expected more than 0 and no more than {model.inertia:.6g} "
-            f"{dof.unit_of('inertia', model.moment_unit)}, the total of rigid and added {word} in {origin.file}; check "
-            "unit and axis"
-        )
+    if rigid is not None:
+        base.refuse_part("--rigid-inertia", rigid, model.inertia, origin)
 
 
 def _refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:

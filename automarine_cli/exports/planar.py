@@ -11,7 +11,7 @@ import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, Origin, Settings, Unsupported, headed, number
+from automarine_cli.exports.base import FRAMES, Origin, Settings, Unsupported, headed, number, refuse_part
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
 from automarine_cli.quantities import Floats
 
@@ -101,9 +101,5 @@ def rigid_of(subject: PlanarSubject) -> Inertia:
         )
     (m_u, m_v, inertia) = np.diag(subject.inertia)
     for option, value, most in (("--rigid-mass", mass, min(m_u, m_v)), ("--rigid-inertia", turning, inertia)):
-        if not 0 < value <= most:
-            raise SettingError(
-                f"{option}: found {value:g}, expected more than 0 and no more than {most:.6g}, the total of rigid and "
-                f"added inertia in {subject.origin.file}"
-            )
+        refuse_part(option, value, most, subject.origin)
     return Inertia(mass, mass, turning)

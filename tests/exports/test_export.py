@@ -19,7 +19,7 @@ import automarine_cli as am
 from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.exports.export import Exported
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.simulation.batch import make_batch
@@ -114,9 +114,6 @@ def test_odd_drag_is_the_same_in_both_frames_and_asymmetry_changes_sign(tmp_path
     for rate, moment in ((0.8, 1.0), (-0.8, 1.0), (0.5, -0.3)):
         assert enu(rate, moment) == pytest.approx(-ned(-rate, -moment), rel=1e-7)
     assert enu(0.8, 0.0) != pytest.approx(ned(0.8, 0.0), rel=1e-3)
-    plain = model_file(tmp_path)
-    enu, ned = (gz_sim(export(plain, to="gz-sim", frame=frame).text) for frame in ("enu", "ned"))
-    assert enu(0.8, 1.0) == ned(0.8, 1.0)
 
 
 @pytest.mark.parametrize("name", ["gz-sim", "uuv", "labust", "mjcf", "mss", "stonefish", "python", "card"])
@@ -148,14 +145,6 @@ def test_an_effect_of_no_size_is_nobodys_loss_and_drag_twice_is_summed(tmp_path:
     assert "<nR>-0.51</nR>" in export(model_file(tmp_path, {"linear-drag": {"k_r": 0.2}}), to="gz-sim").text
 
 
-def test_mss_has_terms_for_more(tmp_path: Path) -> None:
-    more = {"cubic-drag": {"k_rrr": 0.4}, "bias-moment": {"b": -0.06}, "drag-asymmetry": {"e": 0.2}}
-    slope = READERS["mss", "matlab"](export(model_file(tmp_path, more), to="mss", form="matlab").text)
-    r, tau = -0.6, 0.4
-    expected = tau - K_R * r - K_RR * abs(r) * r - 0.4 * r**3 - 0.06 - 0.2 * r**2
-    assert slope(r, tau) == pytest.approx(expected / I_R, rel=1e-7)
-
-
 def test_normalised_moments_need_their_size_where_the_target_is_in_si(tmp_path: Path) -> None:
     path = model_file(tmp_path, unit="nu")
     with pytest.raises(
@@ -178,8 +167,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"to": "uuv", "number": "4"}, "--number: found 4, expected 1 or 2 or 3"),
     ({"to": "uuv", "symmetrise": True}, "--symmetrise means nothing to uuv; it is for thrusters"),
     ({"to": "thrusters"}, "yaw_model.json is a yaw model; --to thrusters takes the thrusters.json of a fit"),
-    ({"to": "uuv", "rigid_inertia": 1.6}, "--rigid-inertia: found 1.6, expected more than 0 and no more than 1.52 N m "
-                                          "s², .*; check unit and axis"),
+    ({"to": "uuv", "rigid_inertia": 1.6}, "--rigid-inertia: found 1.6, expected .* no more than 1.52, .*; check unit"),
     ({"to": "stonefish"}, r"yaw_model.json: .* give that with --mesh-torque"),
 ]  # fmt: skip
 
@@ -204,11 +192,8 @@ def test_stonefish_warns_of_what_it_cannot_set(tmp_path: Path) -> None:
 
 
 MJCF_LACKS = {
-    "thruster-lag": ({"T": 0.2, "law": 0.0}, "MuJoCo's filterexact is first order in the thrust"),
-    "coulomb-drag": ({"c": 0.1, "law": 1.0, "c_s": 0.1, "v_s": 0.2}, "frictionloss is the same at every speed"),
-    "saturation": ({"tau_max": 1.0, "law": 1.0}, "MuJoCo's ctrlrange is a hard limit"),
-    "tether-spring": ({"kappa": 0.1, "law": 1.0, "slack": 1.0}, "the spring of a MuJoCo joint has no slack"),
-    "input-delay": ({"t_d": 0.2, "law": 1.0, "t_off": 0.1}, "MuJoCo's delay is the same for rise and fall"),
+    "thruster-lag": ({"T": 0.2, "law": 0.0}, "no counterpart for its law"),
+    "coulomb-drag": ({"c": 0.1, "law": 1.0, "c_s": 0.1, "v_s": 0.2}, "no counterpart for its law"),
     "dead-band": ({"width": 0.1}, "it acts in the thrusters, before the moment"),
 }
 
@@ -262,14 +247,6 @@ def test_names_of_files_cannot_leave_their_comment(tmp_path: Path) -> None:
     for target, form in SIMULATORS:
         expected, slope = (READERS[target, form](exported(path, target, form).text) for path in (plain, strange))
         assert slope(0.4, 0.7) == expected(0.4, 0.7) != 0.0
-
-
-def test_a_model_that_is_no_model_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "broken.json"
-    path.write_text('{"schema": "something"}')
-    for target in targets.names():
-        with pytest.raises(AutomarineError, match=r'broken\.json: schema: found "something", expected'):
-            export(path, to=target)
 
 
 def test_the_command_writes_prints_and_lists(tmp_path: Path, run: Callable[..., Result]) -> None:
