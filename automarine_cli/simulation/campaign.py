@@ -1,8 +1,8 @@
 """A specification becomes runs with known truth: their plans, what is drawn for each, its motion, and its log, as CSV
 (the same bytes on every machine), CSV in gzip or Parquet."""
 
-import struct
-import zlib
+import gzip
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -42,8 +42,6 @@ MOST_REDRAWS = 10_000
 MOST_SAMPLES, MOST_RUNS = 500_000_000, 1_000_000
 DECIMALS = 3  # of seconds, degrees and metres in every log
 MOMENT_DECIMALS = 6
-EARLY_END = 40.0 / 60.0  # of the least way: where a run that ends early ends
-STUCK_AFTER = 5  # samples of the step before the sensor sticks
 
 
 @dataclass(frozen=True)
@@ -252,9 +250,8 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
 
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
     more than half a thousand million samples."""
-    count = sum(group.repeats for group in specification.runs)  # before any is made: it may be a thousand million
-    plans = [] if count > MOST_RUNS else list(islice(_listed(specification, seed), MOST_RUNS + 1))
-    if max(count, len(plans)) > MOST_RUNS:
+    plans = list(islice(_listed(specification, seed), MOST_RUNS + 1))
+    if len(plans) > MOST_RUNS:
         raise SettingError(f"{specification.source}: more than {MOST_RUNS} runs would be made; ask for fewer")
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
@@ -298,23 +295,19 @@ def _on_the_grid(
 
 
 def _refuse_clashes(plans: list[Plan], specification: AnySpecification) -> None:
-    runs: set[tuple[str, str]] = set()
-    owners: dict[str, tuple[str, int]] = {}
-    if specification.bollard is not None:
-        owners[specification.bollard.file.lower()] = ("the bollard test", -1)
+    files = Counter(plan.file.lower() for plan in plans)  # some file systems do not tell A from a
+    runs = Counter((plan.file.lower(), plan.name) for plan in plans)
+    bollard = "" if specification.bollard is None else specification.bollard.file.lower()
     for plan in plans:
         if plan.samples < 2:
             wrong = f"run {plan.name!r} has {plan.samples} samples; expected at least 2"
             raise SettingError(f"{specification.source}: {wrong}")
-        file = plan.file.lower()  # some file systems do not tell A from a
-        several = plan.group.together is not None
-        owner = ("one file together", 0) if several else (plan.name, plan.turn)
-        if (file, plan.name) in runs or owners.setdefault(file, owner) != owner:
+        file, alone = plan.file.lower(), plan.group.together is None
+        if runs[file, plan.name] > 1 or (alone and files[file] > 1) or file == bollard:
             raise SettingError(
                 f"{specification.source}: two runs would be written as {plan.name!r} in {plan.file}; "
                 "give one of their groups another name, folder or suffix"
             )
-        runs.add((file, plan.name))
 
 
 def sample_times(plan: Plan, logger: spec.Logger | spec.PlanarLogger, seed: int) -> Floats:
@@ -345,12 +338,6 @@ def _log(
     reading = reading + np.where(glitch, side * logger.glitch_size, 0.0)
     logged = uniform(count, seed, plan.key, "lost") >= logger.dropout
     lost = int(np.count_nonzero(~logged))
-    if plan.group.fault == "stuck-compass" and plan.changes:
-        stuck = min(plan.changes[0] + STUCK_AFTER, count - 1)
-        reading[stuck:] = reading[stuck]
-    if plan.group.fault == "ends-early":
-        beyond = np.abs(position - position[0]) > EARLY_END * dof.limits.least
-        logged[int(np.argmax(beyond)) if beyond.any() else count // 2 :] = False
     if logger.quantisation > 0:
         reading = np.round(reading / logger.quantisation) * logger.quantisation
     low, force = {"0..360": 0.0, "-180..180": -180.0}.get(logger.wrap), commanded(time, drawn.switches, plan)[:, 0]
@@ -409,7 +396,6 @@ def _sensed(sensor: spec.Sensor, time: Floats, true: Floats, seed: int, key: str
 
 
 Column: TypeAlias = Floats | Sequence[str]
-STORED = 65535  # bytes in one block of a gzip file that is stored as it is
 COMMANDS = {"n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
 """Columns of CSV that have as many decimals as the number; every other one has `DECIMALS`."""
 
@@ -460,9 +446,5 @@ def _cells(name: str, column: Column) -> Iterable[str]:
 
 def gzip_bytes(data: bytes) -> bytes:
     """A gzip file that holds the data as they are: what a compressor makes of them changes with its version."""
-    blocks = [data[i : i + STORED] for i in range(0, len(data), STORED)] or [b""]
-    out = bytearray(b"\x1f\x8b\x08\0\0\0\0\0\0\xff")  # deflate, no time, no operating system
-    for i, block in enumerate(blocks):
-        last = i + 1 == len(blocks)
-        out += struct.pack("<BHH", last, len(block), len(block) ^ 0xFFFF) + block
-    return bytes(out) + struct.pack("<II", zlib.crc32(data), len(data) & 0xFFFFFFFF)
+    head = b"\x1f\x8b\x08\0\0\0\0\0\0\xff"  # deflate, no time, no operating system
+    return head + gzip.compress(data, 0, mtime=0)[len(head) :]

@@ -9,8 +9,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import Field, dataclass, field, replace
-from itertools import pairwise
+from dataclasses import Field, dataclass, field
 from string import ascii_lowercase
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias, get_args, get_type_hints
 
@@ -27,7 +26,7 @@ from automarine_cli.models.store import PLANAR_MODEL, planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
 from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
 from automarine_cli.quantities import Floats
-from automarine_cli.text import in_words, told
+from automarine_cli.text import Place, in_words, told
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,6 @@ def _stream(seed: int, words: tuple[str, ...]) -> np.random.Generator:
 
 
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
-Fault: TypeAlias = Literal["never-moves", "stuck-compass", "ends-early"]
 Commands: TypeAlias = tuple[tuple[float, float], ...]
 
 Run: TypeAlias = tuple[str, str, tuple[tuple[Any, float], ...]]
@@ -145,21 +143,19 @@ class RunGroup(Settings):
     campaign's wait after each of these runs."""
 
     kind: str
-    name: str = ""
+    name: str | None = None
     folder: str = "runs"
     format: Format = "csv"
     together: str | None = None
     repeats: CountAboveZero = 1
     suffix: str | None = None
-    fault: Fault | None = None
+    fault: Literal["never-moves"] | None = None
     wait_after_s: ZeroOrMore | None = None
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        safe_path(self, "folder", "together", "suffix")
-        if self.name:
-            safe_path(self, "name")
+        safe_path(self, "name", "folder", "together", "suffix")
         if self.suffix is not None and self.repeats > 1:
             raise SettingError("suffix names a single run; expected repeats = 1 with it")
 
@@ -187,49 +183,37 @@ def named(label: str, repeat: int, repeats: int, suffix: str | None = None) -> s
 @dataclass(frozen=True, kw_only=True)
 class StepRuns(RunGroup):
     """One constant moment or force, each of `levels`, held until the base vehicle has gone its `way` [unit of logs], or
-    for `duration_s`. In a file of yaw they are `moments` and `turn_deg`, of a translation `forces` and `travel_m`."""
+    for `duration_s`. In a file of yaw they are `moments` and `turn_deg`, of a translation `forces` and `travel_m`.
 
-    kind: Literal["step"] = "step"
+    A coast-down lets go for `coast_s`; a reversal has the opposite for `back_s`, by default for twice as long."""
+
+    kind: Literal["step", "coast-down", "reversal"] = "step"
     levels: Levels = field(metadata=keyed("{forces}"))
     way: AboveZero | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
     duration_s: AboveZero | None = None
+    coast_s: AboveZero | None = None
+    back_s: AboveZero | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if (self.kind == "coast-down") is (self.coast_s is None) or (self.back_s and self.kind != "reversal"):
+            raise SettingError("expected coast_s with coast-downs, back_s with reversals, and none of both with steps")
         if (self.way is None) == (self.duration_s is None):
             raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
         if 0.0 in levels_of(self.levels):
             name = key_of(self, "levels")
-            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
+            raise SettingError(f'{name} has a zero; expected other values (a run of kind "sequence" may rest)')
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
         for moment in levels_of(self.levels):
             way = self.dof.inner(self.way or 0.0)
             hold = time_to_turn(way, moment, model) if self.duration_s is None else self.duration_s
-            yield f"{self.base}_{moment_text(moment)}", self.commands(moment, hold)
-
-    def commands(self, moment: float, hold: float) -> Commands:
-        return ((moment, hold),)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CoastDownRuns(StepRuns):
-    kind: Literal["coast-down"] = "coast-down"  # type: ignore[assignment]
-    coast_s: AboveZero
-
-    def commands(self, moment: float, hold: float) -> Commands:
-        return ((moment, hold), (0.0, self.coast_s))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReversalRuns(StepRuns):
-    """A step, then the opposite command for `back_s`, by default for twice as long as the step."""
-
-    kind: Literal["reversal"] = "reversal"  # type: ignore[assignment]
-    back_s: AboveZero | None = None
-
-    def commands(self, moment: float, hold: float) -> Commands:
-        return ((moment, hold), (-moment, 2.0 * hold if self.back_s is None else self.back_s))
+            commands = [(moment, hold)]
+            if self.coast_s:
+                commands.append((0.0, self.coast_s))
+            if self.kind == "reversal":
+                commands.append((-moment, self.back_s or 2.0 * hold))
+            yield f"{self.base}_{moment_text(moment)}", tuple(commands)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,45 +230,7 @@ class SequenceRuns(RunGroup):
             raise SettingError(f"commands: expected at least one [{force}, seconds], each longer than 0 s")
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        joined: list[tuple[float, float]] = []
-        for moment, seconds in self.commands:
-            if joined and joined[-1][0] == moment:
-                joined[-1] = (moment, joined[-1][1] + seconds)
-            else:
-                joined.append((moment, seconds))
-        yield self.base, tuple(joined)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RampRuns(RunGroup):
-    """The command goes from `from_` to `to` in `steps` equal stairs over `duration_s`."""
-
-    kind: Literal["ramp"] = "ramp"
-    to: float
-    duration_s: AboveZero
-    from_: float = 0.0
-    steps: CountAboveZero = 20
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.to == self.from_:
-            raise SettingError(f"to is {self.to:g}, the same as from; expected another {self.dof.words.force}")
-
-    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        stairs = [self.from_ + (self.to - self.from_) * (i + 1) / self.steps for i in range(self.steps)]
-        commands = tuple((round(moment, 6), self.duration_s / self.steps) for moment in stairs)
-        if any(before == after for (before, _), (after, _) in pairwise(commands)):
-            raise SettingError(f"steps is {self.steps}; expected fewer, the stairs are below 1e-6")
-        yield f"{self.base}_{moment_text(self.to)}", commands
-
-
-@dataclass(frozen=True, kw_only=True)
-class RestRuns(RunGroup):
-    kind: Literal["rest"] = "rest"
-    duration_s: AboveZero
-
-    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        yield self.base, ((0.0, self.duration_s),)
+        yield self.base, self.commands
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,8 +285,10 @@ class PlanarRuns(RunGroup):
         return [(tuple(row), hold) for row, hold in zip(commands.tolist(), holds)]
 
 
-_CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestRuns)
-KINDS: Mapping[str, type[RunGroup]] = {str(vars(group)["kind"]): group for group in _CLASSES}
+KINDS: Mapping[str, type[RunGroup]] = {
+    **dict.fromkeys(("step", "coast-down", "reversal"), StepRuns),
+    "sequence": SequenceRuns,
+}
 
 
 def moment_text(moment: float) -> str:
@@ -574,6 +522,12 @@ class Specification(Settings):
     runs: tuple[RunGroup, ...] = ()
     bollard: Bollard | None = None
     source: str = "specification"
+    schema: str = SCHEMA
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.runs and self.bollard is None:
+            raise SettingError("nothing to simulate; expected [[runs]] or [bollard]")
 
     @property
     def motion(self) -> Motion:
@@ -584,10 +538,6 @@ class Specification(Settings):
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)
         return model
-
-    def with_effect(self, name: str, **values: float) -> "Specification":
-        """Return the campaign with one more effect, parameters by name. Raises SettingError."""
-        return replace(self, effects=(*self.effects, EffectSetting(name, values, dof=self.vehicle.dof)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -687,9 +637,9 @@ class PlanarSpecification(Settings):
     def campaign(self) -> PlanarLogger:
         return self.logger
 
-    def model(self, hidden: bool = True) -> PlanarModel:
-        """Return the true model, or what a model knows of it without what is `hidden`. Raises SettingError."""
-        parameters = {**self.vehicle.parameters, **(self.hidden if hidden else {})}
+    def model(self) -> PlanarModel:
+        """Return the true model, with what is hidden. Raises SettingError."""
+        parameters = {**self.vehicle.parameters, **self.hidden}
         try:
             model = planar_from_json({"schema": PLANAR_MODEL.schema, "parameters": parameters}, "vehicle").model
         except ModelError as problem:
@@ -708,28 +658,34 @@ class PlanarSpecification(Settings):
 AnySpecification: TypeAlias = Specification | PlanarSpecification
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Raw:
-    """The file's top level, before kinds of vehicles, runs and effects are told apart."""
+class _KindsCodec(Codec):
+    """Reads the vehicle, the runs and the effects of one degree of freedom by what they say they are."""
 
-    schema: str
-    vehicle: object
-    seed: int = 0
-    effects: tuple[object, ...] = ()
-    logger: Logger
-    scatter: Scatter
-    campaign: Schedule
-    runs: tuple[object, ...] = ()
-    bollard: Bollard | None = None
+    def read(self, record: type[Any], data: object, place: Place = ()) -> Any:
+        table = data if isinstance(data, Mapping) else {}
+        if record is Vehicle and self.words and not self.words.wraps:
+            record = TranslatingVehicle
+        elif record is RunGroup:
+            kind = table.get("kind")
+            if not isinstance(kind, str) or kind not in KINDS:
+                raise self.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
+            record = KINDS[kind]
+        elif record is EffectSetting:
+            if "name" not in table:
+                expected = f"a table with name = one of {', '.join(library.names())}"
+                raise self.refusal(place, f"found {told(data)}, expected {expected}")
+            values = {key: value for key, value in table.items() if key != "name"}
+            data = {"name": table["name"], "values": values}
+        return super().read(record, data, place)
 
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> AnySpecification:
     """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key."""
-    vehicle = mapping.get("vehicle")
+    _refuse_unlikely(mapping, where)
+    vehicle, table = mapping.get("vehicle"), {**mapping, "source": where}
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
     if motion == PLANAR.name:
-        _refuse_unlikely(mapping, where)
-        return Codec(where, YAW).read(PlanarSpecification, {**mapping, "source": where})
+        return Codec(where, YAW).read(PlanarSpecification, table)
     if not isinstance(motion, str) or (dof := DOFS.get(motion)) is None:
         raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")
     log, turns = dof.units.log, dof.wraps  # headings wrap and begin anywhere, and who sinks or rises is held
@@ -738,32 +694,11 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
         "scatter": {f"start_{dof.position}_{log}": "random" if turns else 0.0},
         "campaign": {"held": dof.has_constant},
     }
-    tables = {key: mapping.get(key, {}) for key in defaults}
-    mapping = {
-        **mapping,
-        **{name: {**defaults[name], **part} if isinstance(part, Mapping) else part for name, part in tables.items()},
-    }
-    _refuse_unlikely(mapping, where)
-    codec = Codec(where, dof)
-    base = codec.read(Vehicle if turns else TranslatingVehicle, mapping.get("vehicle"), ("vehicle",))
-    raw = codec.read(_Raw, mapping)
-    if not raw.runs and raw.bollard is None:
-        raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")
-    effects, runs = list[EffectSetting](), list[RunGroup]()
-    for i, table in enumerate(raw.effects):
-        if not isinstance(table, Mapping) or "name" not in table:
-            expected = f"a table with name = one of {', '.join(library.names())}"
-            raise codec.refusal(("effects", i), f"found {told(table)}, expected {expected}")
-        values = {key: value for key, value in table.items() if key != "name"}
-        effects.append(codec.read(EffectSetting, {"name": table["name"], "values": values}, ("effects", i)))
-    for i, table in enumerate(raw.runs):
-        kind = table.get("kind") if isinstance(table, Mapping) else None
-        if not isinstance(kind, str) or kind not in KINDS:
-            raise codec.refusal(("runs", i), f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
-        runs.append(codec.read(KINDS[kind], table, ("runs", i)))
-    return Specification(
-        base, raw.logger, raw.scatter, raw.campaign, raw.seed, tuple(effects), tuple(runs), raw.bollard, where
-    )
+    for name, default in defaults.items():
+        part = mapping.get(name, {})
+        table[name] = {**default, **part} if isinstance(part, Mapping) else part
+    specification: Specification = _KindsCodec(where, dof).read(Specification, table)
+    return specification
 
 
 def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:

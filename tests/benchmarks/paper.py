@@ -24,7 +24,7 @@ from automarine_cli.models.yaw_model import inertia_from_velocity_error
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.simulation.specification import Specification
+from automarine_cli.simulation.specification import EffectSetting, Specification
 
 Floats = NDArray[np.float64]
 Values = dict[str, Floats]
@@ -69,7 +69,8 @@ what acts."""
 def hiding(setting: str, specification: Specification) -> Specification:
     """The campaign of the specification with that hidden in it."""
     if setting in (HIDDEN, RECORDED):
-        specification = specification.with_effect("bias-moment", b=-CONSTANT)
+        bias = EffectSetting("bias-moment", {"b": -CONSTANT}, dof=YAW)
+        specification = replace(specification, effects=(*specification.effects, bias))
     if setting == RECORDED:
         specification = replace(specification, scatter=replace(specification.scatter, force=0.0))
     return specification

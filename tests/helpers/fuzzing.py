@@ -151,10 +151,8 @@ moments = { from = -1.2, to = 1.2, step = 0.4 }
 turn_deg = 200
 repeats = 2
 [[runs]]
-kind = "ramp"
-to = 0.8
-duration_s = 30.0
-steps = 20
+kind = "sequence"
+commands = [[0.8, 10.0], [0.0, 2.5], [-0.4, 8.0]]
 [bollard]
 a_f = 1.2e-3
 a_b = 1e-3

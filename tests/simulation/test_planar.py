@@ -14,7 +14,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.models.allocation import twin_forces
-from automarine_cli.models.planar import PLACES, CrossDrag, Inertia, PlanarModel
+from automarine_cli.models.planar import PLACES, Inertia, PlanarModel
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, product_with, simulate, turning_of
@@ -263,19 +263,6 @@ def test_channels_of_all_three() -> None:
         make_batch([replace(run, extras={"force_X": run.extras["force_X"]})], 0.1, motion=PLANAR)
 
 
-def test_parameters_there_and_back() -> None:
-    model = replace(resisted(), yaw=(*resisted().yaw, Term("input-delay", (0.2, 0.0, 0.1))))
-    assert len(set(model.parameter_names)) == len(model.theta) == 24
-    assert {"sway.m_v", "planar.m_ur", "yaw.input-delay.t_d", "surge.X_v", "current.north"} <= {*model.parameter_names}
-    assert model.with_theta(model.theta) == model
-    changed = model.with_theta(np.arange(1.0, 25.0))
-    np.testing.assert_array_equal(changed.theta, np.arange(1.0, 25.0))
-    assert changed.inertia.m_vr == 4.0 and changed.surge[1].values == (8.0,) and changed.water == (23.0, 24.0)
-    assert "current.north" not in replace(model, water=None).parameter_names
-    with pytest.raises(ModelError, match="2 values given for the 24 parameters"):
-        model.with_theta([1.0, 2.0])
-
-
 def test_rigid_body_and_added_mass() -> None:
     body = Inertia.rigid(10.0, 0.5, x_g=0.2, y_g=-0.1)
     lever = np.array([[1, 0, 0.1], [0, 1, 0.2]])  # velocity of the centre of gravity by (u, v, r)
@@ -287,12 +274,3 @@ def test_rigid_body_and_added_mass() -> None:
         assert model.inertia_matrix(model.theta[None])[0, i, j] == model.inertia.matrix[j, i]
     with pytest.raises(ModelError, match=r"m_v = -2.*positive definite"):
         (Inertia.rigid(10.0, 0.5) + Inertia(1.0, -12.0, 0.3)).refuse_unless_positive("model")
-
-
-def test_a_derivative_is_what_its_letters_say() -> None:
-    bounds = PlanarModel(BODY, cross=(Term("N_vr", (2.0,)), Term("Y_r", (3.0,)))).forces(np.ones((1, 8)))
-    assert [(bound.dof, bound.effect) for bound in bounds] == [(2, CrossDrag(2, 1)), (1, CrossDrag(2))]
-    assert [bound.values[0].shape for bound in bounds] == [(1, 1)] * 2
-    for name in ("Y_v", "N_rr", "Z_r", "Y_rrr", "yaw", "Y_p", "m_vr"):
-        with pytest.raises(ModelError, match=f"cross drag '{name}': expected X, Y or N"):
-            PlanarModel(BODY, cross=(Term(name, (1.0,)),))

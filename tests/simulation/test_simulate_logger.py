@@ -19,7 +19,7 @@ from automarine_cli.simulation.specification import Specification
 
 
 def test_noise_is_white_and_as_large_as_asked() -> None:
-    settings = {"scatter": {"start_heading_deg": 180.0}, "runs": [{"kind": "rest", "duration_s": 600}]}
+    settings = {"scatter": {"start_heading_deg": 180.0}, "runs": [{"kind": "sequence", "commands": [[0, 600]]}]}
     (run,) = make_campaign(pool_specification(noise_deg=1.5, **settings), 2)
     off = run.columns["heading_deg"] - 180.0
     assert off.std() == pytest.approx(1.5, rel=4 / np.sqrt(2 * len(off)))
@@ -106,23 +106,12 @@ def test_files_read_back_and_are_the_same_bytes_by_any_jobs(tmp_path: Path) -> N
         assert text.splitlines()[0] == f"# {says}"
 
 
-def test_newton_metres_are_named_so(tmp_path: Path) -> None:
-    vehicle = {"I_r": 20.0, "k_rr": 15.0, "moment_unit": "N m"}
-    simulate(pool_specification(vehicle=vehicle, moments=[5.0]), out=tmp_path / "c")
-    assert {run.moment_unit for run in load_runs([tmp_path / "c"], dof=YAW).runs} == {"N m"}
-
-
-def test_faulty_runs_are_set_aside(tmp_path: Path) -> None:
-    faults = {"never-moves": "never moved", "stuck-compass": "stuck", "ends-early": "ended before steady"}
+def test_a_run_that_never_moves_is_set_aside(tmp_path: Path) -> None:
     step = {"kind": "step", "moments": [0.6, -0.6], "turn_deg": 220}
-    runs = [step, *(step | {"suffix": fault, "fault": fault} for fault in faults)]
-    simulate(pool_specification(runs=runs), out=tmp_path / "c")
-    loaded = load_runs([tmp_path / "c"], dof=YAW)
-    good, aside = half_turns(loaded.runs)
+    simulate(pool_specification(runs=[step, step | {"suffix": "c", "fault": "never-moves"}]), out=tmp_path / "c")
+    good, aside = half_turns(load_runs([tmp_path / "c"], dof=YAW).runs)
     assert [turn.name for turn in good] == ["tau_+0.6", "tau_-0.6"]
-    reasons = {each.run: each.why for each in (*loaded.set_aside, *aside)}
-    assert set(reasons) == {f"tau_{side}0.6_{fault}" for side in "+-" for fault in faults}
-    assert all(faults[run.split("_")[2]] in reason for run, reason in reasons.items()), reasons
+    assert {each.run for each in aside if "never moved" in each.why} == {"tau_+0.6_c", "tau_-0.6_c"}
 
 
 def test_bollard_test_is_the_square_law_with_noise(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """simulate of motion in the plane: its truth against an independent solution, its sensors, seeds, sides, refusals."""
 
 import copy
-import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import Result
 from made_planar import Craft, solved
 from repository import SAMPLE_RUNS
 
@@ -78,9 +75,8 @@ def test_port_is_the_mirror_image_of_starboard() -> None:
         np.testing.assert_allclose(back.columns[name], side * there.columns[name], atol=2e-3, err_msg=name)
 
 
-def test_what_is_hidden_is_in_the_truth_and_not_in_the_known_model() -> None:
+def test_what_is_hidden_is_in_the_truth() -> None:
     assert specified().model().parameter_names[-1] == "yaw.N_v"
-    assert "yaw.N_v" not in specified().model(hidden=False).parameter_names
     still = single(hidden={})
     assert np.abs(still.columns["yaw_rate_deg_s"] - single().columns["yaw_rate_deg_s"]).max() > 1.0
 
@@ -112,28 +108,6 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
     assert len(table.columns) == 10 and table["tau_Nm"].abs().max() <= 3 and table["heading_deg"].between(0, 360).all()
 
 
-@pytest.mark.slow
-def test_seeds() -> None:
-    runs = [{"name": "drawn", "repeats": 2, "largest": [20, 10, 2]}]
-    first, second = make_campaign(specified(runs=runs), 1)
-    again, other = make_campaign(specified(runs=runs), 1)[0], make_campaign(specified(runs=runs), 2)[0]
-    assert all(np.array_equal(first.columns[name], again.columns[name]) for name in first.columns)
-    assert not np.array_equal(first.plan.moments, other.plan.moments)
-    assert first.plan.moments[0] != second.plan.moments[0]
-    assert (first.plan.name, second.plan.name, second.plan.start) == ("drawn_a", "drawn_b", pytest.approx(44 + 60))
-    assert np.abs(first.plan.moments).max(axis=0).tolist() <= [20, 10, 2] and len(first.plan.moments) > 8
-
-
-@pytest.mark.slow
-def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
-    result = run("simulate", SAMPLE_RUNS / "planar.toml", "-o", tmp_path / "out", "--seed", 3)
-    assert result.exit_code == 0 and "planar_validation " in result.output
-    truth = json.loads((tmp_path / "out" / "truth.json").read_text())
-    assert truth["hidden"] == {"yaw.N_v": -7.0} and truth["seed"] == 3 and len(truth["made"]) == 10
-    assert truth["made"][0]["commands"][0].keys() == {"force_X_N", "force_Y_N", "tau_Nm", "from_s"}
-    assert list(simulate(specified()).to_frame()["file"]) == ["runs/run.csv"]
-
-
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -143,14 +117,10 @@ def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
         ({"sensors": {"heading_deg": {"nois": 1.0}}}, 'unknown key "nois"; did you mean "noise"?'),
         ({"hidden": {"surge.m_u": 3.0}}, "hidden: 'surge.m_u' is a parameter of the vehicle too"),
         ({"hidden": {"yaw.N_w": 3.0}}, 'vehicle: parameters: unknown key "yaw.N_w"'),
-        ({"hidden": {"yaw.battery-sag.x": 3.0}}, 'unknown key "yaw.battery-sag.x"'),
         ({"runs": []}, "expected at least one [[runs]]"),
         ({"runs": [{"name": "a"}]}, "expected one of commands = [[X, Y, N, seconds], ...] and largest"),
-        ({"runs": [{"name": "a", "commands": [[1, 2, 3]]}]}, "found a list of 3, expected a list of 4 values"),
         ({"runs": [{"name": "a", "commands": [[1, 2, 3, 0.2]]}]}, "held for 0.2 s; expected at least two samples, 0.4"),
-        ({"runs": [{"name": "../a", "largest": [1, 1, 1]}]}, "expected a name of letters"),
         ({"runs": [{"name": "a", "largest": [1, 1, 1], "duration_s": 1e9}]}, "samples would be made; expected at most"),
-        ({"seed": -1}, "seed is -1; expected 0 or more"),
         ({"disturbance": {"time_s": 0}}, "time_s is 0; expected more than 0"),
     ],
 )  # fmt: skip

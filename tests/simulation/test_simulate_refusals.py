@@ -33,17 +33,13 @@ turn_deg = 200
     ("old", "new", "sentence"),
     [
         ("noise_deg", "noise_degrees", 'spec.toml: logger: unknown key "noise_degrees"; did you mean "noise_deg"?'),
-        ("seed = 3", "sed = 3", 'spec.toml: unknown key "sed"; did you mean "seed"?'),
-        ("turn_deg", "turns_deg", 'spec.toml: runs[0]: unknown key "turns_deg"; did you mean "turn_deg"?'),
         ("noise_deg = 1", "rate_hz = -10", "spec.toml: logger: rate_hz is -10; expected more than 0"),
-        ("noise_deg = 1", "dropout = 1.0", "spec.toml: logger: dropout is 1; expected 0 to 0.9"),
         ("noise_deg = 1", "clock_jitter_s = 0.2",
          "spec.toml: logger: clock_jitter_s is 0.2; expected at most 0.3 of the sample period, 0.03 s"),
         ("noise_deg = 1", "rate_bias_deg_s = 0.5",
          "spec.toml: logger: rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"),
         ("noise_deg = 1", "noise_deg = true", "spec.toml: logger.noise_deg: found true, expected a number"),
         ('"step"', '"stepp"', f"spec.toml: runs[0]: kind is 'stepp'; expected one of {', '.join(KINDS)}"),
-        ('kind = "step"', "", f"spec.toml: runs[0]: kind is None; expected one of {', '.join(KINDS)}"),
         ("bias-moment", "bias-momnt", "spec.toml: effects[0]: effect 'bias-momnt' is not in the library; known are"),
         ("b = 0.02", "c = 0.02",
          "spec.toml: effects[0]: effect 'bias-moment' has no parameter 'c'; it has b"),
@@ -52,13 +48,12 @@ turn_deg = 200
          "spec.toml: effects[0]: effect 'cross-coupling' needs the column 'surge', which simulated runs lack; "
          "leave it out"),
         ("turn_deg = 200", "", "spec.toml: runs[0]: expected one of turn_deg and duration_s"),
+        ("turn_deg = 200", "turn_deg = 200\ncoast_s = 5", "spec.toml: runs[0]: expected coast_s with coast-downs"),
         ("[0.5, -0.5]", "[0.5, 0]", "spec.toml: runs[0]: moments has a zero; expected other values"),
-        ("[0.5, -0.5]", "[]", "spec.toml: runs[0]: no values are left in the list or range of levels"),
         ("turn_deg = 200", 'turn_deg = 200\nfolder = "../x"', "spec.toml: runs[0]: folder is '../x'; expected a name"),
         ("turn_deg = 200", "duration_s = 1e9", "spec.toml: 2e+10 samples would be made; expected at most 5e+08"),
         ("[0.5, -0.5]", "[0.5, 0.5]", "spec.toml: two runs would be written as 'tau_+0.5' in runs/tau_+0.5.csv"),
         ("k_rr = 1.2", "", "spec.toml: vehicle: k_rr and k_r are both 0; expected a drag"),
-        ("simulation/1", "simulation/2", f'expected the line schema = "{SCHEMA}"'),
     ],
 )  # fmt: skip
 def test_refused_with_the_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:
@@ -77,15 +72,6 @@ def test_nothing_to_simulate() -> None:
         specification_from({"schema": SCHEMA, "vehicle": {"I_r": 1.0, "k_rr": 1.0}})
 
 
-def test_an_effect_added_in_python_is_checked_too(tmp_path: Path) -> None:
-    path = tmp_path / "spec.toml"
-    path.write_text(GOOD)
-    specification = read_specification(path).with_effect("bias-moment", b=-0.0275)
-    assert specification.model().theta.tolist() == [1.0, 1.2, 0.02, -0.0275]
-    with pytest.raises(SettingError, match="has no parameter 'x'"):
-        specification.with_effect("bias-moment", x=1.0)
-
-
 def test_ranges_are_round_and_without_zero() -> None:
     assert Range(-0.3, 0.3, 0.1).values == (-0.3, -0.2, -0.1, 0.1, 0.2, 0.3)
     assert len(Range(-1.2, 1.2, 0.1).values) == 24
@@ -99,13 +85,9 @@ def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
     truth = json.loads((out / "truth.json").read_text())
     assert truth["vehicle"] == {"I_r": 1.0, "k_rr": 1.2, "k_r": 0.0, "moment_unit": "nu"}
     assert (truth["effects"], truth["seed"]) == ([{"name": "bias-moment", "b": 0.02}], 3)
-    assert {each["file"] for each in truth["made"]} == {"runs/tau_+0.5.csv", "runs/tau_-0.5.csv"}
-    again = run("simulate", spec, "-o", out)
-    assert again.exit_code == 1 and "--overwrite" in again.stderr
     other = run("simulate", spec, "-o", out, "--overwrite", "--seed", "4", "--json")
     assert json.loads(other.stdout) == json.loads((out / "truth.json").read_text()) != truth
     spec.write_text(GOOD.replace("noise_deg = 1", "noise_deg = -1"))
     refused = run("simulate", spec, "-o", tmp_path / "none")
     assert refused.stderr == "Error: spec.toml: logger: noise_deg is -1; expected 0 or more\n"
     assert refused.exit_code == 1 and not (tmp_path / "none").exists()
-    assert run("simulate", spec).exit_code == 2

@@ -13,7 +13,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, response
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import MOST_SWITCHES, make_batch
+from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 
 Floats = NDArray[np.float64]
@@ -104,13 +104,6 @@ def test_each_switch_has_a_shift_of_its_own() -> None:
     switches = (0.0, *(2.0 - 0.05 + 4.0 * np.arange(len(STEPS)) + late))
     exact = solved(switches, (0.0, *STEPS), run.time - run.time[0], 0.0, K_RR, 0.0)
     assert_close(simulate(model(), batch, start=Start(switch_delay=late[None, None])).position[0, 0], exact, "rollout")
-
-
-def test_many_switches_move_together() -> None:
-    moment = np.where(np.arange(100) % 2, 0.5, -0.5)
-    batch = make_batch([run_of(0.1 * np.arange(100), moment)], 0.05)
-    assert (moment[1:] != moment[:-1]).sum() > MOST_SWITCHES and batch.interval.shape == (1, 1)
-    np.testing.assert_allclose(batch.interval, 0.1)
 
 
 def test_mirrored_runs_turn_the_other_way() -> None:
