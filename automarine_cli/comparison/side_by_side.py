@@ -4,7 +4,6 @@ chance."""
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.records import ResultKind
-from automarine_cli.pipeline.results_folder import MANIFEST, Input, is_manifest, manifest_of
+from automarine_cli.pipeline.results_folder import Input
 from automarine_cli.text import listed, printable
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
@@ -236,21 +235,15 @@ def _result_file(folder: Path) -> tuple[Path, ResultKind[Any]]:
     for kind in COMPARED:
         if (path := folder / kind.file).is_file():
             return path, kind
-    files = [kind.file for kind in COMPARED]
-    inside = sorted(path.parent for name in files for path in folder.glob(f"*/{name}"))
-    there = f"; {inside[0]} does: compare one step of each campaign" if inside else ""
     raise SettingError(
         f"{folder} holds no result of fit-thrusters, fit-yaw, validate or diagnose; expected one of the files "
-        f"{listed(files)}{there}"
+        f"{listed(kind.file for kind in COMPARED)}; of a campaign compare one step"
     )
 
 
 def inputs_of(results: Sequence[Path]) -> list[Input]:
-    """List the result files as inputs of a manifest, then the manifests beside them."""
-    places = [(name, path) for name, (path, _) in locate(results).items()]
-    places += [(name, manifest) for name, path in places if is_manifest(manifest := path.with_name(MANIFEST))]
-    roles = {MANIFEST: "manifest"}
-    return [Input(f"{name}/{path.name}", path, roles.get(path.name, "result")) for name, path in places]
+    """List the result files as inputs of a manifest."""
+    return [Input(f"{name}/{path.name}", path, "result") for name, (path, _) in locate(results).items()]
 
 
 def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str]]:
@@ -282,27 +275,14 @@ def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str
             sides.append(Side(name, *contents(COMPARED[kind](files[name], models)), files[name].runs.used))
         except ModelError as problem:
             raise ModelError(f"{name}/{path.name}: {problem}") from None
-    folders = {name: path.parent for name, (path, _) in places.items()}
-    return next(iter(commands.values())), tuple(sides), list(_notes(sides, folders))
+    return next(iter(commands.values())), tuple(sides), list(_notes(sides))
 
 
-def _notes(sides: Sequence[Side], folders: Mapping[str, Path]) -> Iterator[str]:
-    """Yield what must be known of the sides: facts that differ, and logs in common, by their content."""
+def _notes(sides: Sequence[Side]) -> Iterator[str]:
+    """Yield what must be known of the sides: facts that differ, and what means over runs are."""
     for fact in ("preferred model", "form", "verdict"):
         values = {side.name: side.facts[fact] for side in sides if fact in side.facts}
         if len(set(values.values())) > 1:
             yield f"Not the same {fact}: {'; '.join(f'{name}: {value}' for name, value in values.items())}."
     if any(isinstance(parameter, OverRuns) for parameter in sides[0].parameters.values()):
         yield "Means over runs; differences are run by run, over the runs that both have."
-        return
-    logs = {
-        name: {entry.sha256 for entry in manifest.inputs if entry.role == "log" and entry.sha256}
-        for name, folder in folders.items()
-        if (manifest := manifest_of(folder))
-    }
-    for a, b in combinations(logs, 2):
-        if count := len(logs[a] & logs[b]):
-            yield (
-                f"{a} and {b} share {count} log{'s' * (count != 1)}: the intervals of their differences, which assume "
-                "independent results, tend to be too wide."
-            )

@@ -23,7 +23,7 @@ from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity, velocity_noise
-from automarine_cli.runs.half_turn import segments
+from automarine_cli.runs.half_turn import released, segments
 from automarine_cli.runs.run import Run, position_noise, slope, summed
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
@@ -88,9 +88,6 @@ def groups(runs: Sequence[Run]) -> list[slice]:
 
 WINDOW = 1.0  # s over which a start is fitted
 FEWEST_AT_START = 5  # samples of such a fit, for slow loggers
-SURE = 4.0  # standard errors
-ENOUGH_REST = 10  # samples
-SLOW = 0.02  # of the run's pace: drift that counts as standing still
 NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
 ROUNDS = 4
 RUNAWAY = 1e6  # no slope of a position that a vehicle could have
@@ -109,22 +106,12 @@ class State:
 
 
 def rest_state(run: Run) -> State | None:
-    """Find the position of the rest with which the run begins, rate 0: no command over two samples or more, without a
-    slope in the position beyond its noise; None where it does not begin so."""
-    first, stop, moment = segments(run.command)[0]
-    count = stop - first
-    if moment != 0 or count < 2:
+    """Find the position of the rest with which the run begins, rate 0; None where it does not begin so."""
+    count, words = released(run), run.dof.words
+    if not count:
         return None
-    position = run.position[:stop]
-    rate, error = slope(run.time[:stop], position)
-    doubt = SURE * error * position_noise(run.time, run.position)
-    later = np.interp(run.time + 1.0, run.time, run.position)
-    pace = float(np.percentile(np.abs(later - run.position), 90))  # how far it gets in a second where it moves fast
-    if abs(rate) > doubt + SLOW * pace or (count < ENOUGH_REST and doubt > 0.25 * pace):
-        return None
-    words = run.dof.words
     how = f"from rest: mean {words.position} of {count} samples, {words.speed} 0"
-    return State(float(position.mean()), 0.0, how)
+    return State(float(run.position[:count].mean()), 0.0, how)
 
 
 def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> list[State]:

@@ -9,12 +9,11 @@ fitted on these very runs, for no file knows the weather of their day.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli import effects
 from automarine_cli.comparison.simulated_runs import (
     FreeRun,
     Restarts,
@@ -47,48 +46,42 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.text import told
 from automarine_cli.thrusters.map import driven_by
 
-SMOOTHED = 1.0  # s over which a position is smoothed for its rate
+SMOOTHED = 1.0  # s over which a position is smoothed for its rate; 5 samples at least
 FEWEST_RUNS = 3  # for an interval over runs
 DRAWS = 2000  # bootstrap resamples: how often each run is in each
 ALONE = np.ones((1, 1), dtype=np.int64)  # the only resample of one run
+NOTHING = np.zeros(0)
 RMS, MAX, FIT = "rms", "max", "fit"
 
 
 class Score(NamedTuple):
-    """A size of errors of one kind; its key in files, its heading in tables and what it means are templates."""
+    """A size of errors of one kind; its key in files and its heading in tables are templates."""
 
     errors: str
     size: str
     key: str
     heading: str
-    meaning: str
 
 
-FREE = "free run: measured less simulated {position} from the start of each run to its end"
-ANEW = "{position} error with the state set anew from the smoothed measured {position} at each restart"
-LESS = "free run: measured less simulated {rate}"
-MOST = "free run: the largest {position} error"
-APART = "free run: distance between measured and simulated position"
 SCORES = {
-    "rmse": Score("position", RMS, "rmse_{shown_unit}", "rmse {shown_unit}", FREE),
-    "max_abs": Score("position", MAX, "max_abs_{shown_unit}", "max {shown_unit}", MOST),
-    "fit_percent": Score(
-        "position", FIT, "fit_percent", "fit %", "free run: 100 (1 - |error| / |measured - its mean|)"
-    ),
-    "restarted_rmse": Score("restarted", RMS, "restarted_rmse_{shown_unit}", "restarted rmse {shown_unit}", ANEW),
-    "rate_rmse": Score("rate", RMS, "{speed}_rmse_{shown_unit}_s", "{speed} rmse {shown_unit}/s", LESS),
+    "rmse": Score("position", RMS, "rmse_{shown_unit}", "rmse {shown_unit}"),
+    "max_abs": Score("position", MAX, "max_abs_{shown_unit}", "max {shown_unit}"),
+    "fit_percent": Score("position", FIT, "fit_percent", "fit %"),
+    "restarted_rmse": Score("restarted", RMS, "restarted_rmse_{shown_unit}", "restarted rmse {shown_unit}"),
+    "rate_rmse": Score("rate", RMS, "{speed}_rmse_{shown_unit}_s", "{speed} rmse {shown_unit}/s"),
 }
-"""The scores of one degree of freedom."""
+"""Of one degree of freedom: free runs from the start of each run to its end, fit 100 (1 - |error| / |measured - its
+mean|), restarted with the state set anew from the smoothed measured position."""
 PLANAR_SCORES = {
     score.key: score
     for score in (
-        Score("heading", RMS, "heading_rmse_deg", "heading deg", FREE),
-        Score("heading", MAX, "heading_max_abs_deg", "max deg", MOST),
-        Score("position", RMS, "position_rmse_m", "position m", APART),
-        Score("position", MAX, "position_max_abs_m", "max m", "free run: the largest such distance"),
-        Score("surge", RMS, "surge_rmse_m_s", "surge m/s", "free run: measured less simulated surge speed"),
-        Score("sway", RMS, "sway_rmse_m_s", "sway m/s", "free run: measured less simulated sway speed"),
-        Score("yaw_rate", RMS, "yaw_rate_rmse_deg_s", "yaw rate deg/s", LESS),
+        Score("heading", RMS, "heading_rmse_deg", "heading deg"),
+        Score("heading", MAX, "heading_max_abs_deg", "max deg"),
+        Score("position", RMS, "position_rmse_m", "position m"),
+        Score("position", MAX, "position_max_abs_m", "max m"),
+        Score("surge", RMS, "surge_rmse_m_s", "surge m/s"),
+        Score("sway", RMS, "sway_rmse_m_s", "sway m/s"),
+        Score("yaw_rate", RMS, "yaw_rate_rmse_deg_s", "yaw rate deg/s"),
     )
 }
 
@@ -101,53 +94,32 @@ class Overall:
     ci95: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True)
-class RunScore:
-    """Errors (n,) of one run under one model by kind, in the unit that people see, none at all where the simulation
-    diverges; `measured` is the position about its mean."""
-
-    errors: Mapping[str, Floats]
-
-    @property
-    def diverged(self) -> bool:
-        return not self.errors
-
-    def value(self, name: str) -> float | None:
-        return pooled([self], (SCORES | PLANAR_SCORES)[name], ALONE).value
-
-    def of(self, kind: str) -> Floats:
-        return self.errors.get(kind, np.zeros(0))
+Errors: TypeAlias = Mapping[str, Floats]
+"""Errors (n,) of one run under one model by kind, in the unit that people see, none at all where the simulation
+diverges; `measured` is the position about its mean."""
 
 
-def score(free: FreeRun, restarted: Floats) -> RunScore:
-    """Score a free run and its restarted errors (N,) [rad or m]; no restarted score where a restart diverges."""
+def errors_of(free: FreeRun, restarted: Floats) -> Errors:
+    """Errors of a free run, and those restarted (N,) [rad or m], which are none where a restart diverges."""
     if free.diverged:
-        return RunScore({})
+        return {}
     dof = free.run.dof
     again = dof.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
     measured = dof.shown(free.run.position)
-    return RunScore({
-        "position": dof.shown(free.error), "restarted": again, "rate": rate_error(free),
-        "measured": measured - measured.mean(),
-    })  # fmt: skip
+    position, rate = dof.shown(free.error), rate_error(free)
+    return {"position": position, "restarted": again, "rate": rate, "measured": measured - measured.mean()}
 
 
-def planar_score(free: FreeRun) -> RunScore:
-    """Score a free run in the plane by what its log holds."""
+def planar_errors(free: FreeRun) -> Errors:
+    """Errors of a free run in the plane, of what its log holds."""
     if free.diverged:
-        return RunScore({})
+        return {}
     names = (YAW.position, *(dof.velocity for dof in PLANAR.dofs))
     errors = {"position": free.distance} | {name: free.error_of(name) for name in names}
     scale = {name: YAW.logged(1.0) for name in YAW.channels}
-    return RunScore({
+    return {
         name: scale.get(name, 1.0) * error[np.isfinite(error)] for name, error in errors.items() if error is not None
-    })  # fmt: skip
-
-
-def rate_source(run: Run) -> str:
-    if run.dof.velocity in run.extras:
-        return f"{run.dof.words.rate} in the log"
-    return f"slope of the {run.dof.position} smoothed over {rate_window(run) * run.sample_period:.3g} s"
+    }
 
 
 def rate_error(free: FreeRun) -> Floats:
@@ -159,7 +131,8 @@ def rate_error(free: FreeRun) -> Floats:
     logged = unbiased_velocity(run)
     if logged is not None:
         return np.asarray(dof.shown((logged - free.rate)[~np.isnan(logged)]))
-    period, width = run.sample_period, rate_window(run)
+    period = run.sample_period
+    width = max(5, 2 * round(SMOOTHED / period / 2) + 1)
     arm = np.arange(width // 2, -width // 2, -1)  # the parabola's slope, as `np.convolve` takes weights
     weights = arm / (arm @ arm) / period
     edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
@@ -171,45 +144,30 @@ def rate_error(free: FreeRun) -> Floats:
     return np.asarray(dof.shown(np.concatenate(slopes)))
 
 
-def rate_window(run: Run) -> int:
-    """Samples, an odd number, over which a position is smoothed for its rate: a second, 5 at least."""
-    return max(5, 2 * round(SMOOTHED / run.sample_period / 2) + 1)
-
-
-def noise_floor(run: Run) -> float:
-    """Estimate the white noise of the position without a model, in the unit that people see."""
-    return float(run.dof.shown(position_noise(run.time, run.position)))
-
-
-def overall(scores: Sequence[RunScore], drawn: NDArray[np.int64], table: Mapping[str, Score]) -> dict[str, Overall]:
-    """Score all runs together, over the resamples `drawn`; nothing under a model that diverged in any run."""
-    diverged = any(run.diverged for run in scores)
-    return {name: Overall(None) if diverged else pooled(scores, score, drawn) for name, score in table.items()}
-
-
-def pooled(scores: Sequence[RunScore], score: Score, drawn: NDArray[np.int64]) -> Overall:
-    """Return one score over runs, all samples pooled or the largest error of all."""
-    errors = [run.of(score.errors) for run in scores]
-    if score.size == MAX:
-        return Overall(max((float(np.abs(error).max()) for error in errors if len(error)), default=None))
-    below = _squares(scores, "measured") if score.size == FIT else np.array([float(len(error)) for error in errors])
-    if below.sum() <= 0:
+def pooled(runs: Sequence[Errors], score: Score, drawn: NDArray[np.int64] = ALONE) -> Overall:
+    """Return one score over runs, all samples pooled or the largest error of all, with its interval over the resamples
+    `drawn`; nothing under a model that diverged in any run."""
+    errors = [run.get(score.errors, NOTHING) for run in runs]
+    below = _squares(runs, "measured") if score.size == FIT else np.array([float(len(error)) for error in errors])
+    if below.sum() <= 0 or not all(runs):
         return Overall(None)
-    root, roots = _roots(_squares(scores, score.errors), below, drawn)
+    if score.size == MAX:
+        return Overall(max(float(np.abs(error).max()) for error in errors if len(error)))
+    root, roots = _roots(_squares(runs, score.errors), below, drawn)
     if score.size == FIT:
         root, roots = 100.0 * (1.0 - root), 100.0 * (1.0 - roots)
     return Overall(root, _interval(roots, int(np.sum(below > 0))))
 
 
-def lead(better: Sequence[RunScore], worse: Sequence[RunScore], drawn: NDArray[np.int64]) -> Overall:
+def lead(better: Sequence[Errors], worse: Sequence[Errors], drawn: NDArray[np.int64]) -> Overall:
     """Return by how much the pooled free-run rmse of one model is below another's, over the same resamples."""
-    counts = np.array([float(len(run.of("position"))) for run in worse])
+    counts = np.array([float(len(run["position"])) for run in worse])
     (first, firsts), (second, seconds) = (_roots(_squares(s, "position"), counts, drawn) for s in (worse, better))
     return Overall(first - second, _interval(firsts - seconds, len(better)))
 
 
-def _squares(scores: Sequence[RunScore], kind: str) -> Floats:
-    return np.array([run.of(kind) @ run.of(kind) for run in scores])
+def _squares(runs: Sequence[Errors], kind: str) -> Floats:
+    return np.array([error @ error for error in (run.get(kind, NOTHING) for run in runs)])
 
 
 def _roots(above: Floats, below: Floats, drawn: NDArray[np.int64]) -> tuple[float, Floats]:
@@ -230,10 +188,10 @@ START = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_
 
 @dataclass(frozen=True)
 class Scored:
-    """One model: its free runs and scores in the order of the runs, and its scores over all of them by name."""
+    """One model: its free runs and their errors in the order of the runs, and its scores over all of them by name."""
 
     free: tuple[FreeRun, ...]
-    scores: tuple[RunScore, ...]
+    errors: tuple[Errors, ...]
     overall: Mapping[str, Overall]
 
     @property
@@ -242,7 +200,9 @@ class Scored:
 
     @cached_property
     def values(self) -> list[dict[str, float | None]]:
-        return [{name: score.value(name) for name in self.overall} for score in self.scores]
+        """The scores of each run."""
+        table = SCORES | PLANAR_SCORES
+        return [{name: pooled([errors], table[name]).value for name in self.overall} for errors in self.errors]
 
 
 @dataclass(frozen=True)
@@ -359,28 +319,21 @@ class Validation(Shown):
         """The noise of all runs together, pooled as an rmse is."""
         return float(np.sqrt(np.average(np.square(self.floors), weights=[len(run) for run in self.runs])))
 
-    @property
-    def carried(self) -> tuple[str, ...]:
-        """The effects with a state of their own, which a restart takes from the free run."""
-        names = () if isinstance(self.stored, StoredPlanar) else self.stored.effects
-        return tuple(name for name in names if effects.get(name).states)
-
     def key(self, name: str) -> str:
         return self.dof.fill(self.scores[name].key)
 
     def to_json(self) -> dict[str, object]:
         stored, dof, runs, unit = self.stored, self.dof, self.runs, self.dof.units.key
+        planar = isinstance(stored, StoredPlanar)
         logs: dict[str, dict[str, object]] = {
             run.name: {"file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0])}
             for run in runs
         }
-        planar = isinstance(stored, StoredPlanar)
         data: dict[str, object] = {
             "schema": VALIDATION.schema,
             **({"motion": PLANAR.name if planar else dof.name} if planar or not dof.wraps else {}),
             "models": {number: self._model_json(scored) for number, scored in self.models.items()},
             "best": self.best,
-            "scores": {self.key(name): dof.fill(score.meaning) for name, score in self.scores.items()},
             "logs": logs,
             "runs": runs_json(len(runs), self.set_aside, runs),
         }
@@ -389,7 +342,7 @@ class Validation(Shown):
         for run, floor, restarts in zip(runs, self.floors, self.restarts):
             logs[run.name] |= {
                 f"noise_floor_{unit}": floor, "restarts": len(restarts.states), "restarted_at": restarts.rule,
-                "restarted_horizon_s": restarts.horizon, "rate_from": rate_source(run),
+                "restarted_horizon_s": restarts.horizon,
             }  # fmt: skip
         if (ahead := self.ahead) is not None:
             data |= {"prediction": ahead.to_json(), "use": {"of_use": ahead.of_use, "says": ahead.sentence}}
@@ -431,45 +384,46 @@ def compare(
     models: dict[str, Scored] = {}
     if isinstance(stored, StoredPlanar):
         free = tuple(planar_free_runs(stored.model, runs))
-        scores = tuple(map(planar_score, free))
-        models[PLANAR.name] = Scored(free, scores, overall(scores, drawn, PLANAR_SCORES))
+        errors = tuple(map(planar_errors, free))
+        overall = {name: pooled(errors, score, drawn) for name, score in PLANAR_SCORES.items()}
+        models[PLANAR.name] = Scored(free, errors, overall)
         return Validation(stored, models, PLANAR.name)
     restarts = tuple(map(find_restarts, runs))
     for number, model in stored.models.items():
         simulated = free_runs(model, runs, stored.switch_offset)
         free = tuple(counted(progress, f"simulating model {number}", simulated, len(runs)))
-        scores = tuple(map(score, free, restarted_errors(model, free, restarts, stored.switch_offset)))
-        models[number] = Scored(free, scores, overall(scores, drawn, SCORES))
+        errors = tuple(map(errors_of, free, restarted_errors(model, free, restarts, stored.switch_offset)))
+        models[number] = Scored(free, errors, {name: pooled(errors, score, drawn) for name, score in SCORES.items()})
     values = {number: scored.overall["rmse"].value for number, scored in models.items()}
     ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)
-    best = ranked[0][2] if ranked else None
-    leads = {n: lead(models[ranked[0][2]].scores, models[n].scores, drawn) for _, _, n in ranked[1:]}
-    because = _because(best, leads, models, stored.dof)
-    return Validation(stored, models, best, because, restarts, tuple(map(noise_floor, runs)))
+    best, because = _because([number for *_, number in ranked], models, drawn, stored.dof)
+    floors = tuple(float(run.dof.shown(position_noise(run.time, run.position))) for run in runs)
+    return Validation(stored, models, best, because, restarts, floors)
 
 
-def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
-    """Say which model follows the runs best, and whether its lead could be chance."""
-
-    def digits(gap: float) -> str:  # two, all before the point where there are more
-        return f"{gap:.0f}" if abs(gap) >= 10 else f"{gap:.2g}"
-
-    if best is None:
-        return "No model follows these runs: every simulation diverges."
-    parts = []
-    for number, gap in leads.items():
-        part = f"{digits(gap.value or 0.0)} {dof.units.shown} below model {number}"
+def _because(
+    ranked: Sequence[str], models: Mapping[str, Scored], drawn: NDArray[np.int64], dof: Dof
+) -> tuple[str | None, str]:
+    """Say which model follows the runs best, and whether its lead over the next could be chance."""
+    if not ranked:
+        return None, "No model follows these runs: every simulation diverges."
+    best, *others = ranked
+    if len(models) == 1:
+        return best, f"Model {best} is the only one."
+    says = f"Model {best} has the smallest free-run {dof.position} error over all runs"
+    for number in others[:1]:
+        gap = lead(models[best].errors, models[number].errors, drawn)
+        says += f": {_digits(gap.value)} {dof.units.shown} below model {number}"
         if gap.ci95 is not None:
             sure = "" if gap.ci95[0] > 0 else ", which may be chance"
-            part += f" (95 % interval {digits(gap.ci95[0])} to {digits(gap.ci95[1])} over runs{sure})"
-        parts.append(part)
-    for number, scored in models.items():
-        if scored.diverged:
-            parts.append(f"model {number} diverges in {len(scored.diverged)} of {len(scored.free)} runs")
-    tail = f": {'; '.join(parts)}" if parts else ""
-    if len(models) == 1:
-        return f"Model {best} is the only one{tail}."
-    return f"Model {best} has the smallest free-run {dof.position} error over all runs{tail}."
+            says += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
+    return best, f"{says}."
+
+
+def _digits(gap: float | None) -> str:
+    """Two digits, all before the point where there are more."""
+    gap = gap or 0.0
+    return f"{gap:.0f}" if abs(gap) >= 10 else f"{gap:.2g}"
 
 
 def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None) -> Ahead | None:

@@ -76,13 +76,13 @@ def overall_table(result: Validation) -> Table:
 def run_table(result: Validation) -> Table:
     rows, dof = list[dict[str, str]](), result.dof
     for i, (run, floor, restarts) in enumerate(zip(result.runs, result.floors, result.restarts)):
-        scores = {model: scored.scores[i] for model, scored in result.models.items()}
+        scores = {model: scored.values[i] for model, scored in result.models.items()}
         rows.append({
             "run": run.name,
             "s": number(float(run.time[-1] - run.time[0]), 3),
             f"noise {dof.units.shown}": number(floor, 2),
-            **{f"model {m}": DIVERGED if of.diverged else number(of.value("rmse"), 3) for m, of in scores.items()},
-            **{f"{m} restarted": number(of.value("restarted_rmse"), 3) for m, of in scores.items()},
+            **{f"model {m}": DIVERGED if of["rmse"] is None else number(of["rmse"], 3) for m, of in scores.items()},
+            **{f"{m} restarted": number(of["restarted_rmse"], 3) for m, of in scores.items()},
             "horizon s": number(restarts.horizon, 3),
             "start": _starts(result)[i].split(":")[0],
         })  # fmt: skip
@@ -160,13 +160,11 @@ def _notes(result: Validation) -> list[str]:
     logged = sum(dof.velocity in run.extras for run in runs)
     rate = f"the log in {logged} runs, else " if logged else ""
     measured = f"from {rate}the smoothed {dof.position}" if logged < len(runs) else "from the logs"
-    goes = f"{' and '.join(result.carried)} go{'es' * (len(result.carried) == 1)}"
     return [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "
         + _how_started([how.startswith("from rest") for how in _starts(result)], dof),
         f"Restarted {'; '.join([*rules, f'or {last}']) if rules else last}; {dof.position} and {dof.words.speed} "
         "smoothed there, whose own error even a perfect model shows.",
-        *([f"At a restart {goes} on as in the free run."] if result.carried else []),
         f"Measured {dof.words.rate} {measured}.",
         f"Noise level of the {dof.position}, estimated without a model: {number(result.floor, 3)} {dof.units.shown}.",
         *(["In brackets: 95 % intervals, runs resampled."] if len(runs) >= 3 else []),

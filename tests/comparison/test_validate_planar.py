@@ -11,7 +11,7 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, planar_start
-from automarine_cli.comparison.validation import PLANAR_SCORES, Scored, compare, planar_score
+from automarine_cli.comparison.validation import PLANAR_SCORES, Scored, compare, planar_errors, pooled
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.store import StoredPlanar, planar_json
@@ -26,7 +26,7 @@ NAMES = ("north", "east", "heading", "surge", "sway", "yaw_rate")
 
 
 def scores_of(free: FreeRun) -> dict[str, float | None]:
-    return {name: planar_score(free).value(name) for name in PLANAR_SCORES}
+    return {name: pooled([planar_errors(free)], score).value for name, score in PLANAR_SCORES.items()}
 
 
 def planar_scored(model: PlanarModel, runs: list[Run]) -> Scored:
@@ -104,16 +104,6 @@ def test_a_model_that_runs_away_is_said_to() -> None:
     assert {score.value for score in scored.overall.values()} == {None}
     assert result.to_json()["models"]["planar"]["diverged"]
     assert "diverges" in planar_figure(scored.free[0]).get_suptitle()
-
-
-def test_the_figure_shows_heading_track_velocities_and_commands() -> None:
-    figure = planar_figure(next(planar_free_runs(MODEL, [logged(0, noise=0.01)])))
-    assert [axes.get_ylabel() for axes in figure.axes] == [
-        r"Heading $\psi$ [deg]", "North [m]", "Surge $u$ [m/s]", "Sway $v$ [m/s]", "Yaw rate $r$ [deg/s]",
-        "Command [N, N m]",
-    ]  # fmt: skip
-    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 2, 2, 2, 3]
-    assert all(np.isfinite(line.get_ydata()).any() for axes in figure.axes for line in axes.lines)
 
 
 @pytest.fixture
