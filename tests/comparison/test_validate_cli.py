@@ -5,7 +5,6 @@ import io
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +15,8 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 
 from automarine_cli.commands.validate import validate
-from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.comparison.validation import SCORES
 from automarine_cli.dofs import YAW
-from automarine_cli.models.store import load_yaw_models
-from automarine_cli.report.figures.runs import validation_figure
-from automarine_cli.report.figures.style import MODEL_COLOURS
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Run = Callable[..., Result]
@@ -112,18 +107,3 @@ def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
     why = {aside.run: aside.why for aside in result.set_aside}
     assert "needs the column 'depth_m', which the log lacks; map it with --columns" in why["flat"]
     assert "needs 'depth_m' in every row; 1 rows lack it" in why["patchy"]
-
-
-def test_figure(tmp_path: Path) -> None:
-    models = load_yaw_models(model_file(tmp_path / "m.json")).models
-    sequence = replace(sequence_run((0.5, -0.8), noise_deg=1.0), name="a $strange_name")
-    free = {number: next(free_runs(model, [sequence])) for number, model in models.items()}
-    figure = validation_figure(free, 1.0)
-    headings, errors, moment = figure.axes
-    assert headings.get_title() == "a $strange_name"
-    measured, *simulated = headings.lines
-    np.testing.assert_allclose(measured.get_ydata(), np.rad2deg(sequence.position))
-    for lines in (simulated, errors.lines[:3]):
-        assert [line.get_color() for line in lines] == [MODEL_COLOURS[n] for n in "123"]
-    np.testing.assert_allclose(errors.lines[2].get_ydata(), np.rad2deg(free["3"].error))
-    np.testing.assert_array_equal(moment.lines[-1].get_ydata(), sequence.command)

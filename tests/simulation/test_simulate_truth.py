@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from tank import INERTIA, K_RR, pool_campaign, pool_specification
+from tank import pool_campaign, pool_specification
 
-from automarine_cli import effects
 from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel, response
@@ -20,12 +19,6 @@ from automarine_cli.simulation.specification import SCHEMA, Specification, speci
 Floats = NDArray[np.float64]
 
 SEED = 4
-EFFECT_SETTINGS: dict[str, object] = {
-    "moments": [0.3, -1.1],
-    "noise_deg": 0.0,
-    "repeats": 1,
-    "logger": {"wrap": "none"},
-}
 HALF_DIGIT = np.deg2rad(0.5e-3)  # of a heading logged to a thousandth of a degree
 INTEGRATED = HALF_DIGIT + 2e-6  # and what two integrators may differ by [rad]
 
@@ -81,15 +74,6 @@ def test_every_kind_is_what_solve_ivp_makes_of_its_truth(held: bool) -> None:
     )
     for run in make_campaign(specification, SEED):
         assert worst_error(specification, run) <= INTEGRATED, run.plan.name
-
-
-def test_steps_are_the_closed_form_to_the_last_digit() -> None:
-    for run in make_campaign(pool_specification(noise_deg=0.0, gain=0.03, logger={"wrap": "none"}), 1):
-        time = run.columns["time_s"] - run.plan.start
-        on = time < run.drawn.switches[1]
-        moment = run.plan.moments[0] * run.drawn.gain
-        truth, _ = response(time - run.drawn.switches[0], moment, INERTIA, 0.0, K_RR, run.drawn.start)
-        assert np.abs(np.deg2rad(run.columns["heading_deg"]) - truth)[on].max() <= HALF_DIGIT + 1e-7
 
 
 def test_a_turn_lasts_as_long_as_the_base_vehicle_needs() -> None:
@@ -190,17 +174,3 @@ def test_rates_have_a_bias_a_run_that_the_truth_tells() -> None:
     assert np.std(off - bias[:, None]) == pytest.approx(0.3, rel=0.03)
     for run, exact in zip(result.runs, true):
         np.testing.assert_array_equal(*(list(part.columns.values())[1] for part in (run, exact)))
-
-
-@pytest.fixture(scope="module")
-def without_effects() -> tuple[SimulatedRun, ...]:
-    return tuple(make_campaign(pool_specification(**EFFECT_SETTINGS), 1))
-
-
-@pytest.mark.parametrize("name", [name for name in effects.names() if not effects.get(name).needs])
-def test_any_effect_of_the_library_acts(name: str, without_effects: tuple[SimulatedRun, ...]) -> None:
-    values = {YAW.fill(parameter.name): parameter.start for parameter in effects.get(name).parameters}
-    hidden = make_campaign(pool_specification(effects=[{"name": name} | values], **EFFECT_SETTINGS), 1)
-    headings = ([run.columns["heading_deg"] for run in runs] for runs in (without_effects, hidden))
-    apart = [np.abs(plain - changed).max() for plain, changed in zip(*headings)]
-    assert np.all(np.isfinite(apart)) and 0.01 < max(apart) < 360.0
