@@ -407,11 +407,11 @@ def _because(
     """Say which model follows the runs best, and whether its lead over the next could be chance."""
     if not ranked:
         return None, "No model follows these runs: every simulation diverges."
-    best, *others = ranked
+    best = ranked[0]
     if len(models) == 1:
         return best, f"Model {best} is the only one."
     says = f"Model {best} has the smallest free-run {dof.position} error over all runs"
-    for number in others[:1]:
+    for number in ranked[1:2]:
         gap = lead(models[best].errors, models[number].errors, drawn)
         says += f": {_digits(gap.value)} {dof.units.shown} below model {number}"
         if gap.ci95 is not None:
