@@ -1,13 +1,12 @@
 """The next campaign: the choice of its runs, their order and ways back, what to expect of it, and a rehearsal.
 
 A run is worth its gain over the share of what is left that it takes. First come the fewest runs that split the
-explanations a diagnosis left open, then what narrows the intervals most; then exchanges until none is better. Greedy
-choice and exchange are Fedorov's (1972) and Mitchell's (1974, Technometrics 16:203) for D-optimal designs, here with
-costs.
+explanations a diagnosis left open, then what narrows the intervals most; then exchanges until none is better (Fedorov
+1972; Mitchell 1974, Technometrics 16:203, for D-optimal designs; here with costs).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +39,9 @@ MARGIN = 1.3
 Objective = Intervals | Splitting
 QUANTILE = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
 SWEEPS = 8
-FINALISTS = 4  # how many of the campaigns that the search begins with are improved to the end
+FINALISTS = 4  # how many of the campaigns that the search begins with are improved by exchanges
 ALIKE = 1e-3
 """Worth (a thousandth of the standard errors) that is given up for as many runs to one side as to the other."""
-BEGUN = (1.0, 3.0)  # how often each pair of mirrored candidates is run in the campaigns with which the search begins
 BETTER, MARKED = 1e-9, 1e-7  # gains in worth that count: of a run for its cost, and of an exchange
 DRIFT = "shows drift over the day"
 NARROW = "narrows the intervals"
@@ -81,28 +79,15 @@ class PlanBudget:
         return np.flatnonzero(counts > self.fixed)
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The runs chosen, `why` by label; the `check` run among them, which comes first and last, or None; and what they
-    were chosen from: candidates with their information (K, p, p) and `cost` (K, 4)."""
-
-    chosen: tuple[Candidate, ...]
-    why: Mapping[str, str]
-    check: Candidate | None
-    candidates: tuple[Candidate, ...]
-    each: Floats
-    cost: Floats
-
-
 def select(
     fitting: Fitting, limits: Limits, largest: float, supply: Supply, before: Floats, wanted: Floats,
     pairs: Sequence[Pair], progress: Progress = silent,
-) -> Choice:  # fmt: skip
-    """Choose within the limits: `pairs` of explanations to split, then the directions `wanted` (p, m) to narrow, with
-    the information `before` (p, p) at hand. Raises SettingError where the limits allow no campaign.
+) -> tuple[list[Candidate], dict[str, str], Candidate | None]:  # fmt: skip
+    """Choose runs within the limits, say why by label, and which of them is the check that comes first and last.
 
-    Runs that turn far are for splitting explanations only: to narrow an interval on water that turns along would be to
-    narrow it about the wrong value."""
+    `pairs` of explanations are split first, then the directions `wanted` (p, m) are narrowed, with the information
+    `before` (p, p) at hand. Runs that turn far only split explanations: on water that turns along they would narrow an
+    interval about the wrong value. Raises SettingError where the limits allow no campaign."""
     candidates = pool.candidates(fitting.base, limits, largest)
     most = FAR * np.deg2rad(limits.pool.turn_deg)
     furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, candidates))
@@ -126,19 +111,19 @@ def select(
     progress("choosing runs", 0, 2)
     split = _split(pairs, spread, budget, limits) if pairs else fixed
     progress("choosing runs", 1, 2)
-    information = fitting.information(spread)
     goal = limits.goal.half_width_percent
-    intervals = Intervals(information, before, wanted, None if goal is None else goal / (100.0 * QUANTILE))
+    goal = None if goal is None else goal / (100.0 * QUANTILE)
+    intervals = Intervals(fitting.information(spread), before, wanted, goal)
     most_each = np.where([candidate.turns for candidate in candidates], 0.0, budget.most)
     counts = choose(intervals, replace(budget, fixed=split, most=most_each))
     progress("choosing runs", 2, 2)
-    chosen = tuple(candidate for candidate, count in zip(candidates, counts) for _ in range(count))
+    chosen = [candidate for candidate, count in zip(candidates, counts) for _ in range(count)]
     names = " and ".join(dict.fromkeys(f"{a.name} from {b.name}" for a, b in pairs[::2]))
     why = {candidate.label: NARROW for candidate in chosen}
     why |= {candidate.label: f"splits {names}" for candidate, count in zip(candidates, split - fixed) if count > 0}
     if check is not None:
         why[check.label] = DRIFT
-    return Choice(chosen, why, check, candidates, information, cost)
+    return chosen, why, check
 
 
 def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudget, limits: Limits) -> Floats:
@@ -179,18 +164,11 @@ def _refuse_too_little(budget: PlanBudget, limits: Limits) -> None:
 def choose(objective: Objective, budget: PlanBudget) -> NDArray[np.int64]:
     """Choose how often to run each candidate, (K,): what the budget holds fixed, and what is worth adding."""
     ones = np.eye(len(budget.costs))
-    begun = budget.fixed.astype(float)
     pairs = [ones[k] + ones[other] for k, other in enumerate(budget.mirrors) if k <= other and budget.most[k] > 0]
-    starts = [begun, *(begun + times * pair for times in BEGUN for pair in pairs)]
+    starts = [budget.fixed, *(budget.fixed + pair for pair in pairs)]
     filled = [_fill(objective, budget, start) for start in starts if budget.holds(start)]
     best = sorted(filled, key=lambda counts: -_score(objective, counts))[:FINALISTS]
-    ended = []
-    for counts in best:
-        for _ in range(SWEEPS):
-            before, counts = counts, _rebuild(objective, budget, _exchange(objective, budget, counts))
-            if np.array_equal(before, counts):
-                break
-        ended.append(_pruned(objective, budget, counts))
+    ended = [_pruned(objective, budget, _exchange(objective, budget, counts)) for counts in best]
 
     def worth(counts: Floats) -> tuple[bool, float]:
         enough = objective.reached(counts)
@@ -234,21 +212,6 @@ def _exchange(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
     return counts
 
 
-def _rebuild(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
-    """Leave out one run, or all of its like, and fill up again with what that frees, while that is better."""
-    ones = np.eye(len(counts))
-    now = _score(objective, counts)
-    for out in budget.free(counts):
-        for removed in dict.fromkeys((1.0, float(counts[out] - budget.fixed[out]))):
-            if counts[out] - budget.fixed[out] < removed:
-                continue
-            trial = _fill(objective, budget, counts - removed * ones[out])
-            worth = _score(objective, trial)
-            if worth > now + MARKED:
-                counts, now = trial, worth
-    return counts
-
-
 def _pruned(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     """Leave out, dearest first, what is not needed once nothing more is wanted."""
     ones = np.eye(len(counts))
@@ -285,17 +248,29 @@ class Curve:
     stderr_percent: Mapping[str, tuple[float, ...]]
 
 
-@dataclass(frozen=True)
-class Campaign:
-    """A campaign on paper.
+LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
+FIT_COMMANDS = {
+    "whole-runs": "automarine fit-yaw LOGS --fit-to whole-runs -o out/yaw",
+    "half-turns": "automarine fit-yaw LOGS --fit-to half-turns -o out/yaw",
+    "diagnosis": "automarine diagnose LOGS --model {model} -o out/diagnosis",
+}
+"""What the runs are for, by fit."""
+
+
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
+    """A campaign on paper for the file `model`.
 
     `slots` are its runs in order; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
     of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of
     each pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and `grid` the precision against
-    minutes, `more` that of one run more of each kind."""
+    minutes. `drive` is None without a thruster map; `columns` are the names of the logs."""
 
+    model: str
     fitting: Fitting
     limits: Limits
+    supply: Supply
+    seed: int
     wanted: tuple[str, ...]
     slots: tuple[Slot, ...]
     now: Mapping[str, Estimate]
@@ -305,8 +280,11 @@ class Campaign:
     grid_splits: tuple[Split, ...]
     plan: Curve
     grid: Curve
-    more: tuple[Curve, ...]
     notes: tuple[str, ...]
+    drive: Drive | None = None
+    columns: ColumnMap = field(default_factory=ColumnMap)
+    source: str = ""
+    """Where the current is from, in a sentence."""
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -316,11 +294,59 @@ class Campaign:
     def motion(self) -> float:
         return float(sum(candidate.motion for candidate in self.candidates))
 
+    @property
+    def fit_command(self) -> str:
+        return FIT_COMMANDS[self.fitting.fit].format(model=self.model)
+
+    def to_json(self) -> dict[str, Any]:
+        fitting, limits, supply, last = self.fitting, self.limits, self.supply, self.slots[-1]
+        return {
+            "schema": PLAN.schema, "model": self.model, "moment_unit": fitting.model.moment_unit,
+            "fit": fitting.fit, "fit_command": self.fit_command,
+            "planned_for": list(self.wanted) or list(self.alone), "heading_noise_rad": fitting.noise,
+            **({} if fitting.rate_noise is None else {"rate_noise_rad_s": fitting.rate_noise}),
+            "gain_scatter": fitting.scatter, "limits": to_mapping(limits),
+            "supply": {"idle_A": supply.idle, "full_A": supply.full, "at_moment": supply.largest},
+            "totals": {
+                "runs": len(self.slots), "pool_min": last.ends(limits.runs.rest_before_s) / 60.0,
+                "motion_s": self.motion, "battery_left_Ah": last.left,
+                "battery_left_percent": 100.0 * last.left / limits.battery.charge_Ah,
+            },
+            "planned": self.runs(),
+            "parameters": {
+                name: {
+                    "now": None if name not in self.now else self.now[name].to_json(),
+                    "new_runs": alone.to_json(),
+                    "with_earlier_runs": self.together[name].to_json() if name in self.together else None,
+                }
+                for name, alone in self.alone.items()
+            },
+            "splits": [
+                {"true": split.true, "other": split.other, "evidence": split.evidence,
+                 "evidence_of_grid": grid.evidence}
+                for split, grid in zip(self.splits, self.grid_splits)
+            ],
+            "curves": [to_mapping(curve) for curve in (self.plan, self.grid)],
+            "notes": [self.source, *self.notes],
+        }  # fmt: skip
+
+    def runs(self) -> list[dict[str, object]]:
+        return [
+            {
+                "number": slot.number, "name": slot.name, "kind": slot.candidate.kind, "begins_s": slot.begins,
+                "start_heading_deg": slot.candidate.start_heading, "turn_there_deg": slot.turn_there,
+                "turns_deg": slot.turns, "voltage_V": slot.candidate.voltage,
+                "commands": [[moment, seconds] for moment, seconds in slot.candidate.commands], "wait_s": slot.wait,
+                "battery_left_Ah": slot.left, "command_file": command_path(slot), "why": slot.why,
+            }
+            for slot in self.slots
+        ]  # fmt: skip
+
 
 def plan_campaign(
     prior: PriorResults, limits: Limits, largest: float, supply: Supply, *, wanted: tuple[str, ...] = (), seed: int = 0,
     progress: Progress = silent,
-) -> Campaign:  # fmt: skip
+) -> Plan:  # fmt: skip
     """Choose runs beside the `prior` results within `limits`; moments up to `largest`.
 
     Doubts that a diagnosis left are split first, then the intervals of the `wanted` parameters (all by default) are
@@ -337,15 +363,15 @@ def plan_campaign(
     grid = pool.scheduled(pool.paper_grid(fitting.base, largest), limits, supply)
     grid_runs = [slot.candidate for slot in grid]
     pairs = pairs_of(prior, fitting, grid_runs, largest)
-    choice = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
-    slots = pool.scheduled(pool.in_order(choice.chosen, choice.check, seed), limits, supply)
+    chosen, why, check = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
+    slots = pool.scheduled(pool.in_order(chosen, check, seed), limits, supply)
     runs = [slot.candidate for slot in slots]
     outcome = splits(pairs, runs)[0]
     per_run, of_grid = fitting.information(runs), fitting.information(grid_runs)
     turned = np.rad2deg([heading[-1] for heading in headings_of(fitting.model, fitting.logger, runs)])
     there = ways_back(turned, [run.start_heading for run in runs])
     slots = tuple(
-        replace(slot, why=choice.why[slot.candidate.label], turns=float(turn), turn_there=float(back))
+        replace(slot, why=why[slot.candidate.label], turns=float(turn), turn_there=float(back))
         for slot, turn, back in zip(slots, turned, there)
     )
     short = (
@@ -361,12 +387,12 @@ def plan_campaign(
         dof = float(max(len(per_run) + prior.used - 1, 1))
         covariance = np.asarray(np.linalg.inv(new + before))
         together = fitting.estimates(covariance, dict.fromkeys(fitting.directions, dof))
-    return Campaign(
-        fitting=fitting, limits=limits, wanted=wanted, slots=slots, now=prior.now, alone=fitting.predicted(per_run),
-        together=together, splits=outcome, grid_splits=splits(pairs, grid_runs)[0],
+    return Plan(
+        model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted, slots=slots,
+        now=prior.now, alone=fitting.predicted(per_run), together=together, splits=outcome,
+        grid_splits=splits(pairs, grid_runs)[0],
         plan=curve_of("this plan", fitting, slots, per_run, before, limits),
         grid=curve_of("the paper's grid", fitting, grid, of_grid, before, limits),
-        more=one_more(fitting, choice, slots, per_run, before, limits),
         notes=(*prior.notes, *((DISTURBED,) if fitting.random else ()), *short),
     )  # fmt: skip
 
@@ -392,37 +418,19 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
 def curve_of(
     name: str, fitting: Fitting, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
 ) -> Curve:
-    sums = np.cumsum(per_run, axis=0) + before
-    rows = [_percent(fitting, total) for total in sums]
+    rows = []
+    for total in np.cumsum(per_run, axis=0) + before:
+        covariance = np.asarray(np.linalg.inv(total))
+        axes = fitting.relative_directions.items()
+        rows.append({name: 100.0 * info.stderr_along(covariance, axis) for name, axis in axes})
     minutes = tuple(slot.ends(limits.runs.rest_before_s) / 60.0 for slot in slots)
     motion = tuple(float(x) for x in np.cumsum([slot.candidate.motion for slot in slots]))
     return Curve(name, minutes, motion, {key: tuple(row[key] for row in rows) for key in rows[0]})
 
 
-def one_more(
-    fitting: Fitting, choice: Choice, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
-) -> tuple[Curve, ...]:
-    """Return what one run more, the best of each kind, adds to the plan: a curve of one point a kind."""
-    total = per_run.sum(axis=0) + before
-    last = slots[-1].ends(limits.runs.rest_before_s) / 60.0
-    motion = float(sum(slot.candidate.motion for slot in slots))
-    points = []
-    for kind, places in info.alike(choice.candidates).items():
-        best = max(places, key=lambda place: np.linalg.slogdet(total + choice.each[place])[1])
-        percent = {key: (value,) for key, value in _percent(fitting, total + choice.each[best]).items()}
-        minutes = last + float(choice.cost[best, 0])
-        points.append(Curve(kind, (minutes,), (motion + choice.candidates[best].motion,), percent))
-    return tuple(points)
-
-
-def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
-    covariance = np.asarray(np.linalg.inv(information))
-    return {name: 100.0 * info.stderr_along(covariance, axis) for name, axis in fitting.relative_directions.items()}
-
-
-def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str]:
+def specification(plan: Plan) -> tuple[dict[str, object], str]:
     """Return plain data of the specification (none where it cannot be simulated), and what it leaves out."""
-    fitting, limits, model = campaign.fitting, campaign.limits, campaign.fitting.model
+    fitting, limits, model = plan.fitting, plan.limits, plan.fitting.model
     symbols, (linear, quadratic) = model.dof.symbols, model.drag()
     if linear < 0 or quadratic < 0:
         return {}, "No plan.toml: a vehicle with negative drag cannot be simulated."
@@ -431,7 +439,7 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str
     noises = {"noise_deg": fitting.noise, "rate_noise_deg_s": fitting.rate_noise}
     return {
         "schema": SCHEMA,
-        "seed": seed,
+        "seed": plan.seed,
         "vehicle": {
             symbols.inertia: model.inertia, symbols.quadratic: quadratic, symbols.linear: linear,
             f"{model.dof.words.force}_unit": model.moment_unit,
@@ -445,7 +453,7 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str
         },
         "scatter": {
             "gain": fitting.scatter,
-            "start_heading_deg": [slot.candidate.start_heading for slot in campaign.slots],
+            "start_heading_deg": [slot.candidate.start_heading for slot in plan.slots],
         },
         "campaign": {
             "order": "listed", "rest_before_s": limits.runs.rest_before_s, "wait_between_s": limits.pool.wait_s,
@@ -455,20 +463,16 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str
                 "kind": "sequence", "name": slot.name, "wait_after_s": slot.wait,
                 "commands": [[moment, seconds] for moment, seconds in slot.candidate.commands],
             }
-            for slot in campaign.slots
+            for slot in plan.slots
         ],
     }, f"Simulated runs lack what {', '.join(needy)} needs." if needy else ""  # fmt: skip
 
 
 def headings_of(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> list[Floats]:
     """Return the heading of the model in each run, less that at its start [rad]."""
-    headings = [np.zeros(0)] * len(candidates)
-    for places in info.alike(candidates).values():
-        runs = [logger.run(candidates[place]) for place in places]
-        rolled = roll(model, runs, np.zeros(len(runs)), np.zeros(len(runs))).position[0]
-        for place, run, row in zip(places, runs, rolled):
-            headings[place] = row[: len(run.time)] - row[0]
-    return headings
+    runs = [logger.run(candidate) for candidate in candidates]
+    rolled = roll(model, runs, np.zeros(len(runs)), np.zeros(len(runs))).position[0]
+    return [row[: len(run.time)] - row[0] for run, row in zip(runs, rolled)]
 
 
 def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
@@ -485,78 +489,6 @@ def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
         back.append(min(ways, key=abs))
         twist += back[-1]
     return np.array(back)
-
-
-LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
-FIT_COMMANDS = {
-    "whole-runs": "automarine fit-yaw LOGS --fit-to whole-runs -o out/yaw",
-    "half-turns": "automarine fit-yaw LOGS --fit-to half-turns -o out/yaw",
-    "diagnosis": "automarine diagnose LOGS --model {model} -o out/diagnosis",
-}
-"""What the runs are for, by fit."""
-
-
-@dataclass(frozen=True, repr=False)
-class Plan(Shown):
-    """A campaign on paper for the file `model`: its drive (None without a map), the names of the logs' `columns`, what
-    is drawn from the battery, and a sentence on its `source`."""
-
-    campaign: Campaign
-    model: str
-    drive: Drive | None
-    columns: ColumnMap
-    supply: Supply
-    source: str
-    seed: int
-
-    @property
-    def fit_command(self) -> str:
-        return FIT_COMMANDS[self.campaign.fitting.fit].format(model=self.model)
-
-    def to_json(self) -> dict[str, Any]:
-        campaign, supply = self.campaign, self.supply
-        fitting, limits, last = campaign.fitting, campaign.limits, campaign.slots[-1]
-        return {
-            "schema": PLAN.schema, "model": self.model, "moment_unit": fitting.model.moment_unit,
-            "fit": fitting.fit, "fit_command": self.fit_command,
-            "planned_for": list(campaign.wanted) or list(campaign.alone), "heading_noise_rad": fitting.noise,
-            **({} if fitting.rate_noise is None else {"rate_noise_rad_s": fitting.rate_noise}),
-            "gain_scatter": fitting.scatter, "limits": to_mapping(limits),
-            "supply": {"idle_A": supply.idle, "full_A": supply.full, "at_moment": supply.largest},
-            "totals": {
-                "runs": len(campaign.slots), "pool_min": last.ends(limits.runs.rest_before_s) / 60.0,
-                "motion_s": campaign.motion, "battery_left_Ah": last.left,
-                "battery_left_percent": 100.0 * last.left / limits.battery.charge_Ah,
-            },
-            "planned": self.runs(),
-            "parameters": {
-                name: {
-                    "now": None if name not in campaign.now else campaign.now[name].to_json(),
-                    "new_runs": alone.to_json(),
-                    "with_earlier_runs": campaign.together[name].to_json() if name in campaign.together else None,
-                }
-                for name, alone in campaign.alone.items()
-            },
-            "splits": [
-                {"true": split.true, "other": split.other, "evidence": split.evidence,
-                 "evidence_of_grid": grid.evidence}
-                for split, grid in zip(campaign.splits, campaign.grid_splits)
-            ],
-            "curves": [to_mapping(curve) for curve in (campaign.plan, campaign.grid, *campaign.more)],
-            "notes": [self.source, *campaign.notes],
-        }  # fmt: skip
-
-    def runs(self) -> list[dict[str, object]]:
-        return [
-            {
-                "number": slot.number, "name": slot.name, "kind": slot.candidate.kind, "begins_s": slot.begins,
-                "start_heading_deg": slot.candidate.start_heading, "turn_there_deg": slot.turn_there,
-                "turns_deg": slot.turns, "voltage_V": slot.candidate.voltage,
-                "commands": [[moment, seconds] for moment, seconds in slot.candidate.commands], "wait_s": slot.wait,
-                "battery_left_Ah": slot.left, "command_file": command_path(slot), "why": slot.why,
-            }
-            for slot in self.campaign.slots
-        ]  # fmt: skip
 
 
 def command_path(slot: Slot) -> str:
@@ -586,8 +518,8 @@ def make_plan(
     records = load_thruster_logs(thruster_tests, names, progress=progress).records if thruster_tests else None
     per_test = int(names.defaults.get("thrusters_per_test", 1))
     supply, source = _supply(limits, largest, prior.stored.moment_unit, drive, per_test, records)
-    campaign = plan_campaign(prior, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
-    return Plan(campaign, prior.stored.source, drive, names, supply, source, seed)
+    plan = plan_campaign(prior, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
+    return replace(plan, drive=drive, columns=names, source=source)
 
 
 def _drive(

@@ -10,7 +10,7 @@ the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -32,7 +32,7 @@ from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
-from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel, response
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, response
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
@@ -90,14 +90,6 @@ class Logger:
         return Run(candidate.label, "plan", time, heading, moment, self.unit, extras, dof=self.dof)
 
 
-def alike(candidates: Sequence[Candidate]) -> dict[str, list[int]]:
-    """Group the places of the candidates by kind: laid out together, none is padded to the length of a slow ramp."""
-    groups: dict[str, list[int]] = {}
-    for place, candidate in enumerate(candidates):
-        groups.setdefault(candidate.kind, []).append(place)
-    return groups
-
-
 @dataclass(frozen=True)
 class Fitting:
     """A model, the fit that its parameters are wanted from, and what is known of the logs.
@@ -147,10 +139,11 @@ class Fitting:
         """Set up the likelihood of the candidates' runs; theta ends with the common instant of the switches."""
         if self.fit == "half-turns":
             return self._half_turns(candidates)
-        if self.fit == "diagnosis":
-            drag = (self.base.inertia, self.base.terms)
-            return _study(tuple(candidates), drag, self.logger).problem(self.model)
         runs = [self.logger.run(candidate) for candidate in candidates]
+        if self.fit == "diagnosis":
+            base = YawModel(self.base.inertia, self.base.terms, self.logger.unit, self.logger.dof)
+            signals, channels = self.logger.signals, self.logger.channels
+            return DiagnosisProblem(tuple(runs), base, False, signals, channels=channels).problem(self.model)
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.channels)
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
@@ -265,21 +258,13 @@ class Fitting:
         free = np.flatnonzero(self.free)
         if self.random:
             return self.fitted * self._by_innovations(candidates, free)
-        total = np.zeros((len(candidates), len(free), len(free)))
-        for places in alike(candidates).values():
-            total[places] = self._of_problem(self.problem([candidates[i] for i in places]), free)
-        return self.fitted * total
+        return self.fitted * self._of_problem(self.problem(candidates), free)
 
     def _by_innovations(self, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
         """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
         these (the efficient score), so that it adds up over runs."""
-        size, runs = len(self.model.theta), np.zeros(0)
-        for places in alike(candidates).values():
-            problem, phi = self.driven([candidates[i] for i in places])
-            (slopes,) = problem.slopes(phi[None])
-            if not len(runs):
-                runs = np.zeros((len(candidates), *slopes.information.shape[1:]))
-            runs[places] = slopes.information
+        size, (problem, phi) = len(self.model.theta), self.driven(candidates)
+        runs = problem.slopes(phi[None])[0].information
         names = [problem.names[i] for i in problem.free]
         at = [names.index(name) for name in (*self.model.parameter_names, SWITCH) if name in names]
         nuisance = [i for i in range(len(names)) if i not in at]
@@ -350,13 +335,6 @@ class Fitting:
         if symbols.quadratic in table:
             table[ANGLE] = table[symbols.inertia][0] / table[symbols.quadratic][0], True, dof.unit_of("ratio")
         return table
-
-
-@lru_cache(maxsize=64)
-def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> DiagnosisProblem:
-    base = YawModel(*drag, logger.unit, logger.dof)
-    runs = tuple(logger.run(candidate) for candidate in candidates)
-    return DiagnosisProblem(runs, base, False, logger.signals, channels=logger.channels)
 
 
 def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:

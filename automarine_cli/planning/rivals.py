@@ -19,7 +19,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.information import LOOSE, Fitting, PriorResults, alike
+from automarine_cli.planning.information import LOOSE, Fitting, PriorResults
 from automarine_cli.quantities import Floats
 
 ROUNDS, HALVINGS = 20, 6
@@ -126,21 +126,13 @@ NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
     free = np.flatnonzero(other.free)
-    count = len(candidates)
-    square, gradient = np.zeros(count), np.zeros((count, len(free)))
-    hessian = np.zeros((count, len(free), len(free)))
-    for places in alike(candidates).values():
-        group = [candidates[i] for i in places]
-        truth, problem = true.problem(group), other.problem(group)
-        target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
-        phi, b = other.phi(problem), np.zeros_like(problem.effects.scale)
-        headings, by_phi, by_run = derivatives(problem, phi, b)
-        residual = np.where(problem.observed, target - headings, 0.0)
-        gram = problem.inner(by_phi, by_run, residual).keep(free)
-        weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
-        square[places] = other.fitted * weighted.square
-        gradient[places] = other.fitted * weighted.gradient
-        hessian[places] = other.fitted * weighted.hessian
+    truth, problem = true.problem(candidates), other.problem(candidates)
+    target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
+    headings, by_phi, by_run = derivatives(problem, other.phi(problem), np.zeros_like(problem.effects.scale))
+    residual = np.where(problem.observed, target - headings, 0.0)
+    gram = problem.inner(by_phi, by_run, residual).keep(free)
+    weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
+    square, gradient, hessian = (other.fitted * x for x in (weighted.square, weighted.gradient, weighted.hessian))
     return Contest(square, gradient, hessian, other.loose_information)
 
 

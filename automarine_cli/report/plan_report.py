@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.estimate import Estimate
-from automarine_cli.planning.campaign import Campaign, Plan, command_path, specification
+from automarine_cli.planning.campaign import Plan, command_path, specification
 from automarine_cli.planning.candidates import PLAN, command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
@@ -21,36 +21,35 @@ FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
 
 @sections.register
 def _(plan: Plan) -> Sections:
-    campaign = plan.campaign
-    unit, rest_s = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
-    specified, rehearsal = specification(campaign, plan.seed)
+    unit, rest_s = plan.fitting.model.moment_unit, plan.limits.runs.rest_before_s
+    specified, rehearsal = specification(plan)
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
-    split = [_split_table(campaign)] if campaign.splits else []
-    tables = [_sheet_table(campaign), _interval_table(campaign), *split, _compared_table(campaign)]
+    split = [_split_table(plan)] if plan.splits else []
+    tables = [_sheet_table(plan), _interval_table(plan), *split, _compared_table(plan)]
     files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
-    files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(campaign).to_csv()}
+    files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(plan).to_csv()}
     files[PLAN.file] = plan.to_json()
-    for slot in campaign.slots:
+    for slot in plan.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
-    sentences = (_totals(campaign), f"Planned for: {plan.fit_command}", *campaign.notes)
-    return Sections([*sentences, *tables], files, {"plan": partial(plan_figure, campaign)}, FILES, plan.runs())
+    sentences = (_totals(plan), f"Planned for: {plan.fit_command}", *plan.notes)
+    return Sections([*sentences, *tables], files, {"plan": partial(plan_figure, plan)}, FILES, plan.runs())
 
 
-def _totals(campaign: Campaign) -> str:
-    last, limits = campaign.slots[-1], campaign.limits
-    kinds = Counter(run.kind for run in campaign.candidates)
+def _totals(plan: Plan) -> str:
+    last, limits = plan.slots[-1], plan.limits
+    kinds = Counter(run.kind for run in plan.candidates)
     counted = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for kind, count in kinds.items())
     return (
         f"{kinds.total()} runs ({counted}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of "
-        f"{limits.pool.minutes:g} minutes in the pool, {campaign.motion:.0f} s of motion, "
+        f"{limits.pool.minutes:g} minutes in the pool, {plan.motion:.0f} s of motion, "
         f"{100.0 * last.left / limits.battery.charge_Ah:.0f} % of the battery left."
     )
 
 
-def _sheet_rows(campaign: Campaign) -> Table:
-    unit, rest_s = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
-    full = campaign.limits.battery.charge_Ah
+def _sheet_rows(plan: Plan) -> Table:
+    unit, rest_s = plan.fitting.model.moment_unit, plan.limits.runs.rest_before_s
+    full = plan.limits.battery.charge_Ah
     return Table.of("", [
         {
             "number": slot.number, "name": slot.name, "kind": slot.candidate.kind,
@@ -62,40 +61,40 @@ def _sheet_rows(campaign: Campaign) -> Table:
             "battery_left_percent": f"{100.0 * slot.left / full:.1f}", "command_file": command_path(slot),
             "why": slot.why,
         }
-        for slot in campaign.slots
+        for slot in plan.slots
     ])  # fmt: skip
 
 
-def _sheet_table(campaign: Campaign) -> Table:
+def _sheet_table(plan: Plan) -> Table:
     rows = [
         {
             "run": slot.number, "begin at min:s": "{}:{:02d}".format(*divmod(round(slot.begins), 60)),
             "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{slot.turn_there:+.0f}",
-            "after the rest": in_words(slot.candidate, campaign.fitting.model.moment_unit),
+            "after the rest": in_words(slot.candidate, plan.fitting.model.moment_unit),
             "then wait s": f"{slot.wait:g}",
-            "battery left %": f"{100.0 * slot.left / campaign.limits.battery.charge_Ah:.0f}",
+            "battery left %": f"{100.0 * slot.left / plan.limits.battery.charge_Ah:.0f}",
             "what for": slot.why,
         }
-        for slot in campaign.slots
+        for slot in plan.slots
     ]  # fmt: skip
-    idle = f"{campaign.limits.runs.rest_before_s:g} s"
+    idle = f"{plan.limits.runs.rest_before_s:g} s"
     return Table.of("Run sheet", rows, [f"Every log begins with {idle} at rest, thrusters idle."])
 
 
-def _interval_table(campaign: Campaign) -> Table:
-    columns = {"now": campaign.now, "new runs alone": campaign.alone}
-    columns |= {"with the earlier runs": campaign.together} if campaign.together else {}
+def _interval_table(plan: Plan) -> Table:
+    columns = {"now": plan.now, "new runs alone": plan.alone}
+    columns |= {"with the earlier runs": plan.together} if plan.together else {}
     rows = [
-        {"parameter": _symbol(name, campaign) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else "")}
+        {"parameter": _symbol(name, plan) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else "")}
         | {column: _precision(estimates.get(name)) for column, estimates in columns.items()}
-        for name, alone in campaign.alone.items()
+        for name, alone in plan.alone.items()
     ]
     note = "Value, predicted 95 % interval, and half its width in percent."
     return Table.of("Intervals before and after", rows, [note])
 
 
-def _symbol(name: str, campaign: Campaign) -> str:
-    dof, symbols = campaign.fitting.model.dof, campaign.fitting.model.dof.symbols
+def _symbol(name: str, plan: Plan) -> str:
+    dof, symbols = plan.fitting.model.dof, plan.fitting.model.dof.symbols
     length = f"{symbols.inertia}/{symbols.quadratic_print}"
     return {symbols.quadratic: symbols.quadratic_print, dof.words.inertial_length: length}.get(name, name)
 
@@ -107,41 +106,39 @@ def _precision(estimate: Estimate | None) -> str:
     return f"{interval(estimate)} ({number(half, 2)} %)"
 
 
-def _split_table(campaign: Campaign) -> Table:
+def _split_table(plan: Plan) -> Table:
     rows = [
         {"if it is": split.true, "and not": split.other} | {
             plan: f"over {CERTAIN:.0f}" if of.evidence > CERTAIN else f"{of.evidence:.1f}"
             for plan, of in (("this plan", split), ("the paper's grid", grid))
         }
-        for split, grid in zip(campaign.splits, campaign.grid_splits)
+        for split, grid in zip(plan.splits, plan.grid_splits)
     ]  # fmt: skip
     return Table.of("Explanations to separate", rows, [
         "Expected difference in evidence (deviance, penalties included) where the first is true; from "
-        f"{campaign.limits.goal.evidence:g} on the two count as separated, below 10 as tied.",
+        f"{plan.limits.goal.evidence:g} on the two count as separated, below 10 as tied.",
     ])  # fmt: skip
 
 
-def _compared_table(campaign: Campaign) -> Table:
-    curves = {"this plan": campaign.plan, "the paper's grid": campaign.grid}
-    curves |= {f"this plan and one {curve.campaign}": curve for curve in campaign.more}
-    columns = {f"{_symbol(name, campaign)} %": name for name in campaign.plan.stderr_percent}
+def _compared_table(plan: Plan) -> Table:
+    columns = {f"{_symbol(name, plan)} %": name for name in plan.plan.stderr_percent}
     rows = [
-        {"campaign": label, "min in the pool": number(curve.minutes[-1], 3),
+        {"campaign": curve.campaign, "min in the pool": number(curve.minutes[-1], 3),
          "s of motion": number(curve.motion_s[-1], 3)}
         | {column: number(curve.stderr_percent[name][-1], 2) for column, name in columns.items()}
-        for label, curve in curves.items()
+        for curve in (plan.plan, plan.grid)
     ]  # fmt: skip
-    earlier = " The earlier runs are counted in." if campaign.together else ""
-    return Table.of("Standard errors to expect", rows, [f"In percent of the value.{earlier}"], (2,))
+    earlier = " The earlier runs are counted in." if plan.together else ""
+    return Table.of("Standard errors to expect", rows, [f"In percent of the value.{earlier}"])
 
 
 def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
-    campaign, pool = plan.campaign, plan.campaign.limits.pool
+    pool = plan.limits.pool
     sheet, *further = tables
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
     return document(
         f"# The next campaign, planned from {plan.model}",
-        _totals(campaign),
+        _totals(plan),
         "## Run sheet",
         f"Before each run bring the vehicle back and let the water settle: {pool.wait_s:g} s, after long turns "
         f"{pool.wait_after_long_turn_s:g} s. Start headings in turn: {headings} degrees; a few degrees do not matter. "
@@ -160,7 +157,7 @@ def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
 
 
 def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
-    campaign, fitting = plan.campaign, plan.campaign.fitting
+    fitting = plan.fitting
     effects = ", ".join(term.name for term in fitting.model.terms[len(fitting.base.terms) :])
     gyro = "" if fitting.rate_noise is None else f"and yaw rate noise {np.rad2deg(fitting.rate_noise):.3g} degrees/s "
     lines = [
@@ -172,7 +169,7 @@ def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
         "change are fitted for each run.",
         plan.source,
     ]
-    if campaign.together:
+    if plan.together:
         lines.append(
             "The earlier runs count by the intervals in the model's file, which holds no correlations but that of "
             "inertia and quadratic drag."
@@ -182,4 +179,4 @@ def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
             "`automarine diagnose` holds a quarter of the runs out to judge by, and that is counted; with other logs "
             "for `--hold-out` all runs are fitted, and the intervals come out a seventh narrower."
         )
-    return [*lines, *filter(None, [rehearsal]), *campaign.notes]
+    return [*lines, *filter(None, [rehearsal]), *plan.notes]

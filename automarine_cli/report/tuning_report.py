@@ -37,7 +37,7 @@ def _(tuning: Tuning) -> Sections:
     figures: dict[str, Draw] = {"tuning": partial(tuning_figure, designed)} if tables else {}
     if planned_runs is not None:
         listed.insert(0, f"{SETTLES}/")
-        planned, limits = sections(planned_runs), planned_runs.campaign.limits
+        planned, limits = sections(planned_runs), planned_runs.limits
         moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
         goal = {"half_width_percent": limits.goal.half_width_percent}
         below = {**planned.files, LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}

@@ -100,16 +100,16 @@ def test_what_alone_is_wanted_is_narrowed_more(plan: Plan, folder: Path) -> None
     """Another seed draws another order of the same runs."""
     model, limits = folder / "yaw_model.json", folder / "limits.toml"
     alone, other = (am.plan(model, limits=limits, seed=1, **wanted) for wanted in ({"parameters": "k_rr"}, {}))
-    errors = [each.campaign.plan.stderr_percent["k_rr"][-1] for each in (alone, plan)]
+    errors = [each.plan.stderr_percent["k_rr"][-1] for each in (alone, plan)]
     assert errors[0] <= errors[1] * 1.001 and alone.to_json()["planned_for"] == ["k_rr"]
-    first, second = ([run.label for run in each.campaign.candidates] for each in (plan, other))
+    first, second = ([run.label for run in each.candidates] for each in (plan, other))
     assert first != second and sorted(first) == sorted(second)
 
 
 def test_it_can_be_rehearsed(plan: Plan, folder: Path) -> None:
     """The specification holds the runs of the sheet, at their times and start headings."""
     place = folder / "plan" / "plan.toml"
-    rehearsed, slots = am.simulate(place), plan.campaign.slots
+    rehearsed, slots = am.simulate(place), plan.slots
     assert [run.plan.name for run in rehearsed.runs] == [slot.name for slot in slots]
     assert [run.plan.start for run in rehearsed.runs] == pytest.approx([slot.begins for slot in slots])
     assert read_specification(place).scatter.gain == pytest.approx(0.03)
@@ -164,15 +164,15 @@ def test_a_diagnosis_is_split_first(model: Path, limits: Path, tmp_path: Path) -
 def test_a_goal_needs_fewer_runs(model: Path) -> None:
     goal = Codec("limits").read(Limits, {"goal": {"half_width_percent": 2.0}, "moments": {"levels": 3}})
     plan = am.plan(model, limits=replace(goal, pool=Pool(minutes=60, runs=24)))
-    assert len(plan.campaign.slots) < 20
-    for estimate in plan.campaign.together.values():
+    assert len(plan.slots) < 20
+    for estimate in plan.together.values():
         assert 50.0 * (estimate.ci95[1] - estimate.ci95[0]) / estimate.value < 2.2
 
 
 def test_half_turns_are_planned_of_steps_alone(model: Path) -> None:
     limits = Codec("limits").read(Limits, {"runs": {"fit": "half-turns"}, "moments": {"levels": 3}})
     plan = am.plan(model, limits=limits)
-    assert {run.kind for run in plan.campaign.candidates} == {"step"}
+    assert {run.kind for run in plan.candidates} == {"step"}
     assert plan.to_json()["fit_command"].startswith("automarine fit-yaw LOGS --fit-to half-turns")
 
 
@@ -226,11 +226,11 @@ def test_what_planned_runs_cannot_show_is_left_out(model: Path, limits: Path, tm
     of_model = am.plan(write(tmp_path / "coupled.json", coupled), limits=limits)
     for plan in (of_diagnosis, of_model):
         assert "cross-coupling is left out: it acts by the column 'surge'" in " ".join(plan.to_json()["notes"])
-    assert of_model.campaign.slots and "cross-coupling" not in str(list(of_model.campaign.alone))
+    assert of_model.slots and "cross-coupling" not in str(list(of_model.alone))
 
 
 def test_nothing_open_is_said(model: Path, limits: Path, tmp_path: Path) -> None:
     diagnosis = write(tmp_path / "diagnosis.json", DIAGNOSIS | {"effects": []})
     plan = am.plan(model, diagnosis=diagnosis, limits=limits)
     assert "leaves no rivals open to split" in plan.to_json()["notes"][1]
-    assert plan.campaign.splits == ()
+    assert plan.splits == ()

@@ -12,7 +12,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.campaign import (
     DRIFT,
     NARROW,
-    Campaign,
+    Plan,
     PlanBudget,
     choose,
     headings_of,
@@ -32,14 +32,14 @@ LIMITS = Limits(
 )
 
 
-def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Doubt, ...] = ()) -> Campaign:
+def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Doubt, ...] = ()) -> Plan:
     prior = PriorResults(StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts)
     return plan_campaign(prior, limits, 1.2, Supply(0.3, 6.0, 1.2))
 
 
 def test_a_plain_plan() -> None:
-    """Both sides alike, start headings in turn, no run turns far; less of the pool than the grid for the same inertia,
-    and no run more of any kind would widen an interval."""
+    """Both sides alike, start headings in turn, no run turns far; less of the pool than the grid for the same
+    inertia."""
     campaign = planned()
     sides = [np.sign(slot.candidate.commands[0][0]) for slot in campaign.slots if slot.why == NARROW]
     assert abs(sum(sides)) <= 1
@@ -53,9 +53,6 @@ def test_a_plain_plan() -> None:
         m for m, e in zip(plan.minutes, plan.stderr_percent["I_r"]) if e <= grid.stderr_percent["I_r"][23]
     ]  # fmt: skip
     assert reached and reached[0] < grid.minutes[23]
-    for curve in campaign.more:
-        for name, (value,) in curve.stderr_percent.items():
-            assert value <= plan.stderr_percent[name][-1] * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("percent", [50.0, 34.0])
