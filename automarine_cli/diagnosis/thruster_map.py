@@ -35,8 +35,6 @@ WELL_ABOVE = 1.5
 MATERIAL = 0.005  # share of full scale below which what remains is not worth a verdict: bollard tests repeat no better
 STRUCTURED, THROWS = 0.01, 999
 SWEEP = 0.98  # correlation of run order and command from which they are the same variable
-COMPUTED, DEGREE = 2e-4, 4
-"""A direction that a polynomial of this degree meets to this share of full scale was computed, not measured."""
 PARAMETER = {"dead-band": "n_0", "thrust-exponent": "p", "saturation": "n_sat"}
 WORDS = {
     "backward_over_forward": "thrust backward over forward at full command",
@@ -61,7 +59,6 @@ SPLIT_BY = {
 class Fault:
     """A stretch of the data that is not to be trusted; readings are counted from 1 in each record."""
 
-    kind: str
     file: str
     readings: tuple[int, int]
     from_n: float
@@ -361,19 +358,12 @@ def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[Fault, ...]:
     flagged = np.flatnonzero(data.flag != "")
     new = (np.diff(flagged) > 1) | (np.diff(data.record[flagged]) != 0)
     stretches = np.split(flagged, np.flatnonzero(new) + 1)
-    faults = [_fault(data, fit, index, "faulty-stretch", str(data.flag[index[0]])) for index in stretches if len(index)]
-    rough = {name: _off_polynomial(data, sign) for name, sign in SIDES}
-    for (name, sign), other in zip(SIDES, ("backward", "forward")):
-        if rough[name] < COMPUTED * data.full_scale < 0.2 * rough[other] < np.inf:
-            why = (
-                f"the {name} half lies on a polynomial to {rough[name]:.2g} N while the other half scatters: it looks "
-                "computed, not measured, and its agreement with any map says little"
-            )
-            faults.append(_fault(data, fit, np.flatnonzero(data.n * sign > 0), "computed", why))
-    return tuple(sorted(faults, key=lambda fault: -fault.gap_N))
+    return tuple(
+        sorted((_fault(data, fit, index) for index in stretches if len(index)), key=lambda fault: -fault.gap_N)
+    )
 
 
-def _fault(data: family.BollardData, fit: family.Fitted, index: Ints, kind: str, why: str) -> Fault:
+def _fault(data: family.BollardData, fit: family.Fitted, index: Ints) -> Fault:
     n, place = data.n[index], data.place(int(index[0]))
     record = np.flatnonzero(data.record == data.record[index[0]])
     first, last = (int(np.searchsorted(record, index[end])) + 1 for end in (0, -1))
@@ -381,14 +371,5 @@ def _fault(data: family.BollardData, fit: family.Fitted, index: Ints, kind: str,
     low, high = float(n.min()), float(n.max())
     several = f"{len(index)} readings from n = {low:.4g} to {high:.4g}"
     description = several if len(index) > 1 else f"1 reading at n = {low:.4g}"
-    return Fault(kind, place, (first, last), low, high, len(index), gap, f"{place}: {description}: {why}.")
-
-
-def _off_polynomial(data: family.BollardData, sign: float) -> float:
-    """Root mean square [N] of one direction about a polynomial in n; infinite with too few points."""
-    mask = data.n * sign > 0
-    if np.count_nonzero(mask) < DEGREE + 7:
-        return np.inf
-    matrix = np.vander(data.n[mask] / np.max(np.abs(data.n[mask])), DEGREE + 1)
-    force = data.force[mask]
-    return float(np.sqrt(np.mean((force - matrix @ np.linalg.lstsq(matrix, force, rcond=None)[0]) ** 2)))
+    says = f"{place}: {description}: {data.flag[index[0]]}."
+    return Fault(place, (first, last), low, high, len(index), gap, says)

@@ -38,9 +38,8 @@ from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import WINDOW, Batch, make_batch
-from automarine_cli.simulation.campaign import lasting
-from automarine_cli.simulation.rollout import Start, simulate, step_for
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import simulate, step_for
 from automarine_cli.text import printable, told
 
 Fit = Literal["whole-runs", "half-turns", "diagnosis"]
@@ -149,41 +148,21 @@ class Fitting:
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
 
     def driven(self, candidates: Sequence[Candidate]) -> tuple[DrivenProblem, Floats]:
-        """Set up the likelihood of the candidates' runs where something is random, and its phi; the readings are one
-        draw of it, for a filter learns from what it did not expect too."""
+        """Set up the likelihood of the candidates' runs where something is random, and its phi; what they read is what
+        the model gives without any of it, and one draw of the sensors' noise."""
         dof, runs = self.model.dof, [self.logger.run(candidate) for candidate in candidates]
-        largest, drawn = max(float(np.abs(run.command).max()) for run in runs), np.random.default_rng(0)
+        largest, draw = max(float(np.abs(run.command).max()) for run in runs), np.random.default_rng(0)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)), self.logger.signals)
-        simulated = simulate(self.model, batch, start=self._drawn(batch, drawn))
-        states = dict(zip(dof.channels, (simulated.position[0], simulated.velocity[0])))
-        sizes, noisy = dict(zip(dof.channels, (self.noise, self.rate_noise or 0.0))), []
-        for i, run in enumerate(runs):
-            readings = {
-                name: states[name][i, : len(run)] + sizes[name] * drawn.standard_normal(len(run))
-                for name in self.channels or (dof.position,)
-            }
-            noisy.append(replace(run, position=readings.pop(dof.position), extras={**run.extras, **readings}))
+        rolled, noisy = simulate(self.model, batch), []
+        for run, *states in zip(runs, rolled.position[0], rolled.velocity[0]):
+            sizes = (self.noise, self.rate_noise or 0.0)
+            position, rate = (x[: len(run)] + size * draw.standard_normal(len(run)) for x, size in zip(states, sizes))
+            rates = {dof.velocity: rate} if self.channels else {}
+            noisy.append(replace(run, position=position, extras={**run.extras, **rates}))
         at_rest = np.array([starts_at_rest(run) for run in runs])
         course = make_course(noisy, at_rest, self.logger.signals, channels=self.channels)
         problem = driven_problem(self.model, course)
         return problem, problem.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
-
-    def _drawn(self, batch: Batch, drawn: np.random.Generator) -> Start:
-        """What differs from run to run, drawn by the sizes of what is `random`, held over the batch's windows."""
-        size, held_s, thrust = (
-            self.random.get(f"{self.model.dof.name}.{name}", least)
-            for name, least in (("disturbance", 0.0), ("disturbance-time", 1.0), ("thrust-noise", 0.0))
-        )
-        runs, windows = len(batch.names), batch.windows
-        durations = batch.length[..., None] * (batch.window[..., None] == np.arange(windows))
-        pushed = np.einsum("rm,rmw->rw", np.abs(batch.force[0]), durations) / np.maximum(durations.sum(axis=1), 1e-9)
-        fresh = lasting(size * drawn.standard_normal((runs, windows)), np.exp(-WINDOW / held_s))
-        uneven = thrust * pushed / np.sqrt(WINDOW) * drawn.standard_normal((runs, windows))
-        return Start(
-            batch.position[:, 0],
-            log_gain=self.scatter * drawn.standard_normal((1, runs)),
-            disturbance=(self.model.inertia * fresh + uneven)[None],
-        )
 
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""

@@ -402,7 +402,7 @@ def _(result: ThrusterDiagnosis) -> Sections:
     faults = [fault.says for fault in result.faults[:MOST_FAULTS]]
     if len(result.faults) > MOST_FAULTS:
         faults.append(f"And {len(result.faults) - MOST_FAULTS} more stretches, see diagnosis.json.")
-    if any(fault.kind == "faulty-stretch" for fault in result.faults):
+    if faults:
         faults.append("Measure the faulty readings again; they have little weight in these fits.")
     gap = (
         f"Root mean square errors over levels. Before: the map's form refitted; as given it is "

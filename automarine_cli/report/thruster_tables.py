@@ -70,9 +70,8 @@ def tables(result: ThrusterFit) -> tuple[Table, ...]:
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
     lines, reduction = [result.analysis.because, result.tare.says], result.reduction
     if reduction.plateaus:
-        parts = [f"{count} {name.replace('_', ' ')}" for name, count in reduction.dropped.items() if count]
-        dropped = f"; left out: {', '.join(parts)}" if parts else ""
-        lines.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{dropped}.")
+        left_out = f"; {reduction.left_out} were left out" * (reduction.left_out > 0)
+        lines.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{left_out}.")
     if result.logs.missing:
         lines.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
     return (*lines, *result.notes)
@@ -168,15 +167,11 @@ def voltages(result: ThrusterFit) -> Table:
 
 
 def exponents(result: ThrusterFit) -> Table:
-    """Lay out thrust against voltage as a power law, at a fixed control signal and through a."""
     rows = []
     for side, power in ((side, result.exponents.get(side)) for side, _ in SIDES):
         if power is not None:
             between = ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in power.between)
-            rows.append({
-                "direction": side, "p": power.exponent, "between neighbouring voltages": between or MISSING,
-                "exponent of a": power.coefficient, "drift of a, lowest to highest": f"{power.drift_percent:+.1f} %",
-            })  # fmt: skip
+            rows.append({"direction": side, "p": power.exponent, "between neighbouring voltages": between})
     title = "Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]"
     return Table.of(title, rows)
 

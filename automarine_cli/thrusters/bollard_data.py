@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, SettingError
@@ -523,13 +524,20 @@ UNSTEADY = 0.05  # scatter of a steady speed, share of its range
 
 @dataclass(frozen=True)
 class Reduction:
-    """Points found in the records, and what was left out on the way (samples; notes for a person)."""
+    """Points of the records, how many `samples` these hold, and notes for a person."""
 
     points: Points
     samples: int
-    plateaus: int
-    dropped: dict[str, int]
     notes: tuple[str, ...]
+
+    @property
+    def plateaus(self) -> int:
+        return int(np.count_nonzero(self.points.raw))
+
+    @property
+    def left_out(self) -> int:
+        """Samples of transients, spikes and commands that were held too shortly."""
+        return self.samples - int(self.points.count.sum())
 
 
 def reduce_series(records: list[Series]) -> Reduction:
@@ -537,7 +545,7 @@ def reduce_series(records: list[Series]) -> Reduction:
 
     A record is a raw series when its non-zero commands are held over more than a handful of samples in sequence, or
     when its measured speed is steady for most of the time."""
-    parts, dropped, notes = [], {"transient": 0, "drop_out": 0, "spike": 0, "too_short": 0}, []
+    parts, notes = [], []
     for number, record in enumerate(records):
         segments = constant_segments(record.n)
         lengths = [stop - start for start, stop in segments if np.any(record.n[start:stop] != 0)]
@@ -547,7 +555,7 @@ def reduce_series(records: list[Series]) -> Reduction:
         if typical <= HANDFUL and not measured:
             parts.append(_readings(record, number))
             continue
-        plateaus, unsettled = _plateaus(record, number, steady if measured else segments, measured, dropped)
+        plateaus, unsettled = _plateaus(record, number, steady if measured else segments, measured)
         if unsettled:
             note = f"thrust at n = {', '.join(f'{level:.4g}' for level in unsettled)} was still changing"
             notes.append(f"{record.source}: {note} when the command ended; hold each command longer")
@@ -555,29 +563,12 @@ def reduce_series(records: list[Series]) -> Reduction:
             parts.append(plateaus)
     parts = parts or [_readings(Series("", "", np.empty(0), np.empty(0)), 0)]
     points = Points(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
-    samples = sum(len(record.n) for record in records)
-    return Reduction(points, samples, int(np.count_nonzero(points.raw)), dropped, tuple(notes))
+    return Reduction(points, sum(len(record.n) for record in records), tuple(notes))
 
 
 def constant_segments(n: Floats) -> list[tuple[int, int]]:
-    """Half-open index ranges in which the command, shape (N,), is held.
-
-    A measured speed carries noise: its size is taken from second differences, which a steady sweep does not have."""
-    if len(n) == 0:
-        return []
-    span = float(np.max(np.abs(n)))
-    noise = 1.4826 * float(np.median(np.abs(np.diff(n, 2)))) / np.sqrt(6.0) if len(n) > 2 else 0.0
-    if noise == 0.0 or noise > NOISY * span:
-        edges = (np.flatnonzero(np.diff(n) != 0) + 1).tolist()
-    else:  # where the command leaves the running mean of its segment
-        edges, mean, count = [], float(n[0]), 1
-        for index, value in enumerate(n[1:].tolist(), 1):
-            if abs(value - mean) > 6.0 * noise:
-                edges.append(index)
-                mean, count = value, 0
-            count += 1
-            mean += (value - mean) / count
-    return list(pairwise([0, *edges, len(n)]))
+    """Half-open index ranges in which the command, shape (N,), is held."""
+    return list(pairwise([0, *(np.flatnonzero(np.diff(n) != 0) + 1).tolist(), len(n)])) if len(n) else []
 
 
 def _steady(n: Floats) -> list[tuple[int, int]]:
@@ -656,23 +647,17 @@ def standard_error(force: Floats) -> float:
 
 
 def _plateaus(
-    record: Series, number: int, segments: list[tuple[int, int]], measured: bool, counts: dict[str, int]
+    record: Series, number: int, segments: list[tuple[int, int]], measured: bool
 ) -> tuple[Points | None, list[float]]:
-    """One point a plateau, and the commands at which thrust had not settled; `counts` what is left out."""
-    if measured:
-        counts["transient"] += len(record.n) - sum(stop - start for start, stop in segments)
+    """One point a plateau, and the commands at which thrust had not settled."""
     rows, unsettled = [], []
-    for samples in _bridged(record.n, segments, counts):
-        if len(samples) <= HANDFUL:
-            counts["too_short"] += len(samples)
+    for start, stop in segments:
+        if stop - start <= HANDFUL:
             continue
-        spike = _spikes(record.force[samples])
-        counts["spike"] += int(np.count_nonzero(spike))
-        samples = samples[~spike]
+        samples = np.arange(start, stop)[~_spikes(record.force[start:stop])]
         cut, settled = settled_from(record.force[samples])
         if measured:  # the speed has a lag of its own
             cut = max(cut, settled_from(record.n[samples])[0])
-        counts["transient"] += cut
         samples = samples[cut:]
         n, force = _level(record.n, samples), record.force[samples]
         unsettled += [] if settled else [n]
@@ -691,37 +676,11 @@ def _plateaus(
 
 def _spikes(force: Floats) -> np.ndarray:
     """Electrical spikes, shape (N,): samples that stand out of their six neighbours and the whole plateau."""
-    window = 7
-    if len(force) <= 2 * window:
+    if len(force) <= 14:
         return np.zeros(len(force), dtype=bool)
-    around = np.median(np.lib.stride_tricks.sliding_window_view(force, window), axis=1)
-    # The first samples are the transient's; the last are judged by the last whole window.
-    centre = np.concatenate([force[:3], around, np.full(3, around[-1])])
+    centre = ndimage.median_filter(force, 7, mode="nearest")
     off, away = np.abs(force - centre), np.abs(force - np.median(force))
     return np.asarray((off > SPIKE * 1.4826 * np.median(off)) & (away > SPIKE * 1.4826 * np.median(away)) & (off > 0))
-
-
-def _bridged(n: Floats, segments: list[tuple[int, int]], counts: dict[str, int]) -> list[np.ndarray]:
-    """Sample numbers of each held command; a blink of another value inside one command is a drop-out."""
-    span = float(np.max(np.abs(n)))
-    commands: list[np.ndarray] = []
-    blink = 0
-    for start, stop in segments:
-        samples = np.arange(start, stop)
-        if len(samples) <= HANDFUL:
-            commands.append(samples)
-            blink += 1
-            continue
-        long_before = commands[-1 - blink] if len(commands) > blink else None
-        between = int(sum(len(part) for part in commands[len(commands) - blink :]))
-        same = long_before is not None and abs(np.median(n[long_before]) - np.median(n[samples])) <= 0.01 * span
-        if long_before is not None and same and 0 < between <= HANDFUL:
-            counts["drop_out"] += between
-            commands[len(commands) - blink - 1 :] = [np.concatenate([long_before, samples])]
-        else:
-            commands.append(samples)
-        blink = 0
-    return commands
 
 
 def _level(n: Floats, samples: np.ndarray) -> float:

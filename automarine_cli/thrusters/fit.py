@@ -1,6 +1,6 @@
 """Points of a bollard test -> square law (equation 2), the form chosen by cross-validation, its parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -254,7 +254,7 @@ def select_form(
     within = [score for score in every if score.within_reach]
     simplest = min(within, key=lambda score: (score.form.parameters, score.cv_rmse))
     if forced is None:
-        return every, simplest, _sentence(simplest, scores[best], every, full_scale)
+        return every, simplest, _sentence(simplest, scores[best], full_scale)
     because = f"it was asked for (--form); cross-validation would choose {simplest.form.name}."
     return every, scores[forced], f"The {forced} form is used because {because}"
 
@@ -278,25 +278,13 @@ def behind_of(loss: Floats, other: Floats) -> tuple[float, float]:
     return float(gap.sum()), float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) if len(gap) > 1 else np.inf
 
 
-def _sentence(chosen: FormScore, best: FormScore, ranked: Sequence[FormScore], full_scale: float) -> str:
-    def percent(score: FormScore) -> str:
-        return f"{100.0 * (score.cv_rmse or 0.0) / full_scale:.3g} %"
-
-    count = chosen.form.parameters
-    per_direction = f"{count} parameter{'s' if count > 1 else ''} a direction"
-    start = f"The {chosen.form.name} form ({per_direction}, cross-validated error {percent(chosen)} of full scale)"
-    if chosen.form.name == best.form.name:
-        simpler = [score for score in ranked if score.cv_rmse is not None and score.form.parameters < count]
-        if not simpler:
-            return f"{start} is chosen: it has the smallest cross-validated error, and no form is simpler."
-        rival = min(simpler, key=lambda score: score.cv_rmse or 0.0)
-        return (
-            f"{start} is chosen: it has the smallest cross-validated error, and the best simpler form "
-            f"({rival.form.name}, {percent(rival)}) is worse by more than one standard error."
-        )
+def _sentence(chosen: FormScore, best: FormScore, full_scale: float) -> str:
+    form, (error, least) = chosen.form, (100.0 * (x.cv_rmse or 0.0) / full_scale for x in (chosen, best))
+    per_direction = f"{form.parameters} parameter{'s' if form.parameters > 1 else ''} a direction"
     return (
-        f"{start} is chosen: it is the simplest within one standard error of the best "
-        f"({best.form.name}, {best.form.parameters} parameters, {percent(best)})."
+        f"The {form.name} form ({per_direction}, cross-validated error {error:.3g} % of full scale) is chosen: it is "
+        f"the simplest within one standard error of the best ({best.form.name}, {best.form.parameters} parameters, "
+        f"{least:.3g} %)."
     )
 
 

@@ -92,47 +92,32 @@ TOO_FAINT = 0.02  # thrust below this share of full scale is too near the dead b
 
 @dataclass(frozen=True)
 class VoltageExponent:
-    """p of F ~ V^p in one direction at fixed n: overall, between neighbouring steps, by n; drift of a."""
+    """p of F ~ V^p in one direction at fixed n: overall, and between neighbouring steps, as (from V, to V, p)."""
 
     exponent: Estimate | None
     between: tuple[tuple[float, float, float], ...]
-    places: tuple[tuple[float, float], ...]
-    coefficient: Estimate | None
-    drift_percent: float
 
     def to_json(self) -> dict[str, object]:
         return {
             "thrust_at_fixed_n": self.exponent and self.exponent.to_json(),
             "between": [{"from_V": low, "to_V": high, "exponent": value} for low, high, value in self.between],
-            "at_n": [{"n": n, "exponent": value} for n, value in self.places],
-            "a": self.coefficient and self.coefficient.to_json(),
-            "a_drift_percent": self.drift_percent,
         }
 
 
 def voltage_exponent(fits: Sequence[tuple[float, Analysis]], name: str) -> VoltageExponent | None:
-    """The exponent in one direction from the fits at rising voltages; None where one lacks the direction."""
+    """The exponent in one direction from the fits at rising voltages; None where one lacks the direction, or where
+    thrust is clear of the dead band at fewer than two commands."""
     sides = [fit.sides[name] for _, fit in fits if name in fit.sides]
-    voltages = np.array([volts for volts, _ in fits])
-    coefficients = np.array([fit.square[name].value for _, fit in fits if name in fit.sides])
-    if len(sides) < len(fits) or np.any(coefficients <= 0):
+    if len(sides) < len(fits):
         return None
-    log_v = np.log(voltages)
-    places = _places(sides)
-    table = np.array([_at(side, places) for side in sides])  # (steps, places)
-    full = max(float(np.max(side.thrust)) for side in sides)
-    clear = np.all(table > TOO_FAINT * full, axis=0)
-    drift = 100.0 * (float(coefficients[-1] / coefficients[0]) - 1.0)
-    a_slope = _slope(log_v, np.log(coefficients)[:, None])
+    volts = np.array([volts for volts, _ in fits])
+    table = _at(sides, _places(sides))
+    clear = np.all(table > TOO_FAINT * max(float(np.max(side.thrust)) for side in sides), axis=0)
     if np.count_nonzero(clear) < 2:
-        return VoltageExponent(None, (), (), a_slope, drift)
-    logs = np.log(table[:, clear])
+        return None
+    log_v, logs = np.log(volts), np.log(table[:, clear])
     between = np.diff(logs.mean(axis=1)) / np.diff(log_v)
-    pairs = tuple((float(low), float(high), float(p)) for low, high, p in zip(voltages, voltages[1:], between))
-    centred = log_v - log_v.mean()
-    slopes = centred @ logs / (centred @ centred)
-    at_n = tuple((float(n), float(p)) for n, p in zip(places[clear], slopes))
-    return VoltageExponent(_slope(log_v, logs), pairs, at_n, a_slope, drift)
+    return VoltageExponent(_slope(log_v, logs), tuple(zip(volts.tolist(), volts[1:].tolist(), between.tolist())))
 
 
 def _places(sides: list[Side]) -> Floats:
@@ -148,12 +133,16 @@ def _places(sides: list[Side]) -> Floats:
     return np.linspace(low, high, PLACES) if high > low else np.empty(0)
 
 
-def _at(side: Side, places: Floats) -> Floats:
-    """Thrust [N] of one voltage at |n|, repeats averaged, straight lines between levels."""
-    level = levels_of(side.magnitude)
-    weight = np.bincount(level, side.weight)
-    n, force = np.bincount(level, side.magnitude) / np.bincount(level), np.bincount(level, side.weight * side.thrust)
-    return np.interp(places, n, force / weight)
+def _at(sides: list[Side], places: Floats) -> Floats:
+    """Thrust [N] of each voltage at |n|, (steps, places): repeats averaged, straight lines between levels."""
+    rows = []
+    for side in sides:
+        level = levels_of(side.magnitude)
+        n, force = (
+            np.bincount(level, side.weight * x) / np.bincount(level, side.weight) for x in (side.magnitude, side.thrust)
+        )
+        rows.append(np.interp(places, n, force))
+    return np.array(rows)
 
 
 def _slope(x: Floats, y: Floats) -> Estimate | None:
@@ -228,7 +217,7 @@ class ThrusterFit(Shown):
             },
             "points": {
                 "used": len(points), "plateaus": reduction.plateaus, "samples": reduction.samples,
-                "samples_left_out": reduction.dropped, "rows_with_missing_values": self.logs.missing,
+                "samples_left_out": reduction.left_out, "rows_with_missing_values": self.logs.missing,
             },
             "flagged": [
                 {
