@@ -4,20 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.diagnosis.diagnose import (
-    ASTRAY,
-    EVEN,
-    LEFT_OVER,
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    GapSizes,
-    NamedEffect,
-    apart,
-    listed_rivals,
-    stretch,
-)
+from automarine_cli.diagnosis import diagnose as rules
+from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, GapSizes, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
@@ -70,11 +58,9 @@ class Fault:
 
 @dataclass(frozen=True, repr=False)
 class ThrusterDiagnosis(Shown):
-    """What the diagnosis of a thruster map found.
-
-    `data` holds every point, `search.base.data` those fitted, `held_out` the rest (None where too few levels were there
-    to hold any out). `final` is the extended model: the base refitted unless effects are named. Gaps are in newtons of
-    one thruster; `cross` is that by leaving out levels."""
+    """`data` holds every point, `search.base.data` those fitted, `held_out` the rest, None where levels are too few.
+    `final` is the extended model: the base refitted unless effects are named. Gaps are in newtons of one thruster;
+    `cross` is that by leaving out levels."""
 
     verdict: str
     why: str
@@ -149,8 +135,8 @@ class ThrusterDiagnosis(Shown):
 
 
 def start_shape(base: ThrusterMap, data: family.BollardData, voltage: bool = False) -> family.Shape:
-    """Make a shape of the base map: its form in each direction that was measured, tied where both curves are equal.
-    Each has the effects that its curve makes use of: a map may have been extended in one direction only."""
+    """Make a shape of the base map in the directions measured, tied where both curves are equal, each with the effects
+    that its curve makes use of: a map may have been extended in one direction only."""
 
     def used(curve: Curve) -> frozenset[str]:
         acting = (curve.n_0 > 0.0, curve.p != SQUARE, curve.n_sat is not None)
@@ -225,20 +211,20 @@ def _verdict(
     before, after = (max((fit.rmse() / floor) ** 2 - 1.0, 0.0) for fit in (search.base, search.final))
     well_above = search.final.rmse() > max(WELL_ABOVE * floor, MATERIAL * scale)
     names = " and ".join(search.p_values)
-    if well_above and after > LEFT_OVER * before and _neighbours_p_value(search.final, seed) <= STRUCTURED:
+    if well_above and after > rules.LEFT_OVER * before and _neighbours_p_value(search.final, seed) <= STRUCTURED:
         best = "No effect of the library gains more than chance."
         if names:
-            sizes = apart(search.base.rmse(), search.final.rmse())
+            sizes = rules.apart(search.base.rmse(), search.final.rmse())
             best = f"The best candidate is {names}, with which the residual is {sizes[1]} instead of {sizes[0]} N."
         times = f"The residual is correlated along the control signal and is {search.final.rmse() / floor:.2f} times"
         return UNEXPLAINED, f"{times} the noise. {best}"
-    if names and held_out is not None and held_out.after > ASTRAY * max(held_out.before, floor):
+    if names and held_out is not None and held_out.after > rules.ASTRAY * max(held_out.before, floor):
         return UNEXPLAINED, f"What explains the fitted levels ({names}) makes the held-out levels worse."
     if not names and where.regions and search.base.rmse() > MATERIAL * scale:
-        return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}."
+        return UNEXPLAINED, f"The error is beyond chance {rules.stretch(where.regions[0])}."
     if not names:
-        return NOTHING, ""
-    tied = next((effect for effect in effects if effect.confidence < EVEN), None)
+        return rules.NOTHING, ""
+    tied = next((effect for effect in effects if effect.confidence < rules.EVEN), None)
     if tied is not None:
         alternatives = " or ".join(rival.name for rival in tied.rivals)
         return SUSPECTED, f"A tie: the levels do not tell {tied.name} ({tied.confidence:.0%}) from {alternatives}."
@@ -261,7 +247,9 @@ def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect,
     for name, p_value in search.p_values.items():
         rivals = {rival.name: rival for rival in search.alternatives if rival.instead_of == name}
         splits = {other: _split_by(search.final, rival, floor) for other, rival in rivals.items()}
-        weight, listed = listed_rivals({other: rival.odds for other, rival in rivals.items()}, splits, 1.0 - p_value)
+        weight, listed = rules.listed_rivals(
+            {other: rival.odds for other, rival in rivals.items()}, splits, 1.0 - p_value
+        )
         values = effect_parameters(search.final, name, search.base)
         worded = []
         for key, estimate in values.items():
@@ -297,14 +285,14 @@ def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> d
         value = fit.power if effect == family.VOLTAGE else fit.sag
         stderr = _stderr(fit, column, data.step if effect == family.VOLTAGE else None)
         name = "p" if effect == family.VOLTAGE else "share_lost"
-        return {name: Parameter.of(Estimate.from_stderr(value, stderr, data.levels - 1, "1"))}
+        return {name: Parameter(value, "1", Estimate.from_stderr(value, stderr, data.levels - 1, "1"))}
     if effect == family.ASYMMETRY:
         sides = [np.where(data.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
         ends = [fit.along(np.array([sign * np.max(np.abs(data.n))]))[0] for sign in (1.0, -1.0)]
         relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
         estimate = Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")
-        return {"backward_over_forward": Parameter.of(estimate)}
+        return {"backward_over_forward": Parameter(estimate.value, "1", estimate)}
     before, values = dict(base.shape.curves), _curve_parameters(fit)
     return {
         PARAMETER[effect] + ("" if where == "both" else f"_{where}"): values[where][PARAMETER[effect]]

@@ -106,7 +106,9 @@ def select(
         runs = np.floor(np.min(room / cost.min(axis=0)))  # that there can be at all
     of_one_size = float(max(2.0, np.ceil(runs * limits.runs.of_one_size_percent / 100.0)))
     mirrors = np.array(pool.mirrors(candidates))
-    budget = PlanBudget(cost, room, fixed, most_alike, mirrors, sizes_of(candidates), of_one_size)
+    sizes = np.array([max(abs(moment) for moment, _ in candidate.commands) for candidate in candidates])
+    of_size = (sizes[:, None] == np.unique(sizes[sizes > 0])).astype(float)  # a rest is of none
+    budget = PlanBudget(cost, room, fixed, most_alike, mirrors, of_size, of_one_size)
     _refuse_too_little(budget, limits)
     progress("choosing runs", 0, 2)
     split = _split(pairs, spread, budget, limits) if pairs else fixed
@@ -141,12 +143,6 @@ def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudge
             break
         required = np.where(short, MARGIN * required, required)
     return counts
-
-
-def sizes_of(candidates: Sequence[Candidate]) -> Floats:
-    """Tell which size of moment each candidate has, (K, S) of ones and zeros; a rest has none."""
-    largest = np.array([max(abs(moment) for moment, _ in candidate.commands) for candidate in candidates])
-    return (largest[:, None] == np.unique(largest[largest > 0])).astype(float)
 
 
 def _refuse_too_little(budget: PlanBudget, limits: Limits) -> None:
@@ -347,11 +343,9 @@ def plan_campaign(
     prior: PriorResults, limits: Limits, largest: float, supply: Supply, *, wanted: tuple[str, ...] = (), seed: int = 0,
     progress: Progress = silent,
 ) -> Plan:  # fmt: skip
-    """Choose runs beside the `prior` results within `limits`; moments up to `largest`.
-
-    Doubts that a diagnosis left are split first, then the intervals of the `wanted` parameters (all by default) are
-    narrowed; `seed` draws the order. A wanted parameter of an effect that the model lacks is planned for as if it were
-    there. Raises SettingError where the limits allow no campaign, ModelError for a parameter that there is not."""
+    """Choose runs within `limits`, moments up to `largest`, that split the doubts of the `prior` results and narrow
+    the `wanted` intervals (all by default); a wanted effect that the model lacks is planned for as if it were there.
+    Raises SettingError where the limits allow no campaign, ModelError for a parameter that there is not."""
     for name in dict.fromkeys(parameter.partition(" ")[0] for parameter in wanted):
         if name in effects.names() and name not in {term.name for term in prior.model.terms} and not info.lacking(name):
             start = with_effect(fitting_of(prior, limits), prior.model, name, largest)[0]
@@ -476,11 +470,8 @@ def headings_of(model: YawModel, logger: Logger, candidates: Sequence[Candidate]
 
 
 def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
-    """Return how far [degrees] to turn to each run's start heading after the run before it, (R,), nothing before the
-    first.
-
-    Of all ways there, with whole turns or without, the one after which the tether is twisted by half a turn at most; of
-    two such ways the shorter."""
+    """Return how far [degrees] to turn to each run's start heading after the run before it, (R,): the way after which
+    the tether is twisted by half a turn at most; of two such ways the shorter."""
     back, twist = [0.0], 0.0
     for turn, heading in zip(turned[:-1], start_headings[1:]):
         twist += turn
@@ -503,9 +494,8 @@ def make_plan(
 ) -> Plan:  # fmt: skip
     """Plan the next campaign for the preferred model of the file `model`, and for the rivals in a `diagnosis`.
 
-    `parameters` are those whose intervals are to shrink (all by default), `limits` say what the pool day allows;
-    `thrusters` and `arm` [m] make control signals of moments, and with `thruster_tests` that logged a current or a
-    power the battery's use; `seed` draws the order. Raises ModelError, SettingError, LogError or RunError."""
+    `parameters` are those whose intervals are to shrink (all by default); `thrusters` and `arm` [m] make commands of
+    moments, and with `thruster_tests` the battery's use. Raises ModelError, SettingError, LogError or RunError."""
     prior = info.read_prior_results(model, diagnosis)
     if not prior.model.dof.wraps:
         source, motion = prior.stored.source, prior.model.dof.name

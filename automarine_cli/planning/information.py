@@ -1,11 +1,9 @@
 """What is known before a campaign, and what runs that are not yet made would tell: the likelihood of `fit-yaw` or of
 `diagnose` on them, its Fisher information, and the intervals that a fit to them would report.
 
-Noise, scatter and what differs from run to run are those that the fits estimate; here they are given. About the model,
-run i adds  J_i' R_i^-1 J_i  to the information on the parameters, with J_i the derivatives of its headings and
-R_i = s² 1 + V_i D_i V_i' the covariance of its noise and of all that differs from run to run: start heading, gain of
-the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs a measurement, and it adds up over runs
-(Fedorov 1972, Theory of Optimal Experiments, chapter 2).
+Run i adds  J_i' R_i^-1 J_i  to the information on the parameters, with J_i the derivatives of its headings and
+R_i = s² 1 + V_i D_i V_i' the covariance of its noise and of what differs from run to run: start heading, gain of the
+thrust, instants of the changes (fits/linear_mixed.py). It needs no measurement, and adds up over runs (Fedorov 1972).
 """
 
 from collections.abc import Mapping, Sequence
@@ -94,10 +92,9 @@ class Fitting:
     """A model, the fit that its parameters are wanted from, and what is known of the logs.
 
     `noise` of the heading [rad], `scatter` of the thrust from run to run, `rate` [Hz] of the logger, `rest` [s] before
-    each run, `voltage` [V] of the supply where the logs have that column. `frame` is the drag about which runs are laid
-    out, by default the model's own: given, it is the same for models that are tried one after the other. `rate_noise`
-    [per s] is that of a velocity sensor, None where the logs have none. Where something is `random` (disturbance, noise
-    of the thrust: by the names of driven fits, in base units), runs are fitted by the innovations of a filter."""
+    each run, `voltage` [V] where the logs have it; `frame` is the drag about which runs are laid out, by default the
+    model's own; `rate_noise` [per s] of a velocity sensor, None without. Where something is `random` (by the names of
+    driven fits, in base units), runs are fitted by the innovations of a filter."""
 
     model: YawModel
     fit: Fit
@@ -323,11 +320,9 @@ def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArr
 
 
 def reported_covariance(per_run: Floats) -> Floats:
-    """Return the covariance (p, p) that a fit to runs of these informations (R, p, p) reports, on average.
-
-    From ENOUGH_RUNS on fits report the jackknife over runs: run i moves the solution by (A - A_i)^-1 g_i, and g_i at
-    the solution has covariance A_i - A_i A^-1 A_i, so that on average it is  (R - 1)/R sum (A - A_i)^-1 A_i A^-1.
-    With fewer runs they report the larger of it and the likelihood's."""
+    """Return the covariance (p, p) that a fit to runs of these informations (R, p, p) reports, on average: from
+    ENOUGH_RUNS on the jackknife over runs, (R - 1)/R sum (A - A_i)^-1 A_i A^-1, as run i moves the solution by
+    (A - A_i)^-1 g_i, and g_i has covariance A_i - A_i A^-1 A_i; with fewer the larger of it and the likelihood's."""
     total = per_run.sum(axis=0)
     inverse = linear_mixed.covariance_of(total)
     runs = len(per_run)
@@ -354,11 +349,8 @@ def stderr_along(covariance: Floats, direction: Floats) -> float:
 @dataclass(frozen=True)
 class Intervals:
     """Intervals to narrow: the worth of `counts` (K,), how often each candidate is run, is the mean logarithm by which
-    the wanted standard errors have come down.
-
-    `information` (K, p, p) of the candidates, `known` (p, p) beforehand, `wanted` (p, m) the directions whose
-    intervals count. `goal` is the largest standard error of a wanted direction at which nothing more is wanted, or
-    None."""
+    the standard errors of the `wanted` directions (p, m) have come down, until all are below the `goal` if there is
+    one; `information` (K, p, p) of the candidates, `known` (p, p) beforehand."""
 
     information: Floats
     known: Floats
@@ -407,9 +399,8 @@ class Doubt:
 @dataclass(frozen=True)
 class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
-    where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
-    fit rests on; what is `random` in driven runs, by name, in base units, empty for a pool; effects that the fit
-    `proposed` and no diagnosis has judged, with the deviance that each gains."""
+    where the file does not say), how many runs were fitted, open doubts, a gyro's noise; what is `random` in driven
+    runs, by name, in base units; effects that the fit `proposed` and no diagnosis judged, with their deviance."""
 
     stored: StoredModels
     model: YawModel

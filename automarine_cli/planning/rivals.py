@@ -84,9 +84,8 @@ class Splitting:
 
 
 def pairs_of(prior: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
-    """Pair each doubt both ways, (true, other): the rival as it would look like the effect named on the runs of `grid`.
-
-    A rival that could imitate only by vanishing is asked for one way alone."""
+    """Pair each doubt both ways, (true, other), the rival as like the effect named as it can be on the runs of `grid`;
+    one way alone where it could imitate only by vanishing."""
     pairs: list[Pair] = []
     half = grid[: len(grid) // 2]
     for doubt in prior.doubts:
@@ -138,9 +137,7 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
 
 def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
     """Return `other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that
-    stays.
-
-    Gauss-Newton within the parameters' bounds, steps halved until the misfit falls."""
+    stays: Gauss-Newton within the parameters' bounds, steps halved until the misfit falls."""
     free = np.flatnonzero(other.free)
     problem = other.problem(candidates[:1])
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)

@@ -46,11 +46,9 @@ class Series:
 
 @dataclass(frozen=True)
 class ThrusterLogs:
-    """Test records in file and row order, what was set aside, files read, rows with missing values; the unit of the
-    control signal where all logs tell the same, else "".
-
-    `by` is the column that says which thruster a record is of, "" without; `asked` whether the user named it, else it
-    was found: a column of a few words in every table."""
+    """Test records in file and row order; `missing` counts rows without a value, `n_unit` is the control signal's where
+    all logs tell the same, `by` the column that says which thruster a record is of ("" without), `asked` whether the
+    user named it, `rule` how all logs read their force, where a column map says it."""
 
     records: tuple[Series, ...]
     set_aside: tuple[SetAside, ...]
@@ -60,7 +58,6 @@ class ThrusterLogs:
     by: str = ""
     asked: bool = False
     rule: ColumnRule | None = None
-    """How all logs read their force, where a column map says it."""
 
     @property
     def used(self) -> int:
@@ -75,9 +72,7 @@ class ThrusterLogs:
 
 
 def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
-    """Return how many equal thrusters pulled together: `count`, else the column map's default, else the usual number.
-
-    Raises SettingError for what is no such number."""
+    """Return how many equal thrusters pulled together: `count`, else the column map's default, else the usual one."""
     value = columns.defaults.get("thrusters_per_test", usual) if count is None else count
     if isinstance(value, str) or value != int(value) or value < 1:
         raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
@@ -169,11 +164,9 @@ MOST_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
 class Points:
     """Measured points of one thruster, arrays of shape (P,).
 
-    `n` [unit as logged]; `force` [N] of one thruster; `spread` [N] is the standard deviation of the samples behind a
-    point, `count` their number, `stderr` [N] the standard error of their mean (both NaN for a single reading); `when`
-    is the time [s] or sample number in the record, `record` numbers the test records, `voltage` [V] is NaN where it was
-    not logged; `raw` says that the point is the mean of a plateau; `flag` is "" or the reason why a point weighs less,
-    `weight` lies in (0, 1]."""
+    `n` [unit as logged]; `force` [N] of one thruster; `spread` [N] of the `count` samples behind a point, `stderr` [N]
+    of their mean (both NaN for a single reading); `when`: time [s] or sample number; `record` numbers the test records;
+    `voltage` [V], NaN where not logged; `raw`: the mean of a plateau; `flag`: why a point weighs less than 1, or ""."""
 
     n: Floats
     force: Floats
@@ -270,26 +263,17 @@ Found = dict[int, tuple[float, float]]  # index -> deviation [N], limit [N]
 
 
 def flag_contradictions(points: Points, step: Ints | None) -> Points:
-    """The same points with weights and reasons: contradicting readings weigh less, none is dropped.
+    """The same points with weights and reasons, each voltage step (P,) by itself: none is dropped.
 
-    Works inside each voltage step. The weight is Cauchy's, 1 / (1 + (deviation / scale)^2), with the scale a third of
-    the limit: a reading at the limit weighs 0.1, and every reading inside it weighs 1."""
+    Readings beyond their limit have Cauchy's weight 1 / (1 + (deviation / scale)²), scale a third of the limit."""
     weight, flag = points.weight.copy(), points.flag.copy()
     for number in np.unique(step) if step is not None else [0]:
         places = np.arange(len(points)) if step is None else np.flatnonzero(step == number)
         n, force = points.n[places], points.force[places]
         for index, (deviation, limit) in _contradictions(n, force).items():
             weight[places[index]] = 1.0 / (1.0 + (3.0 * deviation / limit) ** 2)
-            flag[places[index]] = _reason(n[index], force[index], deviation, _scale(force))
+            flag[places[index]] = f"outlier: {deviation:.3g} N from neighbouring points"
     return replace(points, weight=weight, flag=flag)
-
-
-def _reason(n: float, force: float, deviation: float, scale: float) -> str:
-    if n == 0.0:
-        return f"{deviation:.3g} N of thrust at zero control signal: tachometer drop-out"
-    if abs(force) <= 0.01 * scale:
-        return "no thrust although its neighbours pull: load cell or thruster dropped out"
-    return f"outlier: {deviation:.3g} N from neighbouring points"
 
 
 def _scale(force: Floats) -> float:
@@ -328,9 +312,7 @@ def _rest(n: Floats, force: Floats) -> float:
 
 
 def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Found:
-    """The fewest readings without which thrust rises with the command, but for a tolerance.
-
-    The longest rising chain through the readings stays; a drop-out leaves it, however many stand side by side."""
+    """The fewest readings without which thrust rises with the command: the longest rising chain stays."""
     order = np.lexsort((force, n))
     strict = np.isin(np.arange(len(n)), order[_longest_rise(force[order], RISE * scale)])
     # The strict chain is smoother than the noise, the whole table rougher where it is contaminated.
@@ -381,8 +363,7 @@ def _roughness(force: Floats, members: list[np.ndarray], middle: Floats, smooth:
     off = np.abs(middle - smooth)[np.isfinite(smooth)]
     if len(off) == 0:
         return _repeat_noise(force, members)
-    # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad
-    # one.
+    # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad one.
     rough = min(1.4826 * float(np.median(off)), 3.139 * float(np.quantile(off, 0.25)))
     return max(rough, _repeat_noise(force, members))
 
@@ -416,24 +397,25 @@ def _repeat_noise(force: Floats, members: list[np.ndarray]) -> float:
     return 1.4826 * float(np.median(np.concatenate(deviations))) if deviations else 0.0
 
 
-def left_out(place: Floats, middle: Floats) -> Floats:
-    """Each level by the parabola through three levels on each side [N]; NaN near zero and the ends.
-
-    The parabola goes through the root of the thrust, which is nearly straight: coarse tables stay smooth."""
-    predicted = np.full(len(place), np.nan)
-    root = np.sign(middle) * np.sqrt(np.abs(middle))
-    for j in range(len(place)):
-        if place[j] == 0.0:
-            continue
+def neighbour_weights(place: Floats) -> Floats:
+    """Weights (P, P) by which a parabola through three levels on each side tells each level; NaN near zero and ends."""
+    weights = np.full((len(place), len(place)), np.nan)
+    for j in np.flatnonzero(place):
         side = np.flatnonzero(place * np.sign(place[j]) >= 0)
-        low, high = side[(side < j)][-3:], side[(side > j)][:3]
-        if len(low) < 2 or len(high) < 2:
-            continue
-        neighbours = np.concatenate([low, high])
-        scaled = (place[neighbours] - place[j]) / np.ptp(place[neighbours])
-        straight = float(np.polynomial.polynomial.polyfit(scaled, root[neighbours], 2)[0])
-        predicted[j] = straight * abs(straight)
-    return predicted
+        low, high = side[side < j][-3:], side[side > j][:3]
+        if len(low) >= 2 and len(high) >= 2:
+            neighbours = np.concatenate([low, high])
+            scaled = (place[neighbours] - place[j]) / np.ptp(place[neighbours])
+            weights[j] = 0.0
+            weights[j, neighbours] = np.linalg.pinv(np.vander(scaled, 3))[-1]
+    return weights
+
+
+def left_out(place: Floats, middle: Floats) -> Floats:
+    """Each level [N] by its neighbours (see `neighbour_weights`), through the root of the thrust: that is nearly
+    straight, so that coarse tables stay smooth."""
+    straight = neighbour_weights(place) @ (np.sign(middle) * np.sqrt(np.abs(middle)))
+    return np.asarray(straight * np.abs(straight))
 
 
 @dataclass(frozen=True)
@@ -456,8 +438,6 @@ class Tare:
         if self.readings == 0:
             return "No reading at zero command: thrust is taken as logged, without a tare."
         where = f"{self.readings} zero-command reading{'s' if self.readings > 1 else ''}"
-        if self.value == 0.0:
-            return f"The {where} say exactly 0 N: there is no tare."
         if not self.subtracted:
             return f"The tare of {self.value:.4g} N from {where} is within its scatter and was not subtracted."
         drift = f", drifting by {self.drift:.3g} N" if self.drift else ""
@@ -467,10 +447,9 @@ class Tare:
 def subtract_tare(points: Points) -> tuple[Points, Tare]:
     """Thrust with the zero reading taken off, and what it was.
 
-    A record with its own zero readings uses them, linear in time between them; another record uses the mean of all.
-    Zero plateaus of a raw series are always subtracted; single zero readings of a table only when their mean is over
-    twice its standard error, because a table is usually tared already and one more noisy reading would then be added to
-    every point."""
+    A record with its own zero readings uses them (in a raw series linear in time), another the mean of all.
+    Those of a table are subtracted only where their mean is over twice its standard error: it is usually tared already,
+    and one more noisy reading would be added to every point."""
     zero = (points.n == 0.0) & (points.flag == "")
     if not np.any(zero):
         return points, Tare(0.0, 0.0, 0, 0.0, False)
@@ -541,10 +520,8 @@ class Reduction:
 
 
 def reduce_series(records: list[Series]) -> Reduction:
-    """One point for each reading of a table, one for each plateau of a raw series.
-
-    A record is a raw series when its non-zero commands are held over more than a handful of samples in sequence, or
-    when its measured speed is steady for most of the time."""
+    """One point for each reading of a table, one for each plateau of a raw series: where non-zero commands are held
+    over more than a handful of samples in sequence, or a measured speed is steady for most of the time."""
     parts, notes = [], []
     for number, record in enumerate(records):
         segments = constant_segments(record.n)
@@ -559,9 +536,7 @@ def reduce_series(records: list[Series]) -> Reduction:
         if unsettled:
             note = f"thrust at n = {', '.join(f'{level:.4g}' for level in unsettled)} was still changing"
             notes.append(f"{record.source}: {note} when the command ended; hold each command longer")
-        if plateaus is not None:
-            parts.append(plateaus)
-    parts = parts or [_readings(Series("", "", np.empty(0), np.empty(0)), 0)]
+        parts.append(plateaus)
     points = Points(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
     return Reduction(points, sum(len(record.n) for record in records), tuple(notes))
 
@@ -648,7 +623,7 @@ def standard_error(force: Floats) -> float:
 
 def _plateaus(
     record: Series, number: int, segments: list[tuple[int, int]], measured: bool
-) -> tuple[Points | None, list[float]]:
+) -> tuple[Points, list[float]]:
     """One point a plateau, and the commands at which thrust had not settled."""
     rows, unsettled = [], []
     for start, stop in segments:
@@ -664,9 +639,7 @@ def _plateaus(
         clock = np.mean(samples if record.time is None else record.time[samples])
         volts = np.nan if record.voltage is None else np.mean(record.voltage[samples])
         rows.append((n, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), clock, volts))
-    if not rows:
-        return None, unsettled
-    level, mean, spread, count, stderr, when, voltage = np.array(rows, dtype=float).T
+    level, mean, spread, count, stderr, when, voltage = np.array(rows, dtype=float).reshape(-1, 7).T
     points = replace(
         Points.measured(level, mean, when, voltage, number), spread=spread, count=count.astype(np.int64),
         stderr=stderr, raw=np.ones(len(rows), dtype=bool),

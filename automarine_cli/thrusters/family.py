@@ -16,7 +16,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.fits.stepwise import Chance, Judge, discover
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters import bollard_data as bollard
-from automarine_cli.thrusters.bollard_data import Ints, Points, ThrusterLogs, left_out, levels_of
+from automarine_cli.thrusters.bollard_data import Ints, Points, ThrusterLogs, left_out, levels_of, neighbour_weights
 from automarine_cli.thrusters.fit import OPPOSITE, Side, behind_of, best_curve, left_out_squares, sides_of, sums_of
 from automarine_cli.thrusters.map import FORMS, SIDES, Curve, Form, jacobian, thrust_both_ways
 
@@ -43,9 +43,8 @@ STEP_SHARE, STEP_NOISES = 0.03, 6.0
 class BollardData(Points):
     """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
 
-    `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one voltage:
-    the unit of chance; `group` what cross-validation leaves out together. `order` runs from 0 for the first reading to
-    1 for the last. `places` are file and run of each record."""
+    `step` numbers the voltage steps (None with one voltage or none), `level` signed commands at one voltage: the unit
+    of chance, `group` what cross-validation leaves out; `order` runs from 0 to 1; `places` are the records' names."""
 
     step: Ints | None
     level: Ints
@@ -93,8 +92,8 @@ class BollardData(Points):
 def bollard_data(
     logs: ThrusterLogs, thrusters: int, n_unit: str, sides: Sequence[str], min_levels: int = MIN_LEVELS
 ) -> BollardData:
-    """Make bollard data of logs: plateaus of one thruster, contradictions flagged, tare off; those of `sides` with
-    `min_levels` levels or more. Raises FitError where there is none, or thrust opposes the command."""
+    """Make data of one thruster, contradictions flagged, tare off, of the `sides` with `min_levels` levels or more.
+    Raises FitError where there is none, or thrust opposes the command."""
     points = bollard.reduce_series(list(logs.records)).points.divided(thrusters)
     step = bollard.voltage_steps(points.voltage)
     points, tare = bollard.subtract_tare(bollard.flag_contradictions(points, step))
@@ -138,11 +137,8 @@ def held_out_levels(data: BollardData, seed: int) -> NDArray[np.bool_]:
 
 
 def noise_level(data: BollardData) -> tuple[float, str]:
-    """Estimate the noise of a point [N] without a model, and say where it was read.
-
-    Repeats at one command where there are enough; else what the neighbouring levels do not say: each level against a
-    smooth local curve through the three levels on either side, freed of that curve's own error. Never less than the
-    standard errors of the plateaus."""
+    """Estimate the noise of a point [N] without a model, and say where it was read: repeats at one command where there
+    are enough, else each level against its neighbours; never less than the standard errors of the plateaus."""
     stderr = data.stderr[np.isfinite(data.stderr)]
     samples = float(np.sqrt(np.mean(stderr**2))) if len(stderr) else 0.0
     squares, freedom = 0.0, 0
@@ -160,7 +156,7 @@ def noise_level(data: BollardData) -> tuple[float, str]:
 
 
 def _roughness(data: BollardData) -> float:
-    """Root mean square over four ranges of |n| of the robust scatter [N] about the neighbours' smooth curve."""
+    """Root mean square over four ranges of |n| of the robust scatter [N] about neighbours, freed of their errors."""
     off, size = [], []
     for step in [0] if data.step is None else np.unique(data.step):
         for _, sign in SIDES:
@@ -169,8 +165,8 @@ def _roughness(data: BollardData) -> float:
             n = np.abs(data.n[mask])
             numbers = levels_of(n)
             place, thrust = (np.bincount(numbers, x) / np.bincount(numbers) for x in (n, sign * data.force[mask]))
-            scale = np.array([_leaning(place, j) for j in range(len(place))])
-            scatter = (thrust - left_out(place, thrust)) / scale
+            with_neighbours = np.sqrt(1.0 + np.sum(neighbour_weights(place) ** 2, axis=1))
+            scatter = (thrust - left_out(place, thrust)) / with_neighbours
             off.append(scatter[np.isfinite(scatter)])
             size.append(place[np.isfinite(scatter)])
     scatter, place = np.abs(np.concatenate(off)), np.concatenate(size)
@@ -178,16 +174,6 @@ def _roughness(data: BollardData) -> float:
         return 0.0
     ranges = np.array_split(scatter[np.argsort(place, kind="stable")], 4 if len(scatter) >= 20 else 1)
     return float(np.sqrt(np.mean([(1.4826 * np.median(part)) ** 2 for part in ranges])))
-
-
-def _leaning(place: Floats, j: int) -> float:
-    """Factor by which a level less its neighbours' parabola scatters more than the level alone."""
-    neighbours = np.array([k for k in range(j - 3, j + 4) if k != j and 0 <= k < len(place)])
-    if len(neighbours) < 4:
-        return np.nan
-    x = (place[neighbours] - place[j]) / max(np.ptp(place[neighbours]), 1e-300)
-    rows = np.stack([np.ones_like(x), x, x**2], axis=1)
-    return float(np.sqrt(1.0 + np.linalg.pinv(rows.T @ rows)[0, 0]))
 
 
 @dataclass(frozen=True)
@@ -336,10 +322,9 @@ def _with_multipliers(fit: Fitted) -> Fitted:
 
 @dataclass(frozen=True)
 class CandidateFit:
-    """A map fitted with effects added; `added` holds these with their p-values, in the order found.
-
-    Of the effect added last, in one place ("both", "forward", "backward"): the deviance that it gains, its p-value over
-    all candidates of the step, the fall of the left-out squares `held_out` [N²] and its standard error over groups."""
+    """A map fitted with effects `added`, with their p-values in the order of the search. Of the last, and `where` it
+    acts: the deviance that it gains, its p-value over all candidates of the step, the fall of the left-out squares
+    `held_out` [N²] and its standard error over groups."""
 
     fit: Fitted
     added: Mapping[str, float] = field(default_factory=dict)
@@ -533,8 +518,8 @@ def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: in
 
 
 def broken_stretch(fit: Fitted, floor: float) -> Ints | None:
-    """Find the points of the clearest stretch of readings that steps off the curve and back again, or None: a
-    propeller's curve is continuous, and what begins and ends with a jump is the measurement."""
+    """Find the clearest stretch of points that steps off the curve and back again, or None: a propeller's curve is
+    continuous, and what begins and ends with a jump is the measurement."""
     data = fit.data
     limit = max(STEP_SHARE * data.full_scale, STEP_NOISES * floor)
     best, clearest = None, 0.0

@@ -21,9 +21,9 @@ PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
 class Side:
     """Points of one direction with positive thrust: |n| [unit of n], thrust [N], weights, all of shape (P,).
 
-    `stderr` [N] is the standard error of each point's own samples, 0 where it is one reading; `group` numbers what
-    counts as one independent measurement (a level, see `groups_of`); `record` numbers the test records or voltage steps
-    where there are enough of them to be a second source of scatter, else None."""
+    `stderr` [N] is of each point's own samples, 0 for one reading; `group` numbers what counts as one independent
+    measurement (see `groups_of`); `record` the test records or voltage steps, where these are a second source of
+    scatter, else None."""
 
     name: str
     sign: float
@@ -49,17 +49,13 @@ class Side:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a fitted curve: its estimate; or its value and `why` it has no interval; or a value that the
-    form fixes. The value is None for a saturation beyond what was measured."""
+    """One parameter of a fitted curve: its estimate; its value and `why` it has no interval; or a value that the form
+    fixes (None: no saturation)."""
 
     value: float | None
     unit: str = ""
     estimate: Estimate | None = None
     why: str = ""
-
-    @classmethod
-    def of(cls, estimate: Estimate) -> "Parameter":
-        return cls(estimate.value, estimate.unit, estimate)
 
     @property
     def fixed(self) -> bool:
@@ -124,7 +120,7 @@ def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], 
     residual, freed_by = side.thrust - curve.thrust(side.magnitude), UNBIASED if free == ["a"] else JACKKNIFE
     estimates = _estimates(side, matrix, residual, fitted, tuple(units[name] for name in free), freed_by)
     result = {name: Parameter(value, units[name]) for name, value in values.items()}
-    result |= {name: Parameter.of(estimate) for name, estimate in zip(free, estimates)}
+    result |= {name: Parameter(estimate.value, estimate.unit, estimate) for name, estimate in zip(free, estimates)}
     for name in set(form.free) - set(free):
         why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
         result[name] = Parameter(values[name], units[name], why=why)
@@ -199,10 +195,8 @@ EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
 
 @dataclass(frozen=True)
 class FormScore:
-    """One form on the same points as the others; errors [N] over all points, weighted as in the fit.
-
-    `cv_rmse` is None where a direction has too few levels to leave one out; `behind` is the cross-validated mean square
-    error [N^2] above the best form's, `behind_stderr` its standard error over the levels left out."""
+    """One form; errors [N] over all points, weighted as in the fit, `cv_rmse` None where a direction has few levels;
+    `behind` is the cross-validated mean square [N²] above the best form's, with its standard error over levels."""
 
     form: Form
     curves: dict[str, Curve]
@@ -228,9 +222,7 @@ def select_form(
     standard error of the best by leave-one-level-out cross-validation.
 
     `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero. Breiman et al.
-    1984, section 3.4.3 (the one-standard-error rule). Raises FitError for an unknown form."""
-    if forced is not None and forced not in FORMS:
-        raise FitError(f"no thrust curve is called {forced!r}; choose one of {', '.join(FORMS)}")
+    1984, section 3.4.3 (the one-standard-error rule)."""
     scores, losses = {}, {}
     for form in FORMS.values():
         curves, bounds, squares, cross = {}, {}, zero_squares, None
@@ -244,8 +236,7 @@ def select_form(
         scores[form.name] = FormScore(form, curves, bounds, float(np.sqrt(squares / total_weight)), cross)
     if not losses:
         chosen = scores[forced or next(iter(scores))]
-        why = "too few levels to leave one out" if forced is None else "it was asked for (--form)"
-        return tuple(scores.values()), chosen, f"The {chosen.form.name} form is used: {why}."
+        return tuple(scores.values()), chosen, f"The {chosen.form.name} form is used: too few levels to leave one out."
     best = min(losses, key=lambda name: (losses[name].sum(), FORMS[name].parameters))
     for name, loss in losses.items():
         behind, stderr = (size / total_weight for size in behind_of(loss, losses[best]))
@@ -255,8 +246,8 @@ def select_form(
     simplest = min(within, key=lambda score: (score.form.parameters, score.cv_rmse))
     if forced is None:
         return every, simplest, _sentence(simplest, scores[best], full_scale)
-    because = f"it was asked for (--form); cross-validation would choose {simplest.form.name}."
-    return every, scores[forced], f"The {forced} form is used because {because}"
+    because = f"The {forced} form was asked for (--form); cross-validation would choose {simplest.form.name}."
+    return every, scores[forced], because
 
 
 def left_out_squares(side: Side, form: Form) -> Floats:
@@ -299,11 +290,8 @@ FAINT = 0.05  # thrust the wrong way that is smaller than this share of full sca
 
 @dataclass(frozen=True)
 class Analysis:
-    """What one set of points says of one thruster.
-
-    `square` holds equation 2's coefficients by direction of its `sides`, `without` why a direction has none;
-    `parameters` the chosen form's estimates by direction; `r2` is the square law's over all points, weighted as in the
-    fit."""
+    """What one set of points says of one thruster: `square` law (equation 2) and the chosen form's `parameters` by
+    direction, `without` why a direction has none; `r2` is the square law's, weighted as in the fit."""
 
     points: Points
     n_unit: str

@@ -4,9 +4,8 @@ of one thruster, forward and backward apart; plain data. Through a map the thrus
 Every form is a special case of `f(u) = a max(min(u, n_sat) - n_0, 0)^p` with `u = |n|`: the square law (the source
 paper's equation 2) has p = 2, no dead band (n_0 = 0) and no saturation; the others free one, two or three of them.
 
-Many sets of weights are fitted at once: the left-out levels of a cross-validation are weights of zero. A grid over dead
-band, exponent and saturation with the amplitude solved for (variable projection), then bounded Levenberg-Marquardt
-steps from the best grid points. Deterministic: no random starts.
+Many sets of weights are fitted at once (levels left out weigh nothing): a grid over dead band, exponent and saturation
+with the amplitude solved for, then bounded Levenberg-Marquardt steps from its best points.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -286,8 +285,7 @@ THRUSTER_MAP = ResultKind("thrusters.json", "thruster-map", ThrusterFile, "fit-t
 @dataclass(frozen=True)
 class ThrusterMap:
     """Thrust of one thruster at rest in the water against its control signal n: `forward` for n > 0, `backward` for
-    n < 0 (None where never measured). `n_unit` is as logged, "" where the logs do not say; `n_range` is what was
-    measured, None in maps of old."""
+    n < 0 (None where never measured), over the `n_range` that was measured (None in maps of old)."""
 
     form: str
     forward: Curve | None
@@ -421,10 +419,8 @@ def thrust_of(run: Run, thrusters: ThrusterMap, arm: float) -> list[Floats]:
 
 
 def drive_run_by_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
-    """The run with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their commands, the
-    port one ahead to starboard; in surge and heave with the force [N], whatever the arm.
-
-    A moment that is in the log gives way. Raises RunError and ModelError as `thrust_of` does."""
+    """The run with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their commands, port
+    ahead positive; in surge and heave with the force [N]. A moment in the log gives way. Raises as `thrust_of` does."""
     dof, thrust = run.dof, thrust_of(run, thrusters, arm)
     lever = arm if dof.levered else 1.0
     moment = np.asarray(lever * sum(side * force for side, force in zip(dof.sides, thrust)))
@@ -443,9 +439,7 @@ def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
 def moment_maker(
     thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> Callable[[Run], Run] | None:
-    """What makes the moment or force of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
-
-    None without a map: then the logs hold it. Raises SettingError where map or arm is given alone."""
+    """What makes the moment or force of thruster commands, None without a map: see `map_and_arm`."""
     drive = map_and_arm(thrusters, arm, columns, dof)
     return None if drive is None else partial(drive_run_by_thrusters, thrusters=drive[0], arm=drive[1])
 
@@ -453,7 +447,8 @@ def moment_maker(
 def map_and_arm(
     thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> tuple[ThrusterMap, float] | None:
-    """The map and the lever arm [m] as given, or None without a map; see `moment_maker`."""
+    """The map and the lever arm [m] (default: the column map's `arm_m`), or None without a map: then the logs hold the
+    moment. Raises SettingError where map or arm is given alone."""
     if not dof.levered and arm is not None:
         levered = " and ".join(motion.name for motion in DOFS.values() if motion.levered)
         raise SettingError(f"--arm is of {levered}; in {dof.name} thrusters push as hard at any arm, so leave it out")
@@ -478,10 +473,8 @@ def load_planar(
     logs: Logs, columns: ColumnMap, thrusters: Source | ThrusterMap | None = None, arm: float | None = None, *,
     strict: bool = False, jobs: int = 1, progress: Progress = silent,
 ) -> Campaign:  # fmt: skip
-    """The runs of the logs, driven by forces ahead and abeam and a moment.
-
-    `thrusters` and `arm` [m] make force and moment of the commands of two thrusters that push ahead. Raises LogError,
-    RunError and SettingError as the fits of one motion do."""
+    """The runs of the logs, driven by forces ahead and abeam and a moment, which `thrusters` and `arm` [m] make of the
+    commands of two. Raises LogError, RunError and SettingError as the fits of one motion do."""
     drive = map_and_arm(thrusters, arm, columns, YAW)
     campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=read_planar)
     good, aside = driven_by(campaign.runs, lambda run: driven(run if drive is None else by_two_thrusters(run, *drive)))

@@ -1,6 +1,6 @@
 """The result of `fit-thrusters`: the map over all points and at each voltage, thrusters compared, and its JSON."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -262,22 +262,18 @@ def _square_json(analysis: Analysis) -> dict[str, object]:
 
 def _scores_json(analysis: Analysis) -> dict[str, object]:
     """The square law's scores, all forms side by side, the chosen one and why."""
-    chosen, percent = analysis.chosen, analysis.percent
+    chosen = analysis.chosen
 
     def errors(score: FormScore, r2: float) -> dict[str, object]:
         return {
-            "r2": r2, "rmse_N": score.rmse, "rmse_percent_of_full_scale": percent(score.rmse),
+            "r2": r2, "rmse_N": score.rmse, "rmse_percent_of_full_scale": analysis.percent(score.rmse),
             "rmse_all_points_N": analysis.over_all(score), "cv_rmse_N": score.cv_rmse,
         }  # fmt: skip
 
     forms = [
         {
             "form": score.form.name, "equation": score.form.equation,
-            "parameters_per_direction": score.form.parameters,
-            "cv_rmse_N": score.cv_rmse, "cv_rmse_percent_of_full_scale": percent(score.cv_rmse),
-            "rmse_N": score.rmse, "rmse_percent_of_full_scale": percent(score.rmse),
-            "cv_mean_square_behind_best_N2": None if score.cv_rmse is None else score.behind,
-            "cv_mean_square_behind_best_stderr_N2": None if score.cv_rmse is None else score.behind_stderr,
+            "parameters_per_direction": score.form.parameters, "cv_rmse_N": score.cv_rmse, "rmse_N": score.rmse,
             "within_one_stderr_of_best": score.within_reach,
             "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
         }
@@ -296,6 +292,7 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
 
 STRONG = 0.2  # share of the largest thrust from which readings tell whether a command always gives the same
 APART = 0.3  # share of a thrust by which readings at one command differ where something else changed
+UNUSED = "The supply voltage is not used: it is not at every point, or drifts without steps."
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
 
 
@@ -318,7 +315,8 @@ def fit_records(
     except FitError as refusal:
         raise _with_rest(refusal, logged, thrusters, loaded.rule) from None
     voltages, exponents, notes = _by_voltage(points, varied, tare, n_unit, form, jobs, progress)
-    notes = (*apart, *reduction.notes, *_notes(points, step), *notes)
+    unused = (UNUSED,) * bool(step is None and np.any(np.isfinite(points.voltage)))
+    notes = (*apart, *reduction.notes, *unused, *notes)
     parts: dict[str, ThrusterFit | str] = {}
     for name in loaded.parts if loaded.asked else ():
         try:
@@ -418,18 +416,3 @@ def _one_voltage(points: Points, *, tare_stderr: float, n_unit: str, form: str |
         return volts, analyse(points, None, tare_stderr, n_unit, form, f"{volts:.4g} V")
     except FitError as refusal:
         return str(refusal)
-
-
-def _notes(points: Points, step: Ints | None) -> Iterator[str]:
-    """Why no map for each voltage, where they were logged; that exact zeros may never have been measured."""
-    if step is None and np.any(np.isfinite(points.voltage)):
-        missing = int(np.count_nonzero(~np.isfinite(points.voltage)))
-        why = f"{missing} of {len(points)} points have none" if missing else "it drifts without steps"
-        yield f"The supply voltage is not used: {why}."
-    without_thrust = np.abs(points.n[(points.n != 0.0) & (points.force == 0.0) & (points.flag == "")])
-    if count := len(without_thrust):
-        yield (
-            f"{count} point{'s have' if count > 1 else ' has'} exactly zero thrust at a command (up to |n| = "
-            f"{without_thrust.max():.4g}): a dead band, or readings that were set to zero or never taken; they are "
-            "kept."
-        )

@@ -3,7 +3,6 @@
 import json
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import automarine_cli as am
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.records import Codec
 from automarine_cli.planning.campaign import Plan
-from automarine_cli.planning.candidates import Limits, Pool, example_limits
+from automarine_cli.planning.candidates import Limits, example_limits
 
 Run = Callable[..., Result]
 
@@ -161,21 +160,6 @@ def test_a_diagnosis_is_split_first(model: Path, limits: Path, tmp_path: Path) -
     assert tomllib.loads((tmp_path / "plan" / "plan.toml").read_text())["effects"][0]["name"] == "dead-band"
 
 
-def test_a_goal_needs_fewer_runs(model: Path) -> None:
-    goal = Codec("limits").read(Limits, {"goal": {"half_width_percent": 2.0}, "moments": {"levels": 3}})
-    plan = am.plan(model, limits=replace(goal, pool=Pool(minutes=60, runs=24)))
-    assert len(plan.slots) < 20
-    for estimate in plan.together.values():
-        assert 50.0 * (estimate.ci95[1] - estimate.ci95[0]) / estimate.value < 2.2
-
-
-def test_half_turns_are_planned_of_steps_alone(model: Path) -> None:
-    limits = Codec("limits").read(Limits, {"runs": {"fit": "half-turns"}, "moments": {"levels": 3}})
-    plan = am.plan(model, limits=limits)
-    assert {run.kind for run in plan.candidates} == {"step"}
-    assert plan.to_json()["fit_command"].startswith("automarine fit-yaw LOGS --fit-to half-turns")
-
-
 def test_the_example_is_the_default(run: Run) -> None:
     shown = run("plan", "--example-limits")
     assert shown.exit_code == 0 and shown.output == example_limits()
@@ -229,8 +213,8 @@ def test_what_planned_runs_cannot_show_is_left_out(model: Path, limits: Path, tm
     assert of_model.slots and "cross-coupling" not in str(list(of_model.alone))
 
 
-def test_nothing_open_is_said(model: Path, limits: Path, tmp_path: Path) -> None:
-    diagnosis = write(tmp_path / "diagnosis.json", DIAGNOSIS | {"effects": []})
-    plan = am.plan(model, diagnosis=diagnosis, limits=limits)
-    assert "leaves no rivals open to split" in plan.to_json()["notes"][1]
-    assert plan.splits == ()
+def test_half_turns_are_planned_of_steps_alone(model: Path) -> None:
+    limits = Codec("limits").read(Limits, {"runs": {"fit": "half-turns"}, "moments": {"levels": 3}})
+    plan = am.plan(model, limits=limits)
+    assert {run.kind for run in plan.candidates} == {"step"}
+    assert plan.to_json()["fit_command"].startswith("automarine fit-yaw LOGS --fit-to half-turns")

@@ -65,15 +65,6 @@ def test_not_all_runs_are_of_one_size(percent: float) -> None:
     assert len(times) >= (2 if percent == 50 else 3)
 
 
-def test_runs_of_one_size_are_few_whatever_is_wanted() -> None:
-    """Only the inertia asked for, of steps to be fitted as half-turns: still several sizes."""
-    runs = Runs(kinds=("step",), fit="half-turns", most_alike=100)
-    campaigns = [planned(replace(LIMITS, runs=replace(runs, of_one_size_percent=share))) for share in (100.0, 50.0)]
-    sizes = [[abs(run.commands[0][0]) for run in campaign.candidates] for campaign in campaigns]
-    most = [np.unique(size, return_counts=True)[1].max() for size in sizes]
-    assert most[0] > 6 >= most[1], "what the limit is for"
-
-
 @pytest.mark.slow
 def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> None:
     limits = replace(LIMITS, runs=Runs(voltages_V=(19.0,), kinds=("step", "other-voltage")))

@@ -60,12 +60,6 @@ def test_mirrored_runs_tell_the_same() -> None:
     assert [every[i].label for i in mirrors(every)] != [run.label for run in every]
 
 
-def test_parameters_that_are_held_are_not_planned_for() -> None:
-    model = MODEL.with_effect("dead-band", (0.03, 0.0)).with_effect("input-delay", (0.2,))
-    names = Fitting(model, "diagnosis", NOISE, SCATTER).names
-    assert names == ("I_r", "k_rr", "dead-band width", "input-delay t_d", "switch offset")
-
-
 @pytest.mark.parametrize("fit", [pytest.param("whole-runs", marks=pytest.mark.slow), "half-turns"])
 def test_predicted_intervals_are_those_that_a_fit_reports(fit: str) -> None:
     """Over a few campaigns the mean square of the reported errors is the predicted one, to a fifth; over many it is

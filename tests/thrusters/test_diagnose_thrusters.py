@@ -2,19 +2,15 @@
 
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-from figures import drawn
 
-from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.pipeline.records import schema_in
 from automarine_cli.report.diagnosis_report import map_verdict
 from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
-from automarine_cli.thrusters.map import THRUSTER_MAP, Curve, ThrusterMap
+from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 AHEAD, ASTERN = 40.0, 25.0  # N at full command
 NOISE = 0.2  # N
@@ -173,23 +169,7 @@ def test_what_cannot_be_diagnosed_is_refused() -> None:
         diagnose_thrusters(logs(square), ThrusterMap("square", Curve(1.0), Curve(1.0), "rev/s"), n_unit="1")
 
 
-@pytest.mark.slow
-def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
-    for seed, name in enumerate(("log.csv", "other.csv")):
-        (record,) = logs(dead_band, seed).records
-        rows = "\n".join(f"{n:.6f},{force:.6f}" for n, force in zip(record.n, record.force))
-        (tmp_path / name).write_text(f"n,force_N\n{rows}\n", encoding="utf-8")
-    log, other, model = (tmp_path / name for name in ("log.csv", "other.csv", "thrusters.json"))
-    model.write_text(json.dumps(SQUARE.to_json()), encoding="utf-8")
-    assert schema_in(model) == THRUSTER_MAP.schema and schema_in(log) != THRUSTER_MAP.schema
-    with drawn():
-        result = diagnose([log], model=model, out=tmp_path / "serial", jobs=1)
-    diagnose([log], model=model, out=tmp_path / "parallel", jobs=2)
-    for name in ("diagnosis.json", "extended_model.json", "diagnosis.md", "why.png", "manifest.json"):
-        assert (tmp_path / "serial" / name).read_bytes() == (tmp_path / "parallel" / name).read_bytes()
-    written = json.loads((tmp_path / "serial" / "diagnosis.json").read_text(encoding="utf-8"))
-    assert written == json.loads(json.dumps(result.to_json())) and written["verdict"] == "named"
-    assert str(tmp_path) not in (tmp_path / "serial" / "diagnosis.md").read_text(encoding="utf-8")
-    held = diagnose([log, other], model=model, hold_out=[other])
+def test_other_logs_are_held_out() -> None:
+    held = diagnose_thrusters(logs(dead_band), SQUARE, hold_out=logs(dead_band, 1))
     assert held.held_out is not None and held.held_out.levels == 40 and names(held) == ["dead-band"]
     assert held.held_out_gap is not None and held.held_out_gap.after < 1.5 * NOISE

@@ -208,8 +208,6 @@ def test_commands_use_a_stored_imbalance_or_say_what_they_lack(tmp_path: Path, r
     bare = files(tmp_path / "bare", [replace(each, extras={}) for each in driven(twin(plans(2, 6)))])
     refused = run("validate", bare, "--model", model)
     assert refused.exit_code == 1 and "needs the thruster commands n_port and n_stbd; log them" in refused.stderr
-    card = run("export", model, "--to", "card", "-o", tmp_path / "card.md")
-    assert card.exit_code == 0 and NAME in (tmp_path / "card.md").read_text()
     refused = run("export", model, "--to", "python", "-o", tmp_path / "sim.py")
     assert refused.exit_code == 1 and f"{NAME} (it needs the logged n_port, n_stbd)" in refused.stderr
     with pytest.raises(SettingError, match="needs the column 'n_port', which simulated runs lack"):

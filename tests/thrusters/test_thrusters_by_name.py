@@ -70,18 +70,6 @@ def test_where_nobody_asked_the_column_is_named_and_no_point_called_faulty(tmp_p
     assert not any("parts" in note for note in am.fit_thrusters([bollard(tmp_path, eight(1))]).notes)
 
 
-@pytest.mark.slow
-def test_a_faulty_reading_and_a_missing_direction_are_those_of_their_thruster(tmp_path: Path) -> None:
-    """Numbers name thrusters too."""
-    lines = eight(1, {"T3": 0.5}).replace(",T", ",").splitlines()
-    lines = [line for line in lines if not line.endswith(",8") or line.startswith("0,")]
-    lines[next(i for i, line in enumerate(lines) if line.startswith("250,") and line.endswith(",5"))] = "250,0.01,5"
-    fit = am.fit_thrusters([bollard(tmp_path, "\n".join(lines) + "\n")], columns=BY)
-    assert [fit.place(int(i)) for i in np.flatnonzero(fit.points.flag != "")] == ["bollard.csv, 5"]
-    assert list(fit.parts) == [*map(str, range(1, 9))]
-    assert isinstance(fit.parts["8"], str) and fit.compared[7].why
-
-
 def test_a_column_that_is_not_there_or_not_whole_is_refused(tmp_path: Path) -> None:
     path = bollard(tmp_path, eight(1))
     with pytest.raises(LogError, match="no column 'motor', which the column map names with by; found the columns n, "):
@@ -104,3 +92,15 @@ def test_init_and_check_name_the_columns_of_thrusters_and_runs(tmp_path: Path) -
     steps.write_text(TRIALS.replace("trial", "operator"))
     text = am.init(tmp_path, out=tmp_path / "campaign.toml", overwrite=True).text
     assert "run" not in tomllib.loads(text)["columns"] and '# run = "operator"' in text
+
+
+@pytest.mark.slow
+def test_a_faulty_reading_and_a_missing_direction_are_those_of_their_thruster(tmp_path: Path) -> None:
+    """Numbers name thrusters too."""
+    lines = eight(1, {"T3": 0.5}).replace(",T", ",").splitlines()
+    lines = [line for line in lines if not line.endswith(",8") or line.startswith("0,")]
+    lines[next(i for i, line in enumerate(lines) if line.startswith("250,") and line.endswith(",5"))] = "250,0.01,5"
+    fit = am.fit_thrusters([bollard(tmp_path, "\n".join(lines) + "\n")], columns=BY)
+    assert [fit.place(int(i)) for i in np.flatnonzero(fit.points.flag != "")] == ["bollard.csv, 5"]
+    assert list(fit.parts) == [*map(str, range(1, 9))]
+    assert isinstance(fit.parts["8"], str) and fit.compared[7].why
