@@ -202,7 +202,7 @@ class StepRuns(RunGroup):
             raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
         if 0.0 in levels_of(self.levels):
             name = key_of(self, "levels")
-            raise SettingError(f'{name} has a zero; expected other values (a run of kind "sequence" may rest)')
+            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
         for moment in levels_of(self.levels):
@@ -231,6 +231,30 @@ class SequenceRuns(RunGroup):
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
         yield self.base, self.commands
+
+
+@dataclass(frozen=True, kw_only=True)
+class RampRuns(RunGroup):
+    """The command goes from `from_` to `to` in `steps` equal stairs over `duration_s`."""
+
+    kind: Literal["ramp"] = "ramp"
+    to: float
+    duration_s: AboveZero
+    from_: float = 0.0
+    steps: CountAboveZero = 20
+
+    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+        stairs = np.linspace(self.from_, self.to, self.steps + 1)[1:].round(6).tolist()
+        yield f"{self.base}_{moment_text(self.to)}", tuple((moment, self.duration_s / self.steps) for moment in stairs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestRuns(RunGroup):
+    kind: Literal["rest"] = "rest"
+    duration_s: AboveZero
+
+    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+        yield self.base, ((0.0, self.duration_s),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,6 +312,8 @@ class PlanarRuns(RunGroup):
 KINDS: Mapping[str, type[RunGroup]] = {
     **dict.fromkeys(("step", "coast-down", "reversal"), StepRuns),
     "sequence": SequenceRuns,
+    "ramp": RampRuns,
+    "rest": RestRuns,
 }
 
 

@@ -27,7 +27,8 @@ ALL_KINDS: list[dict[str, object]] = [
     {"kind": "coast-down", "moments": [0.9], "turn_deg": 180, "coast_s": 8},
     {"kind": "reversal", "moments": [-0.7], "turn_deg": 150},
     {"kind": "sequence", "commands": [[0.8, 5], [-0.3, 6.5], [0, 2], [1.2, 4]]},
-    {"kind": "sequence", "commands": [[0, 5]], "name": "rest"},
+    {"kind": "ramp", "to": -1.0, "duration_s": 12, "steps": 30},
+    {"kind": "rest", "duration_s": 5},
 ]
 
 
