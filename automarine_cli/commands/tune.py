@@ -55,9 +55,7 @@ POSITIVE = options.Finite(positive=True)
 @options.arm
 @options.columns
 @options.ending(options.seed)
-def tune(
-    *, check: Any, reference: str | None, out: Path | None, progress: Progress, **settings: Any
-) -> "Tuning | TuningCheck":
+def tune(*, check: Any, reference: str | None, progress: Progress, **settings: Any) -> "Tuning | TuningCheck":
     """Gains of a controller from a model or a diagnosis, as fast as its uncertainty allows.
 
     What is uncertain is flown: the model's parameters, thrust that differs from run to run, the supply, delays that
@@ -72,12 +70,11 @@ def tune(
     """
     if check:
         from automarine_cli.control.tuning import check_tuning
-        from automarine_cli.report.diagnosis_report import verdict_sentence
 
-        return check_tuning(settings["model"], check, reference, settings["columns"], verdict_sentence, progress)
+        return check_tuning(settings["model"], check, reference, settings["columns"], progress)
     from automarine_cli.control.tuning import make_tuning
 
-    return make_tuning(out=out, progress=progress, **settings)
+    return make_tuning(**settings)
 
 
 def _completed(settings: dict[str, Any]) -> dict[str, Any]:

@@ -1,31 +1,26 @@
-"""The result of `tune`: a model or a diagnosis -> gains of a controller with their margins, or why none can be promised
-and the runs that would settle it; and a log flown with gains against what was promised of them."""
+"""The result of `tune`: a model or a diagnosis -> gains of a controller with their margins, or why none can be
+promised; and a log flown with gains against what was promised of them."""
 
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.design import Designed, Ensemble, Outcome, Setup, Task, crowds_of, design, fly, step_scores
-from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_knowledge
+from automarine_cli.control.design import Designed, Outcome, Setup, Task, crowds_of, design, fly, step_scores
+from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, authority, read_knowledge
 from automarine_cli.control.targets import get
-from automarine_cli.control.targets.base import Design, Gains, Target, present_gains
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.control.targets.base import Design, present_gains
 from automarine_cli.dofs import Dof
-from automarine_cli.errors import Attempt, AutomarineError, ModelError, RunError, SettingError, attempted
+from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import DIAGNOSIS
 from automarine_cli.pipeline.parallel import Progress, silent
-from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, Source, json_document, read_plain
-from automarine_cli.planning.campaign import Plan, make_plan
-from automarine_cli.planning.candidates import Goal, Limits, Moments
+from automarine_cli.pipeline.records import Document, ResultKind, ResultRecord, Shown, Source, json_document, read_plain
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run, position_noise
@@ -33,11 +28,7 @@ from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 
 BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field's two degrees of heading, and 5 cm
 STEP_DEG, STEP_M = 90.0, 1.0
-WIDE, NARROW = 50.0, 10.0
-"""Half widths of intervals [%] at which planning ends: to settle a tie alone, and for an effect of unknown size."""
 QUANTILES = (0.025, 0.5, 0.975)
-SETTLES, LIMITS = "settles", "limits.toml"
-"""Folder of the runs that settle what is open, within the folder of results, and the file of their limits."""
 RECORDED = (
     "target", "step", "load", "margin", "full", "arm", "delay", "supply", "sample_time", "beyond_range", "seed",
 )  # fmt: skip
@@ -87,15 +78,15 @@ TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Shown):
-    """The verdict, the name of the model's file, the `settings` of `set_up`; where something is open, the settings of
-    the plan of runs that settle it, and that plan if results go into the folder `out`."""
+    """The verdict, what it rests on, and the `settings` of `set_up`."""
 
     designed: Designed
-    source: str
+    knowledge: Knowledge
     settings: Mapping[str, Any]
-    settling: Mapping[str, Any] | None
-    plan: Attempt[Plan] | None
-    out: Path | None
+
+    @property
+    def source(self) -> str:
+        return self.knowledge.stored.source
 
     def to_json(self) -> dict[str, Any]:
         designed, new, old, task = self.designed, self.designed.new, self.designed.old, self.designed.task
@@ -120,7 +111,6 @@ class Tuning(Shown):
             "vehicles": sum(len(crowd.vehicles) for crowd in designed.crowds),
             "explanations": [crowd.name for crowd in designed.crowds],
             "settled_by": designed.run or None,
-            "plan": None if self.settling is None else self.plan_command(""),
             "notes": list(designed.notes),
             "present_gains": None if old is None else dict(old.gains),
             "made_from": {
@@ -154,17 +144,21 @@ class Tuning(Shown):
         bands = {name: _json(value) for name, value in promises(outcome, self.designed).items()}
         return bands | {"settles": float(outcome.scores.settles.mean())}
 
-    def plan_command(self, out: str) -> str:
-        """The line that plans the runs that settle what is open; files by their names alone where `out` is empty."""
-        assert self.settling is not None
-        files = {"": "model", "--diagnosis": "diagnosis", "--thrusters": "thrusters"}
-        used = {key: str(file) if out and isinstance(file, Path) else file.name for key, name in files.items()
-                if isinstance(file := self.settling[name], Source)}  # fmt: skip
-        words = ["automarine", "plan", *(word for pair in used.items() for word in pair if word)]
-        words += [word for name in self.settling["parameters"] for word in ("--parameter", name)]
-        arm = self.settling["arm"]
-        words += [] if arm is None else ["--arm", f"{arm:g}"]
-        return shlex.join([*words, "--limits", str(PurePosixPath(out, SETTLES, LIMITS)), "-o", "out/plan"])
+    @property
+    def plan_command(self) -> str:
+        """The line that plans runs which separate what a diagnosis left tied, or narrow the effect that is not known;
+        empty where nothing is open, or nothing can be planned."""
+        dof, effect = self.designed.nominal.dof, self.designed.open
+        if not effect or not dof.wraps:
+            return ""
+        model, extended = (self.settings[key] for key in ("model", "extended"))
+        files = [model] if extended is None else [extended, "--diagnosis", model]
+        parameters = [dof.symbols.inertia]
+        if effect not in self.knowledge.splits:
+            parameters.append(f"{effect} {effects.get(effect).names_in(dof)[0]}")
+        wanted = [word for name in parameters for word in ("--parameter", name)]
+        named = [file.name if isinstance(file, Document) else str(file) for file in files]
+        return shlex.join(["automarine", "plan", *named, *wanted, "-o", "out/plan"])
 
     def target_text(self) -> str:
         designed = self.designed
@@ -178,39 +172,12 @@ class Tuning(Shown):
         return designed.target.text(Design(designed.new.gains, before, designed.nominal, notes))
 
 
-def make_tuning(
-    *, present: Source | None, out: Path | None = None, progress: Progress = silent, **settings: Any
-) -> Tuning:
+def make_tuning(*, present: Source | None, **settings: Any) -> Tuning:
     """Design gains by the settings of `set_up`; `present` is a file of the gains flown so far.
 
-    Runs that settle what is open are planned if results go into a folder `out`. Raises ModelError or SettingError."""
+    Raises ModelError or SettingError."""
     setup = set_up(**settings)
-    designed = design(setup, present_gains(setup.target, present))
-    settling, plan = _settling(settings, setup, designed), None
-    if settling is not None and out is not None:
-        plan = attempted(
-            "The runs that settle it could not be planned", lambda: make_plan(**settling, progress=progress)
-        )
-    return Tuning(designed, setup.knowledge.stored.source, settings, settling, plan, out)
-
-
-def _settling(settings: Mapping[str, Any], setup: Setup, designed: Designed) -> dict[str, Any] | None:
-    """Settings of the plan of runs that settle what changes the answer: they separate what a diagnosis left tied, or
-    narrow the interval of the effect that is not known."""
-    dof, effect = setup.knowledge.model.dof, designed.open
-    if not effect or not dof.wraps:
-        return None
-    in_newtons = setup.knowledge.stored.moment_unit != "nu"
-    thrusters, arm = (settings["thrusters"], settings["arm"]) if in_newtons else (None, None)
-    largest = None if thrusters is not None else min(setup.full, setup.knowledge.largest or setup.full)
-    tied = effect in setup.knowledge.splits
-    model, extended = settings["model"], settings["extended"]
-    return {
-        "model": extended or model, "diagnosis": model if extended else None,
-        "limits": Limits(moments=Moments(largest=largest), goal=Goal(half_width_percent=WIDE if tied else NARROW)),
-        "parameters": (dof.symbols.inertia, *(() if tied else (f"{effect} {effects.get(effect).names_in(dof)[0]}",))),
-        "thrusters": thrusters, "arm": arm, "columns": settings["columns"], "seed": settings["seed"],
-    }  # fmt: skip
+    return Tuning(design(setup, present_gains(setup.target, present)), setup.knowledge, settings)
 
 
 def banded(values: Floats, unit: str) -> Estimate | None:
@@ -251,21 +218,14 @@ def _json(estimate: Estimate | None) -> dict[str, Any] | None:
     return {"value": value, "stderr": estimate.stderr, "ci95": [low, high], "unit": estimate.unit}
 
 
-PIECES = 8  # of all logs together that a diagnosis is made of
 REFERENCES = ("target", "reference", "desired", "DesYaw", "YDes")  # parts of the names of columns that hold a reference
 SMOOTHED_S, STEADY_S, LEAST = 0.5, 3.0, 5.0
 """Readings are averaged over so long, a reference stays for so long at least, and a step is so many bands large."""
-BEFORE_S, FOLLOWED_S, FOLLOWERS = 1.0, 120.0, 60
-"""A stretch without steps: begins so long before the first move, lasts so long at most, so many vehicles."""
-KEYS = {
-    "overshoot": "overshoot_percent", "settling": "settling_s", "rms": "rms_after_{unit}",
-    "distance": "rms_error_{unit}", "largest": "largest_error_{unit}",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One figure of a step: as flown, and the band of 95 % that was promised; infinite where it never settled."""
+    """A figure of a step as flown, and the band of 95 % that was promised; infinite where it never settled."""
 
     value: float
     band: tuple[float, float]
@@ -274,13 +234,13 @@ class Compared:
 
 @dataclass(frozen=True)
 class FlownStep:
-    """One step of the reference, or a stretch of it without steps: when it `begins` [s in the log], its size (None
-    without), what came of it by name, and the curves: `time` (N,), `reference` (N,), `position` (N,) as read, `low` and
-    `high` (N,) of the promise, all less the position before."""
+    """A step of the reference: when it `begins` [s in the log], its size, what came of it by key of the result file
+    [percent, s, degrees or centimetres], and the curves: `time` (N,), `reference` (N,), `position` (N,) as read, `low`
+    and `high` (N,) of the promise, all less the position before."""
 
     run: str
     begins: float
-    size: float | None
+    size: float
     figures: Mapping[str, Compared]
     time: Floats
     reference: Floats
@@ -294,37 +254,19 @@ class FlownStep:
 
     def to_json(self, dof: Dof) -> dict[str, Any]:
         figures = {}
-        for name, figure in self.figures.items():
-            values = (in_print(name, x, dof) for x in (figure.value, *figure.band))
-            flown, *promised = (x if math.isfinite(x) else None for x in values)
-            key = KEYS[name].format(unit=dof.units.key)
+        for key, figure in self.figures.items():
+            flown, *promised = (x if math.isfinite(x) else None for x in (figure.value, *figure.band))
             figures[key] = {"flown": flown, "promised": promised, "held": figure.in_band}
-        step = {f"step_{dof.units.log}": None if self.size is None else dof.logged(self.size)}
+        step = {f"step_{dof.units.log}": dof.logged(self.size)}
         return {"run": self.run, "begins_s": self.begins, **step, "held": self.held, "figures": figures}
-
-
-@dataclass(frozen=True)
-class Promise:
-    """What was promised: the stack, its gains, the vehicles that the model allows, the step they were judged by."""
-
-    target: Target
-    gains: Gains
-    crowds: Sequence[Ensemble]
-    task: Task
-
-
-def in_print(name: str, value: float, dof: Dof) -> float:
-    """A figure in the units of result files: percent, seconds, degrees or centimetres."""
-    return 100.0 * value if name == "overshoot" else value if name == "settling" else float(dof.shown(value))
 
 
 @dataclass(frozen=True, repr=False)
 class TuningCheck(Shown):
-    """The steps of a log beside what was promised, and in `changed` what a diagnosis says where it was not held."""
+    """The steps of a log beside what was promised."""
 
     steps: tuple[FlownStep, ...]
     dof: Dof
-    changed: str
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -332,32 +274,40 @@ class TuningCheck(Shown):
             "motion": self.dof.name,
             "verdict": "held" if all(step.held for step in self.steps) else "not-held",
             "steps": [step.to_json(self.dof) for step in self.steps],
-            "changed": self.changed or None,
         }
 
 
 def check_tuning(
     tuning: Source, logs: Sequence[LogFile], reference: str | None, columns: Source | ColumnMap | None,
-    phrase: Callable[[Diagnosis], str], progress: Progress = silent,
+    progress: Progress = silent,
 ) -> TuningCheck:  # fmt: skip
     """Compare logs that were flown with the gains of a `tuning.json` with what was promised of them.
 
-    `phrase` says the verdict of a diagnosis. Raises ModelError for another file, LogError or RunError for logs without
-    a step."""
+    Raises ModelError for another file, LogError or RunError for logs without a step."""
     setup, gains = _of_tuning(tuning)
-    runs = load_runs(logs, given_columns(columns), dof=setup.knowledge.model.dof, progress=progress).runs
-    crowds = crowds_of(setup.knowledge, setup.full, setup.bend, setup.seed)
-    flown = {name: np.full((1, 1), value) for name, value in gains.items()}
-    promise = Promise(setup.exact(crowds[0].vehicles), flown, crowds, setup.task)
-    steps = tuple(step for run in runs for step in _flown_steps(run, reference_of(run, reference), promise))
-    dof = setup.knowledge.model.dof
+    dof, task = setup.knowledge.model.dof, setup.task
+    runs = load_runs(logs, given_columns(columns), dof=dof, progress=progress).runs
+    crowds = [crowd.vehicles for crowd in crowds_of(setup.knowledge, setup.full, setup.bend, setup.seed)]
+    target, sets = setup.exact(crowds[0]), {name: np.full((1, 1), value) for name, value in gains.items()}
+
+    def promise(time: Floats, wish: Floats) -> tuple[Floats, Floats]:
+        """Time (M,) and positions (S, M) of every vehicle that follows a reference from rest."""
+        clock = np.arange(max(2, round(float(time[-1]) / target.period))) * target.period
+        setpoint = np.interp(clock, time, wish)[None, None]
+        flights = [fly(target, sets, vehicles, setpoint, np.zeros((1, 1))) for vehicles in crowds]
+        return flights[0].time, np.concatenate([flight.position[:, 0] for flight in flights])
+
+    steps = []
+    for run in runs:
+        setpoint = reference_of(run, reference)
+        steps += [_flown(run, setpoint, part, task, promise) for part in _steps(run.time, setpoint, task.band)]
     if not steps:
-        least = f"{dof.logged(LEAST * setup.task.band):g} {dof.units.log}"
+        least = f"{dof.logged(LEAST * task.band):g} {dof.units.log}"
         raise RunError(
             f"{runs[0].source}: no change of the reference of {least} or more; make one step and hold it until the "
             "vehicle is at rest"
         )
-    return TuningCheck(steps, dof, "" if all(step.held for step in steps) else _changed(runs, setup, phrase))
+    return TuningCheck(tuple(steps), dof)
 
 
 def _of_tuning(tuning: Source) -> tuple[Setup, dict[str, float]]:
@@ -375,22 +325,6 @@ def _of_tuning(tuning: Source) -> tuple[Setup, dict[str, float]]:
     return set_up(**settings), flown
 
 
-def _changed(runs: Sequence[Run], setup: Setup, phrase: Callable[[Diagnosis], str]) -> str:
-    """What a diagnosis of the logs says, cut in pieces so that there is something to tell chance by, in a sentence."""
-    parts = -(-PIECES // len(runs))
-    pieces = [
-        replace(run.cut(start, stop), name=f"{run.name} {k}")
-        for run in runs
-        for k, (start, stop) in enumerate(pairwise(np.linspace(0, len(run), parts + 1).astype(int)), 1)
-    ]
-    try:
-        diagnosis = diagnose_runs(pieces, setup.knowledge.model, seed=setup.seed)
-    except AutomarineError as problem:
-        return f"The log could not be diagnosed: {problem}."
-    effects = (effect.says for effect in diagnosis.effects)
-    return " ".join([f"A diagnosis of the log says: {phrase(diagnosis)}", *effects])
-
-
 def reference_of(run: Run, column: str | None) -> Floats:
     """The reference of a run in base units (N,), unwrapped. Raises RunError where no column holds one."""
     dof = run.dof
@@ -406,68 +340,45 @@ def reference_of(run: Run, column: str | None) -> Floats:
     return np.unwrap(inner) if dof.wraps else inner
 
 
-def _flown_steps(run: Run, reference: Floats, promise: Promise) -> list[FlownStep]:
-    """Every step of a run's reference, or a stretch of it, from just before it first moves, that moves without."""
-    band, crowds = promise.task.band, promise.crowds
-    steps = list(_steps(run.time, reference, band))
-    if steps or np.ptp(reference) < LEAST * band:
-        return [
-            _flown(run, reference, slice(a, b + 1), reference[a], promise, float(reference[b] - reference[a]))
-            for a, b in steps
-        ]
-    moves = np.flatnonzero(reference != reference[0])[0]
-    begin = int(np.searchsorted(run.time, run.time[moves] - BEFORE_S))
-    end = int(np.searchsorted(run.time, run.time[begin] + FOLLOWED_S))
-    promise = replace(promise, crowds=[part.first(max(FOLLOWERS // len(crowds), 2)) for part in crowds])
-    off = 2.0 * np.pi * np.round((run.position[begin] - reference[begin]) / (2.0 * np.pi)) if run.dof.wraps else 0.0
-    return [_flown(run, reference + off, slice(begin, end), run.position[begin], promise, None)]
-
-
-def _steps(time: Floats, reference: Floats, band: float) -> Iterator[tuple[int, int]]:
-    """First sample of each step, and the last before the next one."""
+def _steps(time: Floats, reference: Floats, band: float) -> Iterator[slice]:
+    """Each step that is large and held, to the last sample before the next one."""
     moves = np.flatnonzero(np.abs(np.diff(reference)) > 0.1 * band)
     if not len(moves):
         return
-    apart = np.flatnonzero(np.diff(time[moves]) > 1.0)
-    firsts = moves[np.concatenate([[0], apart + 1])]
-    lasts = moves[np.concatenate([apart, [len(moves) - 1]])]
-    ends = [*firsts[1:], len(time) - 1]
-    for first, last, end in zip(firsts, lasts, ends):
-        large = abs(reference[last + 1] - reference[first]) >= LEAST * band
-        if large and time[end] - time[last + 1] >= STEADY_S:
-            yield int(first), int(end)
+    groups = np.split(moves, np.flatnonzero(np.diff(time[moves]) > 1.0) + 1)
+    ends = [*(int(group[0]) for group in groups[1:]), len(time) - 1]
+    for group, end in zip(groups, ends):
+        first, after = int(group[0]), int(group[-1]) + 1
+        if abs(reference[after] - reference[first]) >= LEAST * band and time[end] - time[after] >= STEADY_S:
+            yield slice(first, end + 1)
 
 
-def _flown(run: Run, reference: Floats, part: slice, start: float, promise: Promise, size: float | None) -> FlownStep:
-    """Part of a run beside the same flown by every vehicle, all less the position before: a step of a `size`, else how
-    far the vehicle is from the reference, on the whole and at most."""
+def _flown(
+    run: Run, reference: Floats, part: slice, task: Task, promise: Callable[[Floats, Floats], tuple[Floats, Floats]]
+) -> FlownStep:
+    """A step of a run beside the same flown by every vehicle, all less the position before."""
+    dof, start, size = run.dof, reference[part][0], float(reference[part][-1] - reference[part][0])
     time = run.time[part] - run.time[part][0]
-    turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if run.dof.wraps else 0.0
-    measured = run.position - 2.0 * np.pi * turns
+    turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if dof.wraps else 0.0
+    measured = run.position - 2.0 * np.pi * turns - start
     width = max(1, round(SMOOTHED_S / float(np.median(np.diff(run.time)))))
     smooth = np.convolve(np.pad(measured, width // 2, mode="edge"), np.ones(width) / width, mode="same")
-    smooth = smooth[width // 2 : width // 2 + len(measured)][part] - start
+    smooth = smooth[width // 2 : width // 2 + len(measured)][part]
     noise = float(position_noise(run.time, run.position) / np.sqrt(width))
-    wish, target = reference[part] - start, promise.target
-    loops = max(2, round(float(time[-1]) / target.period))
-    setpoint = np.interp(np.arange(loops) * target.period, time, wish)[None, None]
-    flights = [fly(target, promise.gains, crowd.vehicles, setpoint, np.zeros((1, 1))) for crowd in promise.crowds]
-    clock, flown = flights[0].time, np.concatenate([flight.position[:, 0] for flight in flights])
-    did: tuple[Floats, ...]
-    promised: tuple[Floats, ...]
-    if size is None:
-        spare = {"distance": 2.0 * noise, "largest": 4.0 * noise}
-        off, theirs = (smooth - wish)[None], flown - np.interp(clock, time, wish)
-        did, promised = ((np.sqrt(np.mean(x**2, axis=1)), np.abs(x).max(axis=1)) for x in (off, theirs))
-    else:
-        longer = 0.3 + float(np.median(np.diff(time)))
-        spare = {"overshoot": 3.0 * noise / abs(size), "settling": longer, "rms": 2.0 * noise}
-        did = step_scores(time, smooth[None], size, promise.task.band + 2.5 * noise)
-        promised = step_scores(clock, flown, size, promise.task.band)
+    clock, flown = promise(time, wish := reference[part] - start)
+    longer = 0.3 + float(np.median(np.diff(time)))
     figures = {}
-    for (name, more), value, values in zip(spare.items(), did, promised):
-        low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in (0.025, 0.975))
-        figures[name] = Compared(float(value[0]), (low, high), bool(low - more <= value[0] <= high + more))
-    band = [np.interp(time, clock, edge) for edge in np.quantile(flown, [0.025, 0.975], axis=0)]
-    begins = float(run.time[part][0] - run.time[0])
-    return FlownStep(run.name, begins, size, figures, time, wish, measured[part] - start, *band)
+    for (key, unit, spare), value, values in zip(
+        (
+            ("overshoot_percent", 100.0, 3.0 * noise / abs(size)),
+            ("settling_s", 1.0, longer),
+            (f"rms_after_{dof.units.key}", float(dof.shown(1.0)), 2.0 * noise),
+        ),
+        step_scores(time, smooth[None], size, task.band + 2.5 * noise),
+        step_scores(clock, flown, size, task.band),
+    ):
+        low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in QUANTILES[::2])
+        held = bool(low - spare <= value[0] <= high + spare)
+        figures[key] = Compared(unit * float(value[0]), (unit * low, unit * high), held)
+    band = [np.interp(time, clock, edge) for edge in np.quantile(flown, QUANTILES[::2], axis=0)]
+    return FlownStep(run.name, float(run.time[part][0] - run.time[0]), size, figures, time, wish, measured[part], *band)

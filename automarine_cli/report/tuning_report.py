@@ -6,11 +6,10 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.control.design import Designed
-from automarine_cli.control.tuning import LIMITS, SETTLES, TUNING, Tuning, TuningCheck, in_print, margins_of, promises
-from automarine_cli.report import plan_report  # noqa: F401  registers what a plan shows
+from automarine_cli.control.tuning import TUNING, Tuning, TuningCheck, margins_of, promises
 from automarine_cli.report.figures.plan import flown_figure, tuning_figure
 from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import Table, number
 
 VERDICTS = {
@@ -27,29 +26,16 @@ def _(tuning: Tuning) -> Sections:
     designed, listed = tuning.designed, [TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png"]
     verdict, *more = _sentences(designed)
     tables = [] if designed.new is None and designed.old is None else [_gains_table(designed), _promised_table(tuning)]
-    planned_runs, failure = tuning.plan or (None, "")
-    if tuning.settling is not None and not failure:
-        where = f"in {tuning.out / SETTLES}" if tuning.out else f"with -o DIR, into DIR/{SETTLES}"
-        line = tuning.plan_command(str(tuning.out or "DIR"))
-        more.insert(1, f"Such runs are planned {where}. To plan them within other limits: {line}")
+    if line := tuning.plan_command:
+        more.insert(1, f"To plan such runs: {line}")
     files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
     files |= {name: table.to_csv() for name, table in zip(("gains.csv", "tuning.csv"), tables)}
     figures: dict[str, Draw] = {"tuning": partial(tuning_figure, designed)} if tables else {}
-    if planned_runs is not None:
-        listed.insert(0, f"{SETTLES}/")
-        planned, limits = sections(planned_runs), planned_runs.limits
-        moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
-        goal = {"half_width_percent": limits.goal.half_width_percent}
-        below = {**planned.files, LIMITS: toml_text({"schema": limits.schema, **moments, "goal": goal})}
-        files |= {f"{SETTLES}/{name}": content for name, content in below.items()}
-        figures |= {f"{SETTLES}/{name}": draw for name, draw in planned.figures.items()}
     if designed.new is not None:
         listed.insert(0, designed.target.file)
         files[designed.target.file] = tuning.target_text()
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
-    return Sections(
-        (verdict, *more, *designed.notes, *tables), files, figures, listed, rows, [*filter(None, [failure])]
-    )
+    return Sections((verdict, *more, *designed.notes, *tables), files, figures, listed, rows)
 
 
 def _sentences(designed: Designed) -> list[str]:
@@ -121,9 +107,6 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     parts = [f"# A controller for {designed.target.name}, from {tuning.source}", *_sentences(designed)]
     if designed.new is not None:
         parts.append(f"The file to load: `{designed.target.file}`. {FIRST_FLIGHT}")
-    if tuning.plan is not None and tuning.plan[0] is not None:
-        page = f"{SETTLES}/plan.md"
-        parts.append(f"Runs that settle it, with their command files: [{page}]({page}).")
     picture = "![Step, load and margins of present and new gains](tuning.png)" if tables else ""
     rests_on = [
         *designed.notes,
@@ -141,26 +124,25 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
 @sections.register
 def _(check: TuningCheck) -> Sections:
     dof, steps, rows, unit = check.dof, check.steps, list[dict[str, object]](), check.dof.units.shown
-    words = {
-        "overshoot": "overshoot [%]", "settling": "settles after [s]", "rms": f"error from then on, rms [{unit}]",
-        "distance": f"distance from the reference, rms [{unit}]", "largest": f"the same at most [{unit}]",
-    }  # fmt: skip
+    words = ("overshoot [%]", "settles after [s]", f"error from then on, rms [{unit}]")
     for step in steps:
-        size = "no step" if step.size is None else f"{dof.logged(step.size):+.3g} {dof.units.log}"
-        for name, figure in step.figures.items():
-            flown, low, high = (_or_never(in_print(name, x, dof)) for x in (figure.value, *figure.band))
+        size = f"{dof.logged(step.size):+.3g} {dof.units.log}"
+        for label, figure in zip(words, step.figures.values()):
+            flown, low, high = map(_or_never, (figure.value, *figure.band))
             rows.append({
-                "step": f"{step.run}, {step.begins:.1f} s, {size}", "": words[name], "flown": flown,
+                "step": f"{step.run}, {step.begins:.1f} s, {size}", "": label, "flown": flown,
                 "promised": f"{low} to {high}", "held": "yes" if figure.in_band else "no",
             })  # fmt: skip
     table = Table.of("Flown and promised", rows)
     failed = sum(not step.held for step in steps)
-    verdict = f"Not as promised: {failed} of {len(steps)} steps leave the bands of 95 %."
+    verdict = (
+        f"Not as promised: {failed} of {len(steps)} steps leave the bands of 95 %. Diagnose the log (automarine "
+        "diagnose) to see what changed."
+    )
     if not failed:
         verdict = f"As promised: all {f'{len(steps)} steps are' if len(steps) > 1 else 'is'} within the bands."
-    sentences = [verdict, *filter(None, [check.changed])]
     picture = "![Steps as flown, and the bands that were promised](tuning_check.png)"
-    page = document("# A log beside what was promised", *sentences, table, picture)
+    page = document("# A log beside what was promised", verdict, table, picture)
     files: dict[str, Content] = {"tuning_check.json": check.to_json(), "tuning_check.md": page}
     figures = {"tuning_check": partial(flown_figure, steps, dof)}
-    return Sections((*sentences, table), files, figures, rows=check.to_json()["steps"])
+    return Sections((verdict, table), files, figures, rows=check.to_json()["steps"])

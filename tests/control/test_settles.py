@@ -1,7 +1,6 @@
-"""What is open and changes the answer: the runs that settle it are planned, and settle it."""
+"""What is open and changes the answer: what is known of it, and the runs that settle it."""
 
 import json
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,7 @@ import test_tune_cli
 from test_tune_cli import Run, estimate, small_crowds, written
 
 import automarine_cli as am
-from automarine_cli.control import tuning
 from automarine_cli.control.knowledge import read_knowledge
-from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.results_folder import MANIFEST
 from automarine_cli.simulation.specification import SCHEMA
 
 __all__ = ["small_crowds"]  # a fixture
@@ -37,45 +33,11 @@ def diagnosis(effect: str, parameters: dict[str, Any], *rivals: str, **more: Any
     }  # fmt: skip
 
 
-@pytest.mark.slow
-def test_an_unknown_delay_is_planned_for(run: Run, tmp_path: Path) -> None:
-    """The folder holds the plan's own files, and the line that is printed makes the same plan again."""
-    path, out, copy = written(tmp_path, model("N m", 30.0)), tmp_path / "out", tmp_path / "again"
-    printed = run("tune", path, *PYTHON, "-o", str(out))
-    assert printed.exit_code == 0, printed.stderr
-    sentence = next(line for line in printed.stdout.splitlines() if line.startswith("Such runs are planned in "))
-    line = shlex.split(sentence.partition("within other limits: ")[2])
-    assert str(out / "settles") in sentence and line[:2] == ["automarine", "plan"] and "input-delay t_d" in line
-    again = run(*line[1:-1], str(copy))
-    assert again.exit_code == 0, again.stderr
-    names = {file.relative_to(copy) for file in copy.rglob("*") if file.is_file()}
-    for name in names - {Path(MANIFEST)}:
-        assert (out / "settles" / name).read_bytes() == (copy / name).read_bytes(), name
-    result = json.loads((out / "tuning.json").read_text())
-    assert result["verdict"] == "cannot-promise" and str(tmp_path) not in json.dumps(result["plan"])
-    assert "[settles/plan.md](settles/plan.md)" in (out / "tuning.md").read_text()
-    planned = json.loads((out / "settles" / "plan.json").read_text())
-    assert 4 <= planned["totals"]["runs"] <= 12 and set(planned["planned_for"]) == {"I_r", "input-delay t_d"}
-    assert planned["parameters"]["input-delay t_d"]["new_runs"]["stderr"] < 0.02
-    assert "Such runs are planned with -o DIR, into DIR/settles." in run("tune", path, *PYTHON).stdout
-
-
-def test_a_tuning_whose_plan_fails_is_written_with_a_warning(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lenient_figures: None
-) -> None:
-    def refuse(*files: object, **settings: object) -> None:
-        raise SettingError("the limits allow no campaign")
-
-    monkeypatch.setattr(tuning, "make_plan", refuse)
-    out = tmp_path / "out"
-    result = run("tune", written(tmp_path, model("N m", 30.0)), *PYTHON, "-o", str(out))
-    warning = (
-        "The runs that settle it could not be planned (the limits allow no campaign); everything else was written."
-    )
-    assert result.exit_code == 0 and f"Warning: {warning}" in result.stderr
-    assert json.loads((out / MANIFEST).read_text())["warnings"] == [warning]
-    assert "Such runs are planned" not in result.stdout + (out / "tuning.md").read_text()
-    assert (out / "tuning.json").is_file() and not (out / "settles").exists()
+def test_the_line_that_plans_what_is_open(run: Run, tmp_path: Path) -> None:
+    path = written(tmp_path, model("N m", 30.0))
+    printed = run("tune", path, *PYTHON)
+    line = f"To plan such runs: automarine plan {path} --parameter I_r --parameter 'input-delay t_d' -o out/plan"
+    assert printed.exit_code == 0 and line in printed.stdout.splitlines()
 
 
 def curve(variable: str) -> tuple[str, dict[str, Any]]:
@@ -126,16 +88,24 @@ def test_what_gained_far_more_than_chance_is_not_open(tmp_path: Path, gain: floa
     assert main.covariance[place, place] == pytest.approx((share * 0.4) ** 2 + law_error**2)
 
 
+def planned(folder: Path, path: str, half_width: float, *parameters: str, diagnosis: str | None = None) -> Path:
+    """The specification of the runs that narrow intervals to `half_width` [%]."""
+    limits = folder / "limits.toml"
+    limits.write_text(f'schema = "automarine/plan-limits/1"\n[goal]\nhalf_width_percent = {half_width}\n')
+    am.plan(path, diagnosis=diagnosis, limits=limits, parameters=parameters, out=folder / "plan")
+    return folder / "plan" / "plan.toml"
+
+
 @pytest.mark.slow
 def test_the_planned_runs_settle_an_unknown_delay(tmp_path: Path) -> None:
     """The truth is 0.02 s late: its planned runs, diagnosed, give what could not be promised before."""
-    path = written(tmp_path, model("N m", 30.0))
-    am.tune(path, target="python", full=30.0, out=tmp_path / "out")
-    plan = (tmp_path / "out" / "settles" / "plan.toml").read_text()
-    (tmp_path / "truth.toml").write_text(plan.replace("t_d = 0.2", "t_d = 0.02"))
+    path = written(tmp_path, model())
+    assert am.tune(path, target="python").designed.open == "input-delay"
+    plan = planned(tmp_path, path, 10.0, "I_r", "input-delay t_d")
+    (tmp_path / "truth.toml").write_text(plan.read_text().replace("t_d = 0.2", "t_d = 0.02"))
     am.simulate(tmp_path / "truth.toml", out=tmp_path / "day")
     am.diagnose([str(tmp_path / "day")], model=path, out=tmp_path / "diagnosis")
-    found = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python", full=30.0)
+    found = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python")
     assert found.designed.verdict == "gains" and found.to_json()["promised"]["settles"] >= 0.95
 
 
@@ -143,14 +113,14 @@ def test_the_planned_runs_settle_an_unknown_delay(tmp_path: Path) -> None:
 def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     """The truth is 0.4 s late; steps alone left it tied with a dead-band."""
     late = {"t_d": estimate(0.4, "s")}
-    written(tmp_path, model(effect="input-delay", parameters=late), "extended_model.json")
+    extended = written(tmp_path, model(effect="input-delay", parameters=late), "extended_model.json")
     path = written(tmp_path, diagnosis("input-delay", late, "dead-band"), "diagnosis.json")
     bare = written(tmp_path, model())
-    before = am.tune(path, target="python", out=tmp_path / "out")
+    before = am.tune(path, target="python")
     assert before.designed.verdict == "cannot-promise" and before.designed.open == "dead-band"
-    planned = json.loads((tmp_path / "out" / "settles" / "plan.json").read_text())
-    assert all(one["evidence"] >= 20.0 for one in planned["splits"])
-    am.simulate(tmp_path / "out" / "settles" / "plan.toml", out=tmp_path / "day")
+    assert f"automarine plan {extended} --diagnosis {path} --parameter I_r -o" in before.plan_command
+    plan = planned(tmp_path, extended, 50.0, "I_r", diagnosis=path)
+    am.simulate(plan, out=tmp_path / "day")
     rest = {
         "schema": SCHEMA, "seed": 3, "vehicle": {"I_r": 0.3, "k_rr": 1.0, "moment_unit": "nu"},
         "effects": [{"name": "input-delay", "t_d": 0.4}], "logger": {"rate_hz": 10.0, "noise_deg": 0.7},
