@@ -13,7 +13,7 @@ Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IE
 (1932), Bell System Technical Journal 11:126.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -30,9 +30,7 @@ from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Complexes, Floats
 
 LONGEST_STEP = 0.01  # longest step [s] of a vehicle between two loops of its controller
-READ = 0.1  # readings are as far off as they are for so long [s]: the pace of logs, of which their noise is known
-TWO = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
-"""The two flights: one with the step of the reference, one with the load."""
+READ = 0.1  # flights are kept, and readings as far off as they are, for so long [s]: the pace of logs
 Loop = Callable[[Complexes], Complexes]
 TILT = 0.02  # damping ratio below which a closed loop counts as unstable
 LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
@@ -48,11 +46,10 @@ class ClosedLoopRun:
 
 
 def fly(
-    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1,
-    longest: float = LONGEST_STEP,
-) -> ClosedLoopRun:  # fmt: skip
+    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, longest: float = LONGEST_STEP
+) -> ClosedLoopRun:
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
-    moment against the vehicle all along; kept `every` so many seconds, the vehicle in steps of `longest` [s] at most.
+    moment against the vehicle all along, the vehicle in steps of `longest` [s] at most; kept ten times a second.
     Readings have the vehicles' noise, the same in every call."""
     vehicles = target.straightened(vehicles)
     step, loops = target.period, reference.shape[2]
@@ -61,11 +58,10 @@ def fly(
     hull, drive = plant.Body(vehicles, flights), plant.Actuators(vehicles, flights, step / parts)
     holding = plant.holding(vehicles)[:, None]
     drive.begin(holding + np.zeros((1, flights)))
-    gains = target.prepared(gains)
-    state = target.start(gains, hull.position[0], holding)
+    state, controller = target.start(gains, hull.position[0], holding), target.controller(gains)
     lag, sensed = plant.sensor_lag(vehicles)[:, None], hull.position[0]
     late = np.exp(-step / np.maximum(lag, 1e-9))
-    stride, pace = max(1, round(every / step)), max(1, round(READ / step))
+    pace = max(1, round(READ / step))
     random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
     wrong = sizes * np.zeros((2, len(vehicles), flights))
     positions: list[Floats] = []
@@ -77,13 +73,13 @@ def fly(
             if k % pace == 0 and any(vehicles.noise):
                 wrong = sizes * random.standard_normal(wrong.shape)
             readings = sensed + wrong[0], hull.velocity[0] + wrong[1]
-            state, output = target.step(state, gains, reference[:, :, k], *readings)
-            if k % stride == 0:
+            state, output = controller(state, reference[:, :, k], *readings)
+            if k % pace == 0:
                 positions.append(position)
                 outputs.append(output)
             for _ in range(parts):
                 hull.advance(drive.deliver(output) - load, step / parts)
-    time = stride * step * np.arange(len(positions), dtype=np.float64)
+    time = pace * step * np.arange(len(positions), dtype=np.float64)
     return ClosedLoopRun(time, np.stack(positions, axis=2), np.stack(outputs, axis=2))
 
 
@@ -104,13 +100,14 @@ class Scores:
 
 
 def step_and_load(
-    target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float, every: float = 0.1,
+    target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float,
     longest: float = LONGEST_STEP,
 ) -> ClosedLoopRun:  # fmt: skip
     """Fly every set twice: a step of the reference, and a load in shares of the whole output from rest."""
-    loops = max(2, round(seconds / target.period))
-    reference = np.repeat((step * TWO[0])[:, :, None], loops, axis=2)
-    return fly(target, gains, vehicles, reference, load * vehicles.full * TWO[1], every=every, longest=longest)
+    reference = np.zeros((1, 2, max(2, round(seconds / target.period))))
+    reference[:, 0] = step
+    loads = np.array([[0.0, load * vehicles.full]])
+    return fly(target, gains, vehicles, reference, loads, longest=longest)
 
 
 def scores(flight: ClosedLoopRun, step: float, band: float) -> Scores:
@@ -146,12 +143,10 @@ class Margins:
     stable: NDArray[np.bool_]
 
 
-def frequencies(highest: float, count: int, lowest: float = LOWEST) -> Floats:
-    """Return frequencies [rad/s] up to `highest`, denser where loops cross over."""
+def frequencies(highest: float, count: int) -> Floats:
+    """Return frequencies [rad/s] up to `highest`, which is above 1, denser where loops cross over."""
     few, start = max(count // 6, 8), highest * 1e-4
-    if lowest >= start:
-        return np.geomspace(lowest, highest, count)
-    return np.concatenate([np.geomspace(lowest, start, few, endpoint=False), np.geomspace(start, highest, count - few)])
+    return np.concatenate([np.geomspace(LOWEST, start, few, endpoint=False), np.geomspace(start, highest, count - few)])
 
 
 def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
@@ -252,10 +247,6 @@ class Setup:
     task: Task
     seed: int
 
-    def exact(self, vehicles: Vehicles) -> Target:
-        """The target as the flights that are promised have it."""
-        return limit_rate(self.target, nominal_of(vehicles, self.task.step), EXACT)
-
 
 @dataclass(frozen=True)
 class Ensemble:
@@ -315,10 +306,14 @@ class Problem:
     crowds: tuple[Ensemble, ...]
 
     def limit_rate(self, share: float) -> Target:
-        return limit_rate(self.target, self.nominal, share)
+        """Give the same stack fewer loops a second, a `share` of all that is slow long, 0.02 s at most."""
+        slow, target = self.nominal.lag + self.target.own_lag, self.target
+        return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
 
     def omega(self, count: int) -> Floats:
-        return grid_for(self.target, self.crowds, count)
+        """Return `count` frequencies [rad/s] that matter to the target on these vehicles."""
+        late = max(float(np.max(dead_time(part.vehicles))) for part in self.crowds)
+        return frequencies(min(np.pi / self.target.period, 60.0 / max(late, 1e-3)), count)
 
 
 @dataclass(frozen=True)
@@ -357,20 +352,13 @@ def crowds_of(
     )
 
 
+def problem_of(setup: Setup, count: int = CROWD) -> Problem:
+    crowds = crowds_of(setup.knowledge, setup.full, setup.bend, setup.seed, count)
+    return Problem(setup.target, setup.task, nominal_of(crowds[0].vehicles, setup.task.step), crowds)
+
+
 def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats]:
     return {name: value[which] for name, value in gains.items()}
-
-
-def limit_rate(target: Target, nominal: NominalPlant, share: float) -> Target:
-    """Give the same stack fewer loops a second, a `share` of all that is slow long, 0.02 s at most."""
-    slow = nominal.lag + target.own_lag
-    return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
-
-
-def grid_for(target: Target, crowds: Sequence[Ensemble], count: int) -> Floats:
-    """Return `count` frequencies [rad/s] that matter to a target on these vehicles."""
-    late = max(float(np.max(dead_time(part.vehicles))) for part in crowds)
-    return frequencies(min(np.pi / target.period, 60.0 / max(late, 1e-3)), count)
 
 
 def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats) -> Margins:
@@ -473,9 +461,8 @@ def design(setup: Setup, present: Mapping[str, float] | None, count: int = CROWD
     A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
     margin and do not settle in time."""
     knowledge, task = setup.knowledge, setup.task
-    crowds = crowds_of(knowledge, setup.full, setup.bend, setup.seed, count)
-    nominal = nominal_of(crowds[0].vehicles, task.step)
-    problem = Problem(setup.target, task, nominal, crowds)
+    problem = problem_of(setup, count)
+    nominal = problem.nominal
     if knowledge.settled is not None:
         return _designed(problem, knowledge, "cannot-promise", *knowledge.settled)
     shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
@@ -536,7 +523,8 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega, task, vehicles = problem.omega(FINE), problem.task, [part.vehicles for part in problem.crowds]
     parts = [all_margins(problem.target, sets, some, omega) for some in vehicles]
-    flights = [step_and_load(problem.limit_rate(EXACT), sets, v, task.step, task.load, task.seconds) for v in vehicles]
+    exact = problem.limit_rate(EXACT)
+    flights = [step_and_load(exact, sets, v, task.step, task.load, task.seconds) for v in vehicles]
     joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
     flight = ClosedLoopRun(flights[0].time, *joined)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.design import Designed, Outcome, Setup, Task, crowds_of, design, fly, step_scores
+from automarine_cli.control.design import EXACT, Designed, Outcome, Setup, Task, design, fly, problem_of, step_scores
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, authority, read_knowledge
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design, present_gains
@@ -287,14 +287,14 @@ def check_tuning(
     setup, gains = _of_tuning(tuning)
     dof, task = setup.knowledge.model.dof, setup.task
     runs = load_runs(logs, given_columns(columns), dof=dof, progress=progress).runs
-    crowds = [crowd.vehicles for crowd in crowds_of(setup.knowledge, setup.full, setup.bend, setup.seed)]
-    target, sets = setup.exact(crowds[0]), {name: np.full((1, 1), value) for name, value in gains.items()}
+    problem, sets = problem_of(setup), {name: np.full((1, 1), value) for name, value in gains.items()}
+    target = problem.limit_rate(EXACT)
 
     def promise(time: Floats, wish: Floats) -> tuple[Floats, Floats]:
         """Time (M,) and positions (S, M) of every vehicle that follows a reference from rest."""
         clock = np.arange(max(2, round(float(time[-1]) / target.period))) * target.period
         setpoint = np.interp(clock, time, wish)[None, None]
-        flights = [fly(target, sets, vehicles, setpoint, np.zeros((1, 1))) for vehicles in crowds]
+        flights = [fly(target, sets, crowd.vehicles, setpoint, np.zeros((1, 1))) for crowd in problem.crowds]
         return flights[0].time, np.concatenate([flight.position[:, 0] for flight in flights])
 
     steps = []

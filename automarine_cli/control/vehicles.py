@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.effects import Commands, Place
+from automarine_cli.effects import Commands, Effect, Place
 from automarine_cli.effects.input_delay import InputDelay
 from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.effects.thruster_lag import ADVANCES, SHORTEST, Advance, ThrusterLag
@@ -133,15 +133,12 @@ class Actuators:
         self._now = [term for term in terms if not isinstance(term.effect, InputDelay | ThrusterLag)]
         self._before = [np.zeros(shape) for _ in self._now]
         self._speed, self._time = np.zeros(shape), np.zeros((1, 1, 1))
-        self._laws: list[tuple[Advance, NDArray[np.int64] | slice, tuple[Floats, ...]]] = []  # of which vehicles
+        self._lag: tuple[Advance, tuple[Floats, ...]] | None = None
         lag_term = next((term for term in terms if isinstance(term.effect, ThrusterLag)), None)
         if lag_term is not None:
             lag, law, largest, fall = lag_term.values
             values = (np.maximum(lag, SHORTEST), np.sqrt(np.maximum(largest, 1e-12)), fall)
-            numbers = np.unique(law)
-            for number in numbers:
-                rows = slice(None) if len(numbers) == 1 else np.flatnonzero(law[:, 0] == number)
-                self._laws.append((ADVANCES[round(float(number))], rows, tuple(value[rows] for value in values)))
+            self._lag = ADVANCES[round(float(law[0, 0]))], values
         self._signals = {"voltage": vehicles.volts[:, None, None]}
 
     def begin(self, output: Floats) -> None:
@@ -162,12 +159,11 @@ class Actuators:
         for place, term in enumerate(self._now):
             before, self._before[place] = self._before[place], moment
             moment = self._at_once(term, moment, before)
-        if self._laws:
+        if self._lag is not None:
+            advance, values = self._lag
             target_speed = np.sign(moment) * np.sqrt(np.abs(moment))
-            impulse, speed, step = np.empty_like(target_speed), np.empty_like(target_speed), np.full((1, 1), self.step)
-            for advance, rows, values in self._laws:
-                impulse[rows], speed[rows] = advance(target_speed[rows], self._speed[rows], step, values)
-            self._speed, moment = speed, impulse / self.step
+            impulse, self._speed = advance(target_speed, self._speed, np.full((1, 1), self.step), values)
+            moment = impulse / self.step
         self._time = self._time + self.step
         return self.vehicles.gain[:, None] * moment
 
@@ -187,32 +183,33 @@ class Actuators:
         return term.effect.deliver(commands, term.wide())[..., 0]
 
 
+def _parameters(vehicles: Vehicles, effect: type[Effect]) -> list[Floats] | None:
+    """The parameters (S,) of an effect; None where the model is without it."""
+    terms = (term for term in vehicles.model.forces(vehicles.theta) if isinstance(term.effect, effect))
+    return next(([value[:, 0] for value in term.values] for term in terms), None)
+
+
 def dead_time(vehicles: Vehicles) -> Floats:
     """Return the delay of each vehicle's commands [s], (S,): the longer where rises and falls differ."""
-    late = vehicles.late
-    for term in vehicles.model.forces(vehicles.theta):
-        if isinstance(term.effect, InputDelay):
-            rise, law, fall = (value[:, 0] for value in term.values)
-            late = late + np.where(law == 1.0, np.maximum(rise, fall), rise)
-    return late
+    if (parameters := _parameters(vehicles, InputDelay)) is None:
+        return vehicles.late
+    rise, law, fall = parameters
+    return vehicles.late + np.where(law == 1.0, np.maximum(rise, fall), rise)
 
 
 def lag_of(vehicles: Vehicles) -> Floats:
     """Return the time constant [s] of the thrust of each vehicle for small changes, (S,)."""
-    for term in vehicles.model.forces(vehicles.theta):
-        if isinstance(term.effect, ThrusterLag):
-            lag, law, largest, fall = (value[:, 0] for value in term.values)
-            slower = np.sqrt(largest / np.maximum(SLOWEST * vehicles.full, 1e-12))
-            return cast(Floats, np.select([law == 2.0, law == 4.0], [lag * slower, lag * np.maximum(fall, 1.0)], lag))
-    return np.zeros(len(vehicles))
+    if (parameters := _parameters(vehicles, ThrusterLag)) is None:
+        return np.zeros(len(vehicles))
+    lag, law, largest, fall = parameters
+    slower = np.sqrt(largest / np.maximum(SLOWEST * vehicles.full, 1e-12))
+    return cast(Floats, np.select([law == 2.0, law == 4.0], [lag * slower, lag * np.maximum(fall, 1.0)], lag))
 
 
 def sensor_lag(vehicles: Vehicles) -> Floats:
     """Return the time constant [s] of each vehicle's position sensor, (S,)."""
-    for term in vehicles.model.forces(vehicles.theta):
-        if isinstance(term.effect, SensorLag):
-            return term.values[0][:, 0]
-    return np.zeros(len(vehicles))
+    parameters = _parameters(vehicles, SensorLag)
+    return np.zeros(len(vehicles)) if parameters is None else parameters[0]
 
 
 def output_slope(vehicles: Vehicles) -> Floats:
@@ -294,15 +291,10 @@ def response(vehicles: Vehicles, s: Complexes) -> tuple[Complexes, Complexes]:
     a, mobility = least_damped(vehicles), 1.0 / vehicles.theta[:, 0]
     late = np.exp(-s * dead_time(vehicles)[:, None]) / (1.0 + s * lag_of(vehicles)[:, None])
     reach: Complexes = output_slope(vehicles)[:, None] * late
-    position: Complexes
-    if a.shape[1] == 2:
-        position = mobility[:, None] / (s * s - a[:, 1, 1:] * s - a[:, 1, :1])
-    else:
-        lead = s[None, :, None, None] * np.eye(a.shape[1]) - a[:, None]
-        right = np.zeros((*lead.shape[:3], 1), dtype=complex)
-        right[:, :, 1, 0] = mobility[:, None]
-        position = np.linalg.solve(lead, right)[..., 0, 0]
-    position = position * reach
+    lead = s[None, :, None, None] * np.eye(a.shape[1]) - a[:, None]
+    right = np.zeros((*lead.shape[:3], 1), dtype=complex)
+    right[:, :, 1, 0] = mobility[:, None]
+    position: Complexes = np.linalg.solve(lead, right)[..., 0, 0] * reach
     return position / (1.0 + s * sensor_lag(vehicles)[:, None]), s * position
 
 

@@ -106,7 +106,7 @@ def corners(name: str, beyond: bool = False) -> list[dict[str, Any]]:
                 design.step_and_load(target, tried, vehicles, np.pi / 2, 0.1, 40.0), np.pi / 2, np.deg2rad(2.0)
             )
             disk = design.all_margins(
-                target, tried, vehicles, design.grid_for(target, [design.Ensemble("", vehicles)], design.FINE)
+                target, tried, vehicles, design.frequencies(np.pi / target.period, design.FINE)
             ).disk
             rows.append({
                 "vehicle": name, "gains": kind, "settled": int(flight.settles.sum()), "disk_margin": float(disk.min()),
@@ -171,7 +171,7 @@ def flown(
     vehicle = Vehicle(truth, np.exp(truth.scatter * random.standard_normal(1)) * np.ones(2))
     tried: Gains = {key: np.full((1, 1), value) for key, value in gains.items()}
     reference, load = np.array([[np.pi / 2, 0.0]]), np.array([0.0, 0.1])
-    state = target.start(tried, np.zeros((1, 2)), np.zeros((1, 1)))
+    state, controller = target.start(tried, np.zeros((1, 2)), np.zeros((1, 1))), target.controller(tried)
     parts: list[Floats] = []
     left = 0.0
     for k in range(round(seconds / target.period)):
@@ -180,7 +180,7 @@ def flown(
         if k % max(1, round(READ / target.period)) == 0:
             wrong = np.deg2rad([[NOISE_DEG], [NOISE_DEG_S]]) * random.standard_normal((2, 2))
         heading, rate = vehicle.shown + wrong[0], vehicle.rate + wrong[1]
-        state, output = target.step(state, tried, reference, heading[None], rate[None])
+        state, output = controller(state, reference, heading[None], rate[None])
         left += target.period
         while left > 0.5 * STEP:
             vehicle.advance(output[0], load)

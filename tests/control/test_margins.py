@@ -7,7 +7,7 @@ import pytest
 from made_vehicles import vehicle
 
 from automarine_cli.control import vehicles as plant
-from automarine_cli.control.design import Ensemble, all_margins, fly, frequencies, grid_for, margins, stable_along
+from automarine_cli.control.design import all_margins, fly, frequencies, margins, stable_along
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.base import Gains, NominalPlant, Target
 from automarine_cli.dofs import YAW
@@ -91,7 +91,7 @@ def test_flights_begin_to_swing_where_the_delay_margin_says(name: str) -> None:
     target = get(name)
     own = tuned(target)
     base = vehicle(drag=0.0, linear=0.6)
-    omega = grid_for(target, [Ensemble("", base)], 2000)
+    omega = frequencies(np.pi / target.period, 2000)
     margin = all_margins(target, own, base, omega).delay[0]
     assert 0.02 < margin < 5.0
     loops = round(max(20.0, (25.0 if target.period < 0.01 else 60.0) * margin) / target.period)
@@ -123,7 +123,7 @@ def test_margins_are_those_of_the_loop_at_rest() -> None:
     target = get("ardusub")
     own = tuned(target)
     bare, dragged = vehicle(drag=0.0, linear=0.05), vehicle(drag=3.0, linear=0.05)
-    omega = grid_for(target, [Ensemble("", bare)], 1000)
+    omega = frequencies(np.pi / target.period, 1000)
     first, second = (all_margins(target, own, one, omega).disk[0] for one in (bare, dragged))
     assert second == pytest.approx(first, abs=1e-4)
 

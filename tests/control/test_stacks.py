@@ -13,10 +13,9 @@ from repository import DATA
 from automarine_cli.control.design import ClosedLoopRun, fly, nominal_of, scores, step_and_load
 from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
-from automarine_cli.control.targets.ardupilot import RootLaw, distance_to, gyro, gyro_response
+from automarine_cli.control.targets.ardupilot import distance_to, gyro, gyro_response, root_law
 from automarine_cli.control.targets.base import Design, Gains, Target
 from automarine_cli.control.targets.loops import low_pass, share
-from automarine_cli.control.targets.pid import series_form
 from automarine_cli.control.vehicles import Spread, ThrustCurve, Vehicles, crowd
 from automarine_cli.errors import SettingError
 from automarine_cli.thrusters.map import Curve, ThrusterMap
@@ -33,14 +32,14 @@ def halfway(target: Target, plant: Vehicles) -> Gains:
 
 def test_the_root_law_is_in_proportion_near_and_stops_in_time_far_off() -> None:
     gain, limit, step = np.array(4.0), np.array(2.0), 0.0025
-    law = RootLaw.of(gain, limit, step)
+    law = root_law(gain, limit, step)
     near = 2.0 / 16.0
     error = np.array([0.1, near, 1.0, -1.0, 0.0])
     wanted = [0.4, 4.0 * near, np.sqrt(2 * 2.0 * (1.0 - near / 2)), -np.sqrt(2 * 2.0 * (1.0 - near / 2)), 0.0]
     assert np.allclose(law(error), wanted)
     assert np.allclose(distance_to(law(error[:3]), gain, limit), error[:3])
-    assert np.allclose(RootLaw.of(gain, np.array(0.0), step)(np.array([3.0])), 12.0)  # no limit
-    assert np.allclose(RootLaw.of(np.array(900.0), limit * 1e6, step)(np.array([0.01])), 0.01 / step)  # never beyond
+    assert np.allclose(root_law(gain, np.array(0.0), step)(np.array([3.0])), 12.0)  # no limit
+    assert np.allclose(root_law(np.array(900.0), limit * 1e6, step)(np.array([0.01])), 0.01 / step)  # never beyond
 
 
 def test_the_low_passes_answer_a_step_and_a_sine_as_they_should() -> None:
@@ -84,7 +83,7 @@ def test_the_integral_is_frozen_at_the_limit_and_held_within_its_own() -> None:
     gains, integrals = gains_of(target), []
     state = target.start(gains, AT_REST, AT_REST)
     for _ in range(4000):
-        state, output = target.step(state, gains, AT_REST + 3.0, AT_REST, AT_REST)
+        state, output = target.controller(gains)(state, AT_REST + 3.0, AT_REST, AT_REST)
         assert abs(output[0, 0]) <= 1.0
         integrals.append(float(state[8][0, 0]))
     assert max(integrals) <= 0.222 + 1e-12
@@ -95,9 +94,9 @@ def test_rover_s_feed_forward_alone_holds_the_steady_rate() -> None:
     """FF = 1/(rate at the whole output): with linear drag the rate asked for is the rate that comes."""
     target, plant = get("ardurover"), vehicle(inertia=1.0, drag=0.0, linear=2.0, full=4.0, lag=0.0, delay=0.0)
     gains = gains_of(target, ATC_STR_RAT_FF=0.5, ATC_STR_RAT_P=0.0, ATC_STR_RAT_I=0.0)
-    flight = fly(target, gains, plant, np.full((1, 1, 500), 1e3), AT_REST, every=0.02)
+    flight = fly(target, gains, plant, np.full((1, 1, 500), 1e3), AT_REST)
     assert flight.output[0, 0, -1] == pytest.approx(1.0)
-    assert np.diff(flight.position[0, 0])[-1] / 0.02 == pytest.approx(2.0, rel=1e-3)
+    assert np.diff(flight.position[0, 0])[-1] / 0.1 == pytest.approx(2.0, rel=1e-3)
 
 
 def test_the_derivative_of_the_rate_s_error_leads_by_its_time() -> None:
@@ -108,7 +107,7 @@ def test_the_derivative_of_the_rate_s_error_leads_by_its_time() -> None:
     for side in (1.0, -1.0):
         state = target.start(gains, AT_REST, AT_REST)
         for k in range(800):
-            state, output = target.step(state, gains, AT_REST, AT_REST, AT_REST + side * 0.4 * k * target.period)
+            state, output = target.controller(gains)(state, AT_REST, AT_REST, AT_REST + side * 0.4 * k * target.period)
         wanted = -side * 0.4 * (0.1 * (799 * target.period - late) + 0.02)
         assert output[0, 0] == pytest.approx(wanted, rel=0.01)
 
@@ -137,13 +136,6 @@ def test_what_is_not_uncertain_is_not_drawn() -> None:
     assert np.all(drawn.theta[:, ~fixed].std(axis=0) > 0)
 
 
-def test_series_and_parallel_form_are_one_controller() -> None:
-    gain, integral, derivative = series_form(2.0, 0.3, 1.0) or (0.0, 0.0, 0.0)
-    s = np.array([0.3j, 1.0j, 4.0j])
-    assert np.allclose(gain * (1 + 1 / (integral * s)) * (1 + derivative * s), 2.0 + 0.3 / s + 1.0 * s)
-    assert series_form(1.0, 1.0, 1.0) is None
-
-
 TWINS = ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06, 1.0), Curve(30.0, 2.0, 0.06, 1.0), "")
 
 
@@ -162,7 +154,7 @@ def test_the_python_file_is_the_stack_that_was_flown(side: float) -> None:
         reference = side * (1.2 if k < 100 else -0.5)
         heading += side * 0.01 + 0.002 * random.standard_normal()
         rate = 0.2 * random.standard_normal()
-        state, output = target.step(state, gains, AT_REST + reference, AT_REST + heading, AT_REST + rate)
+        state, output = target.controller(gains)(state, AT_REST + reference, AT_REST + heading, AT_REST + rate)
         turned = 2 * np.pi * (k % 3)
         wanted = pytest.approx(float(bend.inverse(output)[0, 0]), abs=2e-4)
         assert controller.step(reference, heading + turned, rate) == wanted
@@ -181,7 +173,7 @@ def test_the_map_inverted_gives_back_the_share_across_its_dead_band() -> None:
 
 
 def test_files_of_gains() -> None:
-    """A sub's never names the feed-forward; that for a PID holds both forms with units."""
+    """A sub's never names the feed-forward; that for a PID holds units."""
     nominal = nominal_of(vehicle(), 1.0)
 
     def text(name: str, gains: dict[str, float] | None = None) -> str:
@@ -192,7 +184,7 @@ def test_files_of_gains() -> None:
     assert "ATC_STR_RAT_FF,0.2" in text("ardurover")
     pid = json.loads(text("pid", {"K_p": 2.0, "K_i": 0.3, "K_d": 1.0, "b": 0.5, "T_f": 0.02}))
     assert pid["parallel"]["K_d"] == {"value": 1.0, "unit": "s/rad"}
-    assert pid["series"]["T_i"]["unit"] == "s" and pid["sample_time_s"] == 0.05
+    assert pid["sample_time_s"] == 0.05
 
 
 def test_an_unknown_target_is_answered_with_the_names() -> None:

@@ -27,7 +27,7 @@ Run = Callable[..., Result]
 def smaller(patch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
     patch.setattr(tuning, "design", partial(designing.design, count=48))
-    patch.setattr(tuning, "crowds_of", partial(designing.crowds_of, count=48))
+    patch.setattr(tuning, "problem_of", partial(designing.problem_of, count=48))
     patch.setattr(designing, "PRESENT", 24)
 
 
@@ -311,7 +311,7 @@ def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) ->
     loops = round(60.0 / target.period)
     clock = np.arange(loops) * target.period
     reference = np.where(clock < 2.0, 0.0, np.where(clock < 30.0, np.pi / 2, -np.pi / 6))
-    flight = fly(target, own, one, reference[None, None], np.zeros((1, 1)), every=0.1)
+    flight = fly(target, own, one, reference[None, None], np.zeros((1, 1)))
     asked = np.interp(flight.time, clock, reference)
     heading = np.rad2deg(flight.position[0, 0]) + noise_deg * random.standard_normal(len(flight.time))
     rows = zip(flight.time, heading % 360.0, made.nominal.full * flight.output[0, 0], np.rad2deg(asked) % 360.0)

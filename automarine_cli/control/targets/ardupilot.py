@@ -6,12 +6,12 @@ APM_Control/AR_AttitudeControl.cpp, AC_PID, AP_Math/control.cpp and AP_Scheduler
 AP_InertialSensor (INS_GYRO_FILTER, 20 Hz in Sub, 4 Hz in Rover), the order of the loop in ArduSub/Sub.cpp.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Design, Gains, NominalPlant, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.base import Controller, Design, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, leads, low_pass, share, spread, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -32,32 +32,24 @@ def gyro_response(z: Complexes, dt: float, cutoff: float) -> Complexes:
     return np.asarray(1.0 / (1.0 + np.sqrt(2.0) * ratio + ratio * ratio))
 
 
-@dataclass(frozen=True)
-class RootLaw:
-    """Velocity towards a target: in proportion to what is left near it, further off the one from which `limit` can
+def root_law(gain: Floats, limit: Floats, step: float) -> Callable[[Floats], Floats]:
+    """Velocity towards a target, by what is left: in proportion near it, further off the one from which `limit` can
     still stop, in loops of `step` [s] never beyond the target; in proportion everywhere where the limit is 0."""
+    gain = np.maximum(gain, 1e-6)
+    linear_range, twice = np.where(limit > 0, limit, np.inf) / gain**2, 2.0 * np.maximum(limit, 0.0)
 
-    gain: Floats
-    linear_range: Floats
-    twice: Floats
-    step: float
-
-    @classmethod
-    def of(cls, gain: Floats, limit: Floats, step: float) -> "RootLaw":
-        gain = np.maximum(gain, 1e-6)
-        return cls(gain, np.where(limit > 0, limit, np.inf) / gain**2, 2.0 * np.where(limit > 0, limit, 0.0), step)
-
-    def __call__(self, error: Floats) -> Floats:
+    def velocity(error: Floats) -> Floats:
         size = np.abs(error)
-        far = size > self.linear_range
-        wish = self.gain * size
+        wish, far = gain * size, size > linear_range
         if far.any():
-            wish = np.where(far, np.sqrt(self.twice * np.maximum(size - 0.5 * self.linear_range, 0.0)), wish)
-        return np.copysign(np.minimum(wish, size / self.step), error)
+            wish = np.where(far, np.sqrt(twice * np.maximum(size - 0.5 * linear_range, 0.0)), wish)
+        return np.copysign(np.minimum(wish, size / step), error)
+
+    return velocity
 
 
 def distance_to(velocity: Floats, gain: Floats, limit: Floats) -> Floats:
-    """Return what is left where `RootLaw` asks for a velocity."""
+    """Return what is left where `root_law` asks for a velocity."""
     linear_to = limit / np.maximum(gain, 1e-6)
     far = 0.5 * limit / np.maximum(gain, 1e-6) ** 2 + velocity**2 / (2.0 * limit)
     return np.asarray(np.where(velocity < linear_to, velocity / np.maximum(gain, 1e-6), far))
@@ -75,16 +67,6 @@ class ParameterFile(Target):
         head = f"{self.of} gains for {self.firmware}; names and units may differ in other versions."
         lines = [f"# {line}" for line in (head, *design.notes, *before)]
         return "\n".join([*lines, *(f"{name},{design.gains[name]:.6g}" for name in names)]) + "\n"
-
-
-class Prepared(dict[str, Floats]):
-    """Gains with the limits of the angle loop [rad, s]."""
-
-    speed_up: Floats
-    slew: Floats
-    furthest: Floats
-    to_reference: RootLaw
-    to_target: RootLaw
 
 
 class ArduSub(ParameterFile):
@@ -148,35 +130,33 @@ class ArduSub(ParameterFile):
         integral = within(holding + zero, gains["ATC_RAT_YAW_IMAX"])
         return (zero, zero, position, zero, zero, zero, zero, zero, integral, zero)
 
-    def prepared(self, gains: Gains) -> Gains:
+    def controller(self, gains: Gains) -> Controller:
         dt, limit = self.period, gains["ATC_ACCEL_Y_MAX"] * CDEG
+        p, i, d, imax = (gains[f"ATC_RAT_YAW_{name}"] for name in ("P", "I", "D", "IMAX"))
+        of_demand, of_error, of_change = (share(dt, gains[f"ATC_RAT_YAW_FLT{letter}"]) for letter in "TED")
+        speed_up, slew = np.where(limit > 0, limit * dt, np.inf), gains["ATC_SLEW_YAW"] * CDEG
         pull = np.clip(0.5 * limit, 10.0 * RAD, 120.0 * RAD)
-        gain, p = gains["ATC_ANG_YAW_P"], np.maximum(gains["ATC_RAT_YAW_P"], 1e-6)
-        prepared = Prepared({**gains, **{name[-4:]: share(dt, gains[name]) for name in gains if "FLT" in name}})
-        prepared.speed_up, prepared.slew = np.where(limit > 0, limit * dt, np.inf), gains["ATC_SLEW_YAW"] * CDEG
-        prepared.furthest = np.minimum(MOST_ERROR, distance_to(1.0 / p, gain, pull))
-        prepared.to_reference = RootLaw.of(1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt)
-        prepared.to_target = RootLaw.of(gain, pull, dt)
-        return prepared
+        furthest = np.minimum(MOST_ERROR, distance_to(1.0 / np.maximum(p, 1e-6), gains["ATC_ANG_YAW_P"], pull))
+        to_reference = root_law(1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt)
+        to_target = root_law(gains["ATC_ANG_YAW_P"], pull, dt)
 
-    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
-        prepared = gains if isinstance(gains, Prepared) else self.prepared(gains)
-        assert isinstance(prepared, Prepared)
-        dt = self.period
-        slow, slower, target, turn, rate, demand, error, change, integral, last = state
-        slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
-        demand = demand + prepared["FLTT"] * (rate - demand)
-        now = error + prepared["FLTE"] * (demand - slower - error)
-        change = change + prepared["FLTD"] * ((now - error) / dt - change)
-        free = (np.abs(last) < 1.0) | (integral * now < 0)
-        grown = integral + prepared["ATC_RAT_YAW_I"] * dt * np.where(free, now, 0.0)
-        integral = within(grown, prepared["ATC_RAT_YAW_IMAX"])
-        output = prepared["ATC_RAT_YAW_P"] * now + integral + prepared["ATC_RAT_YAW_D"] * change
-        # the angle loop: target heading and its rate on the way to the reference, and the rate asked for
-        turn = turn + within(within(prepared.to_reference(reference - target), prepared.slew) - turn, prepared.speed_up)
-        to_go = within(target + turn * dt - position, prepared.furthest)
-        rate = prepared.to_target(to_go) + turn
-        return (slow, slower, position + to_go, turn, rate, demand, now, change, integral, output), within(output, 1.0)
+        def step(state: State, reference: Floats, position: Floats, velocity: Floats) -> tuple[State, Floats]:
+            slow, slower, target, turn, rate, demand, error, change, integral, last = state
+            slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
+            demand = demand + of_demand * (rate - demand)
+            now = error + of_error * (demand - slower - error)
+            change = change + of_change * ((now - error) / dt - change)
+            free = (np.abs(last) < 1.0) | (integral * now < 0)
+            integral = within(integral + i * dt * np.where(free, now, 0.0), imax)
+            output = p * now + integral + d * change
+            # the angle loop: target heading and its rate on the way to the reference, and the rate asked for
+            turn = turn + within(within(to_reference(reference - target), slew) - turn, speed_up)
+            to_go = within(target + turn * dt - position, furthest)
+            rate = to_target(to_go) + turn
+            after = slow, slower, position + to_go, turn, rate, demand, now, change, integral, output
+            return after, within(output, 1.0)
+
+        return step
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
         dt = self.period
@@ -243,23 +223,27 @@ class ArduRover(ParameterFile):
         # gyro's filter (two states), rate asked for, filtered error, integral, last output
         return (zero, zero, zero, zero, integral, zero)
 
-    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
-        dt = self.period
-        slow, slower, rate, error, integral, last = state
-        slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
-        to_go = reference - position
-        limit = gains["ATC_STR_ACC_MAX"] * RAD
-        wish = within(gains["ATC_STR_ANG_P"] * to_go, np.where(limit > 0, np.sqrt(2.0 * np.abs(to_go) * limit), np.inf))
-        rate = rate + within(wish - rate, np.where(limit > 0, limit * dt, np.inf))
-        most = gains["ATC_STR_RAT_MAX"] * RAD
-        rate = within(rate, np.where(most > 0, most, np.inf))
-        now = error + share(dt, gains["ATC_STR_RAT_FLTE"]) * (rate - slower - error)
-        free = (np.abs(last) < 1.0) | (integral * now < 0)
-        grown = integral + np.where(free, gains["ATC_STR_RAT_I"] * dt * now, 0.0)
-        integral = within(grown, gains["ATC_STR_RAT_IMAX"])
-        change = gains["ATC_STR_RAT_D"] * (now - error) / dt
-        output = gains["ATC_STR_RAT_FF"] * rate + gains["ATC_STR_RAT_P"] * now + integral + change
-        return (slow, slower, rate, now, integral, output), within(output, 1.0)
+    def controller(self, gains: Gains) -> Controller:
+        dt, limit, most = self.period, gains["ATC_STR_ACC_MAX"] * RAD, gains["ATC_STR_RAT_MAX"] * RAD
+        speed_up, most = np.where(limit > 0, limit * dt, np.inf), np.where(most > 0, most, np.inf)
+        of_error = share(dt, gains["ATC_STR_RAT_FLTE"])
+
+        def step(state: State, reference: Floats, position: Floats, velocity: Floats) -> tuple[State, Floats]:
+            slow, slower, rate, error, integral, last = state
+            slow, slower = gyro(slow, slower, velocity, dt, self.gyro_hz)
+            to_go = reference - position
+            stops = np.where(limit > 0, np.sqrt(2.0 * np.abs(to_go) * limit), np.inf)
+            wish = within(gains["ATC_STR_ANG_P"] * to_go, stops)
+            rate = within(rate + within(wish - rate, speed_up), most)
+            now = error + of_error * (rate - slower - error)
+            free = (np.abs(last) < 1.0) | (integral * now < 0)
+            grown = integral + np.where(free, gains["ATC_STR_RAT_I"] * dt * now, 0.0)
+            integral = within(grown, gains["ATC_STR_RAT_IMAX"])
+            change = gains["ATC_STR_RAT_D"] * (now - error) / dt
+            output = gains["ATC_STR_RAT_FF"] * rate + gains["ATC_STR_RAT_P"] * now + integral + change
+            return (slow, slower, rate, now, integral, output), within(output, 1.0)
+
+        return step
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
         dt = self.period

@@ -1,16 +1,16 @@
 """What a target of `tune` is, and the recipe for the next one.
 
-Recipe: one file in this folder with one subclass of `Target` that says what it is called (`name`),
-its `parameters` in its own names and units, and does five things: `propose` makes gains of design numbers, `start` and
-`step` are the stack as it runs, loop by loop, `paths` the same stack in frequency, `text` its file. `__init__.py` lists
-the targets. All arrays are over sets (S) by flights (R): a set is one vehicle with one set of gains.
+Recipe: one file in this folder with one subclass of `Target` that says what it is called (`name`), its `parameters` in
+its own names and units, and does five things: `propose` makes gains of design numbers, `start` and `controller` are the
+stack as it runs, loop by loop, `paths` the same stack in frequency, `text` its file. `__init__.py` lists the targets.
+All arrays are over sets (S) by flights (R): a set is one vehicle with one set of gains.
 
 Outputs are from -1 to 1, positions and velocities in base units [rad or m].
 """
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -25,7 +25,7 @@ from automarine_cli.text import printable, quoted
 
 Gains = Mapping[str, Floats]  # parameters by name, (S, 1) each
 State = tuple[Floats, ...]
-Stepped = tuple[State, Floats]  # the next state, and the output
+Controller = Callable[[State, Floats, Floats, Floats], tuple[State, Floats]]
 BEYOND = 10.0
 LARGEST = 2_000_000  # bytes of a parameter file; a vehicle has some thousand parameters
 LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)")
@@ -115,17 +115,14 @@ class Target(ABC):
     def straightened(self, vehicles: Vehicles) -> Vehicles:
         return replace(vehicles, bend=None) if self.linear else vehicles
 
-    def prepared(self, gains: Gains) -> Gains:
-        """Work out once what `step` needs of the gains at every loop."""
-        return gains
-
     @abstractmethod
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
         """Start the stack at rest at a position (S, R), with what holds the vehicle there in its integrator."""
 
     @abstractmethod
-    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
-        """Run one loop: the next state, and the output (S, R) held until the next loop."""
+    def controller(self, gains: Gains) -> Controller:
+        """Return one loop of the stack: of state, reference, position and velocity it makes the next state, and the
+        output (S, R) held until the next loop."""
 
     @abstractmethod
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:

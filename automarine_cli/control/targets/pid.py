@@ -1,16 +1,16 @@
-"""One PID controller from the error of position to the output, for whoever writes it: parallel and series form.
+"""One PID controller from the error of position to the output, for whoever writes it.
 
     u = K_p (b r - y) + K_i sum (r - y) T_s - K_d y',    y' by differences through a low-pass of time T_f
 
 Source: Astrom and Hagglund (2006), Advanced PID Control, chapters 3 and 13 (weight b of the set point, derivative of
-the measurement alone, series form, integration that stops at the limits).
+the measurement alone, integration that stops at the limits).
 """
 
 import json
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Design, Gains, NominalPlant, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.base import Controller, Design, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -50,15 +50,18 @@ class Pid(Target):
         zero = np.zeros_like(position)
         return (position, zero, holding + gains["K_p"] * (1.0 - gains["b"]) * position)
 
-    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
+    def controller(self, gains: Gains) -> Controller:
         dt = self.period
-        before, slope, integral = state
-        slope = slope + dt / (dt + gains["T_f"]) * ((position - before) / dt - slope)
-        error = reference - position
-        now = gains["K_p"] * (gains["b"] * reference - position) - gains["K_d"] * slope
-        grown = integral + gains["K_i"] * dt * error
-        integral = summed(integral, grown, now, error)
-        return (position, slope, integral), within(now + integral, 1.0)
+
+        def step(state: State, reference: Floats, position: Floats, velocity: Floats) -> tuple[State, Floats]:
+            before, slope, integral = state
+            slope = slope + dt / (dt + gains["T_f"]) * ((position - before) / dt - slope)
+            error = reference - position
+            now = gains["K_p"] * (gains["b"] * reference - position) - gains["K_d"] * slope
+            integral = summed(integral, integral + gains["K_i"] * dt * error, now, error)
+            return (position, slope, integral), within(now + integral, 1.0)
+
+        return step
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
         dt = self.period
@@ -72,7 +75,6 @@ class Pid(Target):
         gains, unit = design.gains, design.nominal.dof.units.base
         units = {p.name: p.unit.replace("{x}", unit) for p in self.parameters}
         numbers = {name: {"value": gains[name], "unit": units[name]} for name in gains}
-        series = series_form(gains["K_p"], gains["K_i"], gains["K_d"])
         content = {
             "schema": "automarine/pid/1",
             "motion": design.nominal.dof.name,
@@ -80,21 +82,6 @@ class Pid(Target):
             "first-order low-pass T_f; the sum rests while u is at its limit and the error would carry it further",
             "sample_time_s": self.period,
             "parallel": numbers,
-            "series": None if series is None else {
-                "law": "K (1 + 1/(T_i s)) (1 + T_d s) from -y to u",
-                "K": {"value": series[0], "unit": units["K_p"]},
-                "T_i": {"value": series[1], "unit": "s"},
-                "T_d": {"value": series[2], "unit": "s"},
-            },
-            "notes": [*design.notes] + ([] if series is not None else ["There is no series form: T_i is below 4 T_d."]),
+            "notes": [*design.notes],
         }  # fmt: skip
         return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-
-
-def series_form(p: float, i: float, d: float) -> tuple[float, float, float] | None:
-    """Return gain, integral and derivative time of K (1 + 1/(T_i s)) (1 + T_d s); None where the zeros are not real."""
-    if p * p < 4.0 * i * d:
-        return None
-    root = 0.5 * (1.0 + np.sqrt(1.0 - 4.0 * i * d / (p * p)))
-    gain = p * float(root)
-    return gain, gain / i, d / gain

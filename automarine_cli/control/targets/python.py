@@ -13,7 +13,7 @@ from importlib.resources import files
 import numpy as np
 
 from automarine_cli import __version__
-from automarine_cli.control.targets.base import MODEL, Design, Gains, NominalPlant, Parameter, State, Stepped, Target
+from automarine_cli.control.targets.base import MODEL, Controller, Design, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -57,20 +57,22 @@ class Python(Target):
         zero = np.zeros_like(position)
         return (position, zero, holding + zero)
 
-    def step(self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats) -> Stepped:
-        dt = self.period
-        model, slope, integral = state
-        w, ahead = gains["velocity"], gains["reference"]
-        pull = within(ahead**2 * (reference - model) - 2.0 * ahead * slope, gains["acceleration"])
-        after = within(slope + pull * dt, gains["rate"])
-        pull, slope = (after - slope) / dt, after
-        model = model + slope * dt
-        error = slope + gains["position"] * (model - position) - velocity
-        drag = gains["drag"] * velocity + gains["squared"] * np.abs(velocity) * velocity
-        now = gains["inertia"] * (pull + 2.0 * w * error) + drag
-        grown = integral + gains["inertia"] * w**2 * dt * error
-        integral = summed(integral, grown, now, error)
-        return (model, slope, integral), within(now + integral, 1.0)
+    def controller(self, gains: Gains) -> Controller:
+        dt, w, ahead = self.period, gains["velocity"], gains["reference"]
+
+        def step(state: State, reference: Floats, position: Floats, velocity: Floats) -> tuple[State, Floats]:
+            model, slope, integral = state
+            pull = within(ahead**2 * (reference - model) - 2.0 * ahead * slope, gains["acceleration"])
+            after = within(slope + pull * dt, gains["rate"])
+            pull, slope = (after - slope) / dt, after
+            model = model + slope * dt
+            error = slope + gains["position"] * (model - position) - velocity
+            drag = gains["drag"] * velocity + gains["squared"] * np.abs(velocity) * velocity
+            now = gains["inertia"] * (pull + 2.0 * w * error) + drag
+            integral = summed(integral, integral + gains["inertia"] * w**2 * dt * error, now, error)
+            return (model, slope, integral), within(now + integral, 1.0)
+
+        return step
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
         dt = self.period
@@ -80,7 +82,7 @@ class Python(Target):
         return rate * gains["position"] * hold(s, dt), (rate - gains["drag"]) * hold(s, dt)
 
     def text(self, design: Design) -> str:
-        """Write the same law as `step` for one vehicle, without libraries; numbers to eight digits."""
+        """Write the same law as `controller` for one vehicle, without libraries; numbers to eight digits."""
         gains, model, dof = design.gains, design.nominal, design.nominal.dof
         bend, turns = model.bend, dof.wraps
         if bend is None:
