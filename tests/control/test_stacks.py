@@ -190,8 +190,6 @@ def test_files_of_gains() -> None:
 def test_an_unknown_target_is_answered_with_the_names() -> None:
     with pytest.raises(SettingError, match="no target is called 'px4'; give one of ardurover, ardusub, pid, python"):
         get("px4")
-    with pytest.raises(SettingError, match="ardusub runs at its firmware's own rate; leave out --sample-time"):
-        get("ardusub", 0.1)
 
 
 def test_scores_of_a_known_response() -> None:

@@ -264,13 +264,6 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(
     assert sentence in printed.stderr and not out.exists()
 
 
-@pytest.mark.parametrize("slip", ["--margin=3", "--load=nan", "--supply=1.1 1.2", "--delay=-1", "--sample-time=2"])
-def test_values_out_of_range_are_slips_of_usage(slip: str, run: Run, tmp_path: Path) -> None:
-    name, _, value = slip.partition("=")
-    found = run("tune", written(tmp_path, model(1.0, 1.2, 9.0)), "--for", "pid", name, *value.split())
-    assert found.exit_code == 2 and f"Invalid value for '{name}'" in found.stderr
-
-
 def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.03, delay=0.02))
     for text, sentence in (

@@ -195,18 +195,15 @@ class _Ear:
     def __init__(self, vehicle: CanBus, bus: Any, driven_ids: set[int]) -> None:
         self._bus, self._driven_ids, self._rules = bus, driven_ids, vehicle.received()
         self._values = dict.fromkeys(self._rules, "")
-        self._by_id: dict[int, tuple[Any, dict[str, str]]] = {}
-        columns = {rule.source: name for name, rule in self._rules.items()}
-        for message in vehicle.messages.values():
-            sources = {signal.name: f"{message.name}.{signal.name}" for signal in message.signals}
-            if names := {signal: columns[source] for signal, source in sources.items() if source in columns}:
-                self._by_id[message.frame_id] = message, names
+        names = {rule.source.partition(".")[0] for rule in self._rules.values()}
+        self._messages = {message.frame_id: message for name, message in vehicle.messages.items() if name in names}
         self._when = time.monotonic()
 
     @property
     def last(self) -> str:
         """The last values, as a log shows them; empty before a heading came."""
-        return ",".join(self._values.values()) if any(self._values[name] for name in self._headings) else ""
+        speaks = any(value for name, value in self._values.items() if name in HEADINGS)
+        return ",".join(self._values.values()) if speaks else ""
 
     def listen(self, seconds: float, patience: float) -> None:
         """Hear for `seconds`, longer for a first heading. Raises SettingError for a second sender, a mute compass."""
@@ -225,16 +222,15 @@ class _Ear:
             raise SettingError(
                 f"somebody else sends 0x{frame.arbitration_id:x}, by which the run is driven; make that sender stop"
             )
-        message, columns = self._by_id.get(frame.arbitration_id, (None, {}))
+        message = self._messages.get(frame.arbitration_id)
         if message is None or frame.is_error_frame or len(frame.data) < message.length:
             return None
-        values = message.decode(frame.data, False)
-        for signal, name in columns.items():
-            if signal in values:
-                rule = self._rules[name]
-                factor = CANONICAL[name].factor(rule.unit) / CANONICAL[name].factor()
-                self._values[name] = f"{rule.read(float(values[signal]), factor):.6g}"
-        if not any(name in columns.values() for name in self._headings):
+        values = {f"{message.name}.{signal}": value for signal, value in message.decode(frame.data, False).items()}
+        heard = {name: rule for name, rule in self._rules.items() if rule.source in values}
+        for name, rule in heard.items():
+            factor = CANONICAL[name].factor(rule.unit) / CANONICAL[name].factor()
+            self._values[name] = f"{rule.read(float(values[rule.source]), factor):.6g}"
+        if not any(name in HEADINGS for name in heard):
             return None
         self._when = time.monotonic()
         return self.last
@@ -242,10 +238,6 @@ class _Ear:
     def refuse_silence(self, seconds: float) -> None:
         if time.monotonic() - self._when > seconds:
             raise SettingError("the compass fell silent; look at it before the next campaign")
-
-    @property
-    def _headings(self) -> list[str]:
-        return [name for name in self._values if name in HEADINGS]
 
 
 def _send(bus: Any, step: Step) -> None:

@@ -41,7 +41,7 @@ RULES: dict[str, tuple[dict[str, Any], str]] = {
     "small yaw gain": (with_parameters(ACRO_YAW_P=1.0), r"30 % .* ACRO_YAW_P 1, .* set ACRO_YAW_P to 1.69 or more"),
     "rare attitude": ({"deaf": True}, "ATTITUDE came 4.* times a second, and 25 were asked for; use a link that carr"),
     "custom frame": (
-        with_parameters(FRAME_CONFIG=7.0), r"no yaw output can be read .*: FRAME_CONFIG is 7, .*: .*; use one of"),
+        with_parameters(FRAME_CONFIG=7.0), r"no yaw output can be read .*: FRAME_CONFIG is 7: .*; use one of"),
     "low battery": ({"charge_percent": 20.0}, "holds 20 % or 0.58 Ah .* needs 0.01 Ah, and 0.58 Ah must stay; charge"),
     "unknown battery": ({"charge_percent": math.nan}, "does not tell how much its battery holds; set BATT_MONITOR"),
     "deep": ({"depth": 2.0}, r"is 2.0 m deep already, and --depth-limit is 1.5 m; bring it up"),

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -122,26 +123,11 @@ PARAMETERS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Need:
-    """What the rest of a campaign needs: the largest `output`, `drawn` of `charge` less `reserve` [Ah], depth [m]."""
-
-    output: float
-    drawn: float
-    charge: float
-    reserve: float
-    depth_limit: float
-
-    @classmethod
-    def of(cls, campaign: LinkCampaign, number: int, authority: Authority, depth_limit: float) -> "Need":
-        outputs = (abs(authority.output(moment)) for run in campaign.runs[number:] for moment, _ in run.commands)
-        charge = campaign.battery.charge_Ah
-        drawn = campaign.charge(number) - campaign.charge(len(campaign.runs))
-        return cls(max(outputs), drawn, charge, charge * campaign.battery.reserve_percent / 100.0, depth_limit)
-
-
-def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
-    """How the sticks work, and how the outputs are read, of a vehicle that may be armed. Raises SettingError."""
+def preflight(
+    link: Link, campaign: LinkCampaign, number: int, authority: Authority, depth_limit: float
+) -> tuple[Stick, Part]:
+    """How the sticks work, and how the outputs are read, of a vehicle that may be armed for a campaign from the run of
+    a `number` on, down to `depth_limit` [m]. Raises SettingError."""
     if not link.wait(FIRST_S, lambda: "HEARTBEAT" in link.heard.last):
         remedy = "check --mavlink, and where the vehicle sends"
         raise SettingError(f"no autopilot was heard on {link.address} in {FIRST_S:g} s; {remedy}")
@@ -149,21 +135,25 @@ def preflight(link: Link, need: Need) -> tuple[Stick, Part]:
     if (heard.autopilot, heard.kind) != (ARDUPILOT, SUBMARINE):
         expected = f"expected {ARDUPILOT} and {SUBMARINE} of ArduSub; check --mavlink"
         raise SettingError(f"the autopilot is MAV_AUTOPILOT {heard.autopilot} in a MAV_TYPE {heard.kind}, {expected}")
-    for number, rate in RATES.values():
-        link.command(SET_MESSAGE_INTERVAL, number, 1e6 / rate)
+    for message, rate in RATES.values():
+        link.command(SET_MESSAGE_INTERVAL, message, 1e6 / rate)
     heard.count.clear()
     begun = link.now()
     for _ in range(ROUNDS):
         link.ask(name for name in PARAMETERS if name not in heard.parameters)
         link.wait(LISTEN_S / ROUNDS)
     link.wait(NAMED_S, lambda: "PilotGain" in heard.named_values)
-    for why in complaints(heard, need, link.now() - begun):
+    outputs = (abs(authority.output(moment)) for run in campaign.runs[number:] for moment, _ in run.commands)
+    output, seconds = max(outputs), link.now() - begun
+    for why in chain(_complaints(heard, output, seconds), _battery_and_depth(heard, campaign, number, depth_limit)):
         raise SettingError(why)
     return Stick.of(heard), outputs_are_known(heard)
 
 
-def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
-    """Yield a sentence for each rule broken in so many seconds. Raises SettingError where its frame is unclear."""
+def _complaints(heard: Heard, output: float, seconds: float) -> Iterator[str]:
+    """Yield a sentence for each rule broken in so many seconds by a vehicle that has to reach an `output`.
+
+    Raises SettingError where its frame is unclear."""
     parameters = heard.parameters
     if heard.armed:
         yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
@@ -193,26 +183,32 @@ def complaints(heard: Heard, need: Need, seconds: float) -> Iterator[str]:
             yield f"{name} came {rate:.1f} times a second, and {expected:g} were asked for; {remedy}"
     outputs_are_known(heard)
     stick = Stick.of(heard)
-    if stick.reach < need.output - 1.0 / CENTRE:
-        more = need.output / stick.reach
+    if stick.reach < output - 1.0 / CENTRE:
+        more = output / max(stick.reach, 1e-3)
         gain = more * stick.gain
         mend = f"the gain to {gain:.3g}" if gain <= 1 else f"ACRO_YAW_P to {more * stick.yaw_p:.3g}"
         yield (
             f"a full stick gives {100 * stick.reach:.0f} % of the yaw output at the pilot gain {stick.gain:.2g} and "
-            f"ACRO_YAW_P {stick.yaw_p:g}, and the campaign needs {100 * need.output:.0f} %; set {mend} or more, or "
+            f"ACRO_YAW_P {stick.yaw_p:g}, and the campaign needs {100 * output:.0f} %; set {mend} or more, or "
             "make a plan with smaller moments"
         )
+
+
+def _battery_and_depth(heard: Heard, campaign: LinkCampaign, number: int, depth_limit: float) -> Iterator[str]:
+    battery = campaign.battery
+    drawn = campaign.charge(number) - campaign.charge(len(campaign.runs))
+    reserve = battery.charge_Ah * battery.reserve_percent / 100.0
     if heard.remaining_percent is None:
         yield "the vehicle does not tell how much its battery holds; set BATT_MONITOR and BATT_CAPACITY"
-    elif (stock := need.charge * heard.remaining_percent / 100.0) - need.drawn < need.reserve:
+    elif (stock := battery.charge_Ah * heard.remaining_percent / 100.0) - drawn < reserve:
         yield (
             f"the battery holds {heard.remaining_percent:.0f} % or {stock:.2f} Ah by its own count; the campaign needs "
-            f"{need.drawn:.2f} Ah, and {need.reserve:.2f} Ah must stay; charge it, and make a plan of what is left"
+            f"{drawn:.2f} Ah, and {reserve:.2f} Ah must stay; charge it, and make a plan of what is left"
         )
-    if need.depth_limit < math.inf and not heard.depth:  # who has no sensor says 0
+    if depth_limit < math.inf and not heard.depth:  # who has no sensor says 0
         yield "the vehicle does not tell its depth; check its sensor, or leave out --depth-limit"
-    elif heard.depth is not None and heard.depth > need.depth_limit:
-        limit = f"--depth-limit is {need.depth_limit:g} m; bring it up, or give another limit"
+    elif heard.depth is not None and heard.depth > depth_limit:
+        limit = f"--depth-limit is {depth_limit:g} m; bring it up, or give another limit"
         yield f"the vehicle is {heard.depth:.1f} m deep already, and {limit}"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import STICK_HZ, Attitude, Clock, Halt, Link, reached_by
-from automarine_cli.link.vehicles.ardusub.preflight import Authority, Need, Stick, another_pilot, authority, preflight
+from automarine_cli.link.vehicles.ardusub.preflight import Authority, Stick, another_pilot, authority, preflight
 from automarine_cli.link.vehicles.base import Halted
 from automarine_cli.logs.mixing import Part
 from automarine_cli.planning.candidates import MOMENT_COLUMNS
@@ -208,7 +208,7 @@ class ArduSub(Settings):
     def look(self, campaign: LinkCampaign) -> None:
         """Check the vehicle as before a run, and command nothing. Raises SettingError."""
         with closing(Link(self.address, lambda: False, self.clock)) as link:
-            preflight(link, Need.of(campaign, 0, self._authority(campaign), self.limits.depth))
+            preflight(link, campaign, 0, self._authority(campaign), self.limits.depth)
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log: the moment as the vehicle's outputs made it, and the outputs.
@@ -218,7 +218,7 @@ class ArduSub(Settings):
         run, yaw_authority = campaign.runs[number], self._authority(campaign)
         after = campaign.runs[min(number + 1, len(campaign.runs) - 1)]
         with closing(Link(self.address, halted, self.clock)) as link, suppress(Halt):
-            stick, part = preflight(link, Need.of(campaign, number, yaw_authority, self.limits.depth))
+            stick, part = preflight(link, campaign, number, yaw_authority, self.limits.depth)
             session = RunSession(link, stick, part, yaw_authority, self.limits)
             cut: Exception | None = None
             try:
