@@ -36,7 +36,7 @@ from automarine_cli.filters.course import LEAST_STEP
 from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
 from automarine_cli.fits.identify import covariance_json, valid_range
-from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
+from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
@@ -96,7 +96,7 @@ def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted
 def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
     """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
     runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
-    if isinstance(trial.fit, InnovationsFit):
+    if trial.fit.driven:
         return missed(study, trial.model, trial.fit)
     problem = study.problem(trial.model)
     if fitted:
@@ -152,7 +152,7 @@ def outlook(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit) ->
     """The outlook on the runs of `study`, which need not have been fitted; None for runs that are not driven, or too
     short for any prediction."""
     first, last = base.fit, final.fit
-    if not (isinstance(first, InnovationsFit) and isinstance(last, InnovationsFit)):
+    if not (first.driven and last.driven):
         return None
     before, after = study.predictions(base.model, first), study.predictions(final.model, last)
     gained = log_density(study, final.model, last) - log_density(study, base.model, first)
@@ -615,7 +615,7 @@ class MotionDiagnosis(Shown):
         exponent, driven = gain_exponent(study, fit), {}
         ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
         noise = float(dof.shown(fit.noise)) if study.position_counts else None
-        if isinstance(fit, InnovationsFit):
+        if fit.driven:
             driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
         return {
             **model_head(dof, self.stored.moment_unit),

@@ -21,7 +21,6 @@ from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.quantities import Floats
@@ -389,7 +388,7 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
     batch, dof, fit = study.batch, study.base.dof, base.fit
     side = last_side(np.nan_to_num(at_samples(study, [run.command for run in study.runs])))
-    if isinstance(fit, InnovationsFit):  # what is known as a prediction begins is independent of its error by chance
+    if fit.driven:  # what is known as a prediction begins is independent of its error by chance
         residual = missed(study, base.model, fit, begun=True)
         ahead = shortest(study.predictions(base.model, fit)).horizon
         fitted, rate, moment = filtered(study, base.model, fit)
@@ -420,7 +419,7 @@ def gaps(study: DiagnosisProblem, trial: CandidateFit) -> tuple[Floats, Floats]:
 
     The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit."""
     problem, batch, fit = study.problem(trial.model), study.batch, trial.fit
-    assert not isinstance(fit, InnovationsFit)
+    assert not fit.driven
     residual, b = study.residual(fit.fitted), fit.run_effects
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
     windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
@@ -438,7 +437,7 @@ def gaps(study: DiagnosisProblem, trial: CandidateFit) -> tuple[Floats, Floats]:
 def without_gains(study: DiagnosisProblem, trial: CandidateFit) -> Floats:
     """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
     problem, fit = study.problem(trial.model), trial.fit
-    assert not isinstance(fit, InnovationsFit)
+    assert not fit.driven
     b = fit.run_effects.copy()
     fit.effects.of(b, GAIN)[...] = 0.0
     return study.residual(problem.readings(fit.phi, b))

@@ -51,7 +51,7 @@ def score_information(
 ) -> ScoreInformation:  # fmt: skip
     """Score information of a fit and of probes of the effects `names`; `map_fn` maps a function over these."""
     work = [(name, np.concatenate([probe.values for probe in shapes if probe.effect == name])) for name in names]
-    if isinstance(fit, InnovationsFit):
+    if fit.driven:
         return _of_driven(study, model, fit, work)
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)

@@ -30,7 +30,6 @@ from automarine_cli.diagnosis.study import ITERATIONS, DiagnosisProblem, Fit
 from automarine_cli.effects.learned import Learned
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, discover
 from automarine_cli.fits.whole_runs import run_dof
@@ -614,7 +613,7 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
         return "runs left out of the fit are not predicted better with it"
     term, end = trial.model.terms[-1], len(trial.model.theta)
     effect, places = effects.get(term.name), range(end - len(term.values), end)
-    if isinstance(trial.fit, InnovationsFit) and isinstance(current.fit, InnovationsFit):
+    if trial.fit.driven and current.fit.driven:
         gained = trial.fit.density - current.fit.density
         if not clear(gained):
             return "its gain does not repeat itself from run to run"
@@ -667,7 +666,7 @@ def _behind(this: SearchStep, rival: CandidateFit, final: CandidateFit) -> float
     """How far a rival is behind in evidence. Of driven runs that is not more than the square of the mean difference of
     a run in its standard errors over runs, if the rival gains beyond chance itself: a few runs may decide by chance."""
     behind = max(rival.evidence - final.evidence, 0.0)
-    if not (isinstance(rival.fit, InnovationsFit) and isinstance(final.fit, InnovationsFit)):
+    if not (rival.fit.driven and final.fit.driven):
         return behind
     ahead = final.fit.density - rival.fit.density
     error = error_of_mean(ahead)

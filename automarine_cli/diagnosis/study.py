@@ -19,11 +19,11 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.half_turns import MOST_OFFSET
 from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
+from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
 from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
-from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, derivatives, fit_mixed
-from automarine_cli.fits.whole_runs import run_covariance, varying_terms, whole_run_problem
+from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives, fit_mixed
+from automarine_cli.fits.whole_runs import left_out_changes, run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, position_noise
@@ -37,7 +37,6 @@ HORIZON = 5.0  # seconds ahead over which driven runs show the gap
 
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
 
-Fit = MixedFit | InnovationsFit
 
 # A controller's limit cycle: command and position that swing together, as a loop with a lag or a dead-band does. A wave
 # would show in the position first, and the command would answer it; in a limit cycle neither comes from outside. The
@@ -337,14 +336,14 @@ class DiagnosisProblem:
         values = model.theta if values is None else values
         if self.driven:
             driven = self.driven_problem(model)
-            if isinstance(warm_start, InnovationsFit):
+            if warm_start is not None:
                 starts = starts_near(driven, [values], warm_start.of_chance)
                 return fit_innovations(driven, starts, iterations, iterations < ITERATIONS)
             return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
         switch, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
         settings: dict[str, Any] = {"noise": max(2 * self.sensor_floor, 1e-4), "iterations": ITERATIONS}
-        if isinstance(warm_start, MixedFit):
+        if warm_start is not None and not warm_start.driven:
             switch = warm_start.value(SWITCH)
             begin |= dict(zip(warm_start.effects.factor_names, warm_start.factors))
             run_effects = warm_start.effects.carried(warm_start.run_effects, problem.effects)
@@ -362,8 +361,10 @@ class DiagnosisProblem:
         It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife."""
         if id(fit) not in self._covariances:
             try:
-                exact = isinstance(fit, MixedFit) and learned_term(model) is None
-                covariance = run_covariance(fit, self.problem(model) if exact else None)
+                changes = None
+                if not fit.driven and learned_term(model) is None:
+                    changes = left_out_changes(self.problem(model), fit)
+                covariance = run_covariance(fit, changes)
             except (FitError, np.linalg.LinAlgError):
                 covariance = run_covariance(fit)
             self._covariances[id(fit)] = (fit, covariance)  # the fit is kept, or another could have its id
@@ -461,7 +462,7 @@ def filtered(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> F
 def log_density(study: DiagnosisProblem, model: YawModel, fit: Fit) -> Floats:
     """Log density of each run of `study` (R,) under a fit to others; of runs that are simulated whole linearised at the
     run effects' posterior means as fits are."""
-    if isinstance(fit, InnovationsFit):
+    if fit.driven:
         return study.driven_problem(model).follow(fit.phi[None]).log_density[0]
     problem, variances = study.problem(model), fit.variances
     phi = problem.search(fit.theta)

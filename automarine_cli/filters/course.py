@@ -191,27 +191,20 @@ class Course:
             places[:, r] = at + (times - begins[at]) / np.where(width > 0, width, 1.0)[at]
         return places
 
-    def only(self, run: int) -> "Course":
-        return self.some(np.arange(len(self.names)) == run)
-
     def some(self, runs: NDArray[np.bool_]) -> "Course":
         """Some of the runs (R,), without what only others need."""
         steps = int((self.length[runs] > 0).sum(axis=1).max())
+        rows = {name: getattr(self, name)[runs] for name in ("width", "early", "start", "at_rest")}
+        rows |= {name: getattr(self, name)[:, runs] for name in ("commanded", "before")}
+        rows |= {name: getattr(self, name)[runs, : steps + 1] for name in ("at", "part")}
         return replace(
             self,
             names=tuple(name for name, stays in zip(self.names, runs) if stays),
             length=self.length[runs, :steps],
-            commanded=self.commanded[:, runs],
-            width=self.width[runs],
-            early=self.early[runs],
-            at=self.at[runs, : steps + 1],
-            part=self.part[runs, : steps + 1],
-            before=self.before[:, runs],
-            start=self.start[runs],
             signals={name: column[runs] for name, column in self.signals.items()},
             channels=_rows(self.channels, runs, steps),
             often=_rows(self.often, runs, steps),
-            at_rest=self.at_rest[runs],
+            **rows,
         )
 
     @cached_property
@@ -347,11 +340,9 @@ def _fastest(runs: Sequence[Run], position: str) -> float:
     fastest = 0.0
     for run in runs:
         readings = run.channel(position)
-        if readings is None or len(run) < 2:
+        if readings is None or np.isfinite(readings).sum() < 2:
             continue
         have = np.isfinite(readings)
-        if have.sum() < 2:
-            continue
         grid = np.arange(run.time[0], run.time[-1], 1.0)
         fastest = max(fastest, float(np.abs(np.diff(np.interp(grid, run.time[have], readings[have]))).max(initial=0.0)))
     return fastest

@@ -1,4 +1,4 @@
-"""A model of one motion on driven runs: which of its parameters are searched how, and where fits of it start."""
+"""A model of one motion on driven runs: how its parameters are searched, where fits start, of what use it is."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,9 +15,9 @@ from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Followed, Predicted, free_run, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
-from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations, randomness
+from automarine_cli.fits.innovations import DrivenProblem, fit_innovations, randomness
 from automarine_cli.fits.known import Prior
-from automarine_cli.fits.mixed_model import natural_of, search_of
+from automarine_cli.fits.mixed_model import Outcome, natural_of, search_of
 from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
@@ -69,13 +69,8 @@ def driven_problem(
 
 def wanted_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
     """The effects that a fit is to have beside drag. Raises SettingError for what is none, or has a place already."""
-    if not names:
-        return ()
-    may = [
-        name for name in effects.names()
-        if effects.get(name).acts_in(dof) and not effects.get(name).role and not effects.get(name).needs
-        and not effects.get(name).per_run
-    ]  # fmt: skip
+    every = [effects.get(name) for name in effects.names()] if names else []
+    may = [of.name for of in every if of.acts_in(dof) and not (of.role or of.needs or of.per_run)]
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")
@@ -87,16 +82,14 @@ def base_starts(problem: DrivenProblem) -> Floats:
     arithmetic would run away, is slowed down first."""
     model = problem.model
     assert isinstance(model, YawModel)
-    starts, count = [], len(model.theta)
-    middle = np.array([chance.median for chance in problem.random])
+    starts, middle = [], [chance.median for chance in problem.random]
     linear, quadratic = model.drag()
     slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
     push = float(np.abs(problem.course.commanded).max()) / max(middling, 1e-9)
     for inertia, drag, size, unsteady in product(INERTIAS, DRAGS, SIZES, UNSTEADY):
-        random = middle.copy()
-        random[0], random[2] = size * push / inertia, unsteady
-        starts.append([inertia * middling, *(drag * model.theta[1:count]), *random])
+        random = size * push / inertia, middle[1], unsteady, *middle[3:]
+        starts.append([inertia * middling, *(drag * model.theta[1:]), *random])
     return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
 
@@ -126,15 +119,12 @@ def disturbed(
     some = np.unique(np.linspace(0, len(runs) - 1, min(len(runs), ENOUGH)).astype(int))
     course = make_course([runs[i] for i in some], at_rest[some], channels=channels)
     drags = dict(zip(("linear", "quadratic"), base.drag()))
-    roles = base_roles("2", base.dof)
-    values = [drags.get(role, 0.0) for role in roles[1:]]
+    values = [drags.get(role, 0.0) for role in base_roles("2", base.dof)[1:]]
     model = YawModel.base("2", base.inertia, values, base.moment_unit, base.dof)
-    free = driven_problem(model, course)
-    quiet = driven_problem(model, course, quiet=True)
-    starts = base_starts(free)
-    likelihoods = [fit_innovations(problem, starts, brief=True).log_likelihood for problem in (free, quiet)]
-    chance = 3.0 * float(np.log(max(len(some), 2))) + SURE
-    return bool(2.0 * (likelihoods[0] - likelihoods[1]) > chance)
+    problems = [driven_problem(model, course, quiet=quiet) for quiet in (False, True)]
+    starts = base_starts(problems[0])
+    free, quiet = (fit_innovations(problem, starts, brief=True).log_likelihood for problem in problems)
+    return bool(2.0 * (free - quiet) > 3.0 * np.log(max(len(some), 2)) + SURE)
 
 
 SLOWEST, QUICKEST = 600.0, 1e-3
@@ -199,9 +189,8 @@ def fit_driven(
     Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
     """
     model = rough
-    largest = float(np.abs(course.commanded).max()) or 1.0
     for name in with_effects:
-        model = model.with_effect(name, _start(name, largest))
+        model = model.with_effect(name, _start(name, course))
     problem = driven_problem(model, course).informed(priors or {})
     fit = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(fit.of_model), fit, course)
@@ -218,7 +207,6 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     difference of both is then added to the covariance.
     """
     innovations, dof = likely.mixed, likely.model.dof
-    assert isinstance(innovations, InnovationsFit)
     problem = driven_problem(likely.model, course).informed(innovations.priors)
     starts = np.concatenate([innovations.theta[None], base_starts(problem)])
     try:
@@ -226,25 +214,22 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
         _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
     except FitError:
         return likely
-    errors = {
-        name: [p.rmse() for p in left_out_predictions(problem, fit)[0] if p.horizon in COMPARED and len(p.error)]
-        for name, fit in (("least squares of forecasts", plain), ("innovations", innovations))
-    }
-    squares, likelihood = errors.values()
+    squares, likelihood = (
+        [p.rmse() for p in left_out_predictions(problem, fit)[0] if p.horizon in COMPARED and len(p.error)]
+        for fit in (plain, innovations)
+    )
     if not squares or not all(np.isfinite(squares)):
         return likely
     better = all(a < (1.0 - CLEARLY) * b for a, b in zip(squares, likelihood))
     level = all(a < (1.0 + LEVEL) * b for a, b in zip(squares, likelihood))
-    surer = bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0])
-    better = better or (level and surer)
-    names = list(errors) if better else list(errors)[::-1]
-    fits = (plain, innovations) if better else (innovations, plain)
-    misses = [" and ".join(f"{dof.shown(error):.3g}" for error in errors[name]) for name in names]
-    sizes = [f"{fit.theta[0]:.3g}" for fit in fits]
+    better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
+    sides = [("least squares of forecasts", plain, squares), ("innovations", innovations, likelihood)]
+    (name, fit, errors), (rival, other, misses) = sides if better else sides[::-1]
     ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
+    first, second = (" and ".join(f"{dof.shown(x):.3g}" for x in sizes) for sizes in (errors, misses))
     says = (
-        f"by {names[0]}: runs left out are predicted {ahead} s ahead to {misses[0]} {dof.units.shown}, by {names[1]} "
-        f"to {misses[1]} ({dof.parameters['inertia']} is {sizes[0]} by the first and {sizes[1]} by the second)"
+        f"by {name}: runs left out are predicted {ahead} s ahead to {first} {dof.units.shown}, by {rival} to {second} "
+        f"({dof.parameters['inertia']} is {fit.theta[0]:.3g} by the first and {other.theta[0]:.3g} by the second)"
     )
     if not better:
         return replace(likely, estimator=says)
@@ -261,12 +246,12 @@ def _is_sided(fit: OutputErrorFit) -> bool:
     return fit.model.dof.symbols.difference in fit.estimates
 
 
-def _start(name: str, largest: float) -> list[float]:
-    parameters = effects.get(name).parameters
+def _start(name: str, course: Course) -> list[float]:
+    parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded).max()) or 1.0
     return [p.off if p.held else p.scaled(p.start, largest) for p in parameters]
 
 
-def _refuse_runaways(model: YawModel, fit: InnovationsFit, course: Course) -> None:
+def _refuse_runaways(model: YawModel, fit: Outcome, course: Course) -> None:
     """A fit that ran away is no model. Raises FitError with what the runs lack."""
     dof, largest = course.motion.dofs[0], float(np.abs(course.commanded).max())
     linear, quadratic = model.drag()
@@ -280,18 +265,15 @@ def _refuse_runaways(model: YawModel, fit: InnovationsFit, course: Course) -> No
         reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
-    raise FitError(
-        dof.fill(
-            f"these runs do not determine the model: {reason}. They hold too little {{moving}} that the {{force}} "
-            "made; add "
-            "runs with larger and quicker commands to both sides, best without a controller in the loop, and check "
-            "that the logged commands are those of this vehicle"
-        )
+    says = (
+        "They hold too little {moving} that the {force} made; add runs with larger and quicker commands to both sides, "
+        "best without a controller in the loop, and check that the logged commands are those of this vehicle"
     )
+    raise FitError(f"these runs do not determine the model: {reason}. {dof.fill(says)}")
 
 
 def _outcome(
-    problem: DrivenProblem, fit: InnovationsFit, number: str, sided: bool, covariance: Floats | None = None
+    problem: DrivenProblem, fit: Outcome, number: str, sided: bool, covariance: Floats | None = None
 ) -> OutputErrorFit:
     base = problem.model
     assert isinstance(base, YawModel)
@@ -301,12 +283,7 @@ def _outcome(
 
 
 def left_out_predictions(
-    problem: DrivenProblem,
-    fit: InnovationsFit,
-    channels: Sequence[int] = (0,),
-    *,
-    thinned: bool = False,
-    alone: bool = False,
+    problem: DrivenProblem, fit: Outcome, channels: Sequence[int] = (0,), *, thinned: bool = False, alone: bool = False
 ) -> list[tuple[Predicted, ...]]:
     """Predictions of each run by the parameters that the other runs give, of each channel over each horizon.
 
@@ -315,11 +292,11 @@ def left_out_predictions(
     """
     by_run = []
     for r in range(len(problem.course.names)):
-        phi, course = fit.left_out[r], problem.course.only(r)
+        phi, course = fit.left_out[r], problem.course.some(np.arange(len(problem.course.names)) == r)
         theta = problem.natural(phi)
         followed = problem.follow(phi[None], True, course if thinned else course.unthinned)
         followed = of_model_alone(followed) if alone else followed
-        model, noises = theta[: fit.parameters], problem.noises(theta[None])
+        model, noises = theta[: len(fit.of_model)], problem.noises(theta[None])
         by_run.append([predict(problem.model, course, model, noises, channel=c, followed=followed) for c in channels])
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
@@ -334,11 +311,9 @@ def of_model_alone(followed: Followed) -> Followed:
 
 def _joined(pieces: Sequence[Predicted]) -> Predicted:
     names = ("origin", "target", "error", "constant_rate", "constant")
-    return Predicted(
-        pieces[0].horizon,
-        np.concatenate([piece.run + r for r, piece in enumerate(pieces)]),
-        *(np.concatenate([getattr(piece, name) for piece in pieces]) for name in names),
-    )
+    run = np.concatenate([piece.run + r for r, piece in enumerate(pieces)])
+    joined = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in names)
+    return Predicted(pieces[0].horizon, run, *joined)
 
 
 def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
@@ -373,18 +348,15 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     The square of the shift by which the best of them moves the parameters is added to their covariance.
     """
     narrow = fit.mixed
-    if not isinstance(narrow, InnovationsFit):
-        return fit, {}
     problem = driven_problem(fit.model, course).informed(narrow.priors)
     likelihood, count = narrow.log_likelihood, len(fit.model.theta)
     if fit.by_forecasts:
         likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
     have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
-    largest = float(np.abs(course.commanded).max()) or 1.0
     for name in PROPOSED:
         if name in have:
             continue
-        start = _start(name, largest)
+        start = _start(name, course)
         wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.priors)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
@@ -424,15 +396,16 @@ def fitted_driven(
     """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
     ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), priors=priors)
     outcomes = dict(zip(MODELS, map_jobs(ask, MODELS, "fitting models")))
-    fits = {number: outcome for number, outcome in outcomes.items() if isinstance(outcome, OutputErrorFit)}
+    fits = {number: fit for number, (fit, _) in outcomes.items() if fit is not None}
+    refused = {number: why for number, (fit, why) in outcomes.items() if fit is None}
     if not fits:
-        raise next(outcome for outcome in outcomes.values() if isinstance(outcome, FitError))
-    return fits, {number: str(outcome) for number, outcome in outcomes.items() if isinstance(outcome, FitError)}
+        raise FitError(next(iter(refused.values())))
+    return fits, refused
 
 
 def _fit_driven_model(
     number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], priors: Mapping[str, Prior]
-) -> OutputErrorFit | FitError:
+) -> tuple[OutputErrorFit | None, str]:
     """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
     batch, two_way = make_batch(runs, STEPS[0]), both_ways(runs)
 
@@ -440,9 +413,9 @@ def _fit_driven_model(
         return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, priors)
 
     try:
-        return beside_forecasts(course, by_way(fit, batch.dof, two_way))
+        return beside_forecasts(course, by_way(fit, batch.dof, two_way)), ""
     except FitError as error:
-        return error
+        return None, str(error)
 
 
 def both_ways(runs: Sequence[Run]) -> bool:
@@ -532,11 +505,7 @@ def judged_of(worth: Sequence[ForecastScore]) -> ForecastScore | None:
 
 
 def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tuple[Predicted, ...]]:
-    predictions = {}
-    for number, fit in fits.items():
-        assert isinstance(fit.mixed, InnovationsFit)
-        predictions[number] = left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0]
-    return predictions
+    return {n: left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0] for n, fit in fits.items()}
 
 
 def prefer_driven(
@@ -581,9 +550,8 @@ def prefer_driven(
 
 def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
     """A sentence where what pushes the vehicle is as large as the commands; else empty."""
-    innovations, dof = fit.mixed, fit.model.dof
-    assert isinstance(innovations, InnovationsFit)
-    size = fit.model.inertia * innovations.value(f"{dof.name}.disturbance")
+    dof = fit.model.dof
+    size = fit.model.inertia * fit.mixed.value(f"{dof.name}.disturbance")
     commands = float(np.sqrt(np.sum(course.commanded[0] ** 2 * course.width) / np.sum(course.width)))
     if size < LARGE * commands:
         return ""
@@ -599,12 +567,10 @@ def use_of(
     course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
 ) -> Use:
     """Judge a fit of driven runs on each run by the others; `proposed` is what it lacks."""
-    innovations = fit.mixed
-    assert isinstance(innovations, InnovationsFit)
     problem = driven_problem(fit.model, course)
-    followed = problem.follow(innovations.phi[None], keep=True)
+    followed = problem.follow(fit.mixed.phi[None], keep=True)
     assert followed.states is not None
-    free = free_run(fit.model, course, innovations.of_model, problem.noises(innovations.theta[None]))
+    free = free_run(fit.model, course, fit.mixed.of_model, problem.noises(fit.mixed.theta[None]))
     push, large = fit.model.inertia * followed.states[followed.places.pushed[0], 0], large_disturbance(course, fit)
     worth = {fit.model.dof.position: worth_of(predictions)}
     return Use(worth, len(course.names), proposed, course, predictions, free, push, large)

@@ -82,7 +82,7 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
     dof = turns[0].step.run.dof
     for turn in turns:
         run, before = turn.step.run, turn.step.rest or slice(turn.kept.start, turn.kept.start)
-        instant = turn.switch_to if turn.step.begins_log else turn.step.switch_mid
+        instant = turn.step.switch_to if turn.step.begins_log else turn.step.switch_mid
         parts = slice(max(before.start, before.stop - MOST_REST), before.stop), turn.kept
         velocity = run.channel(dof.velocity)
         velocity = np.full(len(run), np.nan) if velocity is None else velocity
@@ -91,7 +91,7 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
         headings.append(np.concatenate([run.position[part] for part in parts]) - turn.start_position)
         velocities.append(np.concatenate([velocity[part] for part in parts]))
         moments.append(turn.moment)
-        intervals.append(turn.switch_to - turn.switch_from)
+        intervals.append(turn.step.switch_to - turn.step.switch_from)
     data = step_data(names, times, headings, moments, intervals, dof)
     if channels is None or dof.velocity not in channels:
         return data

@@ -4,6 +4,7 @@ what a person must know before trusting it: said in sentences, from the fit itse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.half_turns import StepData, half_turn_data
-from automarine_cli.fits.innovations import InnovationsFit, channel_noises, channels_json, random_estimates
+from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import SWITCH
@@ -36,6 +37,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
+from automarine_cli.runs.load import counted
 from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -69,7 +71,6 @@ def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] 
 
 
 CORRELATED = 0.95  # correlation of two estimates from which on only a combination of them is known
-DILUTED = 0.04  # scatter of the thrust from run to run from which on it is said that Table 1 is corrected for it
 UNMOVED = 1e-9  # relative change from its start below which a parameter never moved
 INERTIA, DRAG = "inertia", ("quadratic", "linear")
 EVERY = (INERTIA, *DRAG)
@@ -103,7 +104,7 @@ def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> Iterator[Caution]:
             estimate = fit.estimates.get(dof.parameters[role])
             if estimate is not None and not estimate.known:
                 stuck = _stuck(fit, role)
-                if sentence := stuck or _negative(role, estimate, dof) or _wide(role, estimate, dof):
+                if sentence := stuck or _odd(role, estimate, dof):
                     yield Caution(number, (role,), f"Model {number}: {sentence}", grave=bool(stuck))
         yield from _correlations(fit)
 
@@ -121,25 +122,18 @@ def _stuck(fit: OutputErrorFit, role: str) -> str:
     return ""
 
 
-def _negative(role: str, estimate: Estimate, dof: Dof) -> str:
-    if estimate.value >= 0:
-        return ""
-    why = f"a negative {dof.words.inertia}" if role == INERTIA else "a drag that drives the vehicle"
-    low, high = estimate.ci95
-    sentence = f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}], {why}, which no vehicle has; "
-    if high >= 0:
-        return sentence + f"the interval holds zero: take a model without it, or {dof.fill(REMEDY[role])}."
-    return sentence + "something else acts on these runs: look for it with `automarine diagnose`."
-
-
-def _wide(role: str, estimate: Estimate, dof: Dof) -> str:
-    low, high = estimate.ci95
-    if high - low <= abs(estimate.value):
-        return ""
-    return (
-        f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}], an interval wider than the value; "
-        f"these runs hold little information on it: {dof.fill(REMEDY[role])}."
-    )
+def _odd(role: str, estimate: Estimate, dof: Dof) -> str:
+    """A negative parameter, or one whose interval is wider than its value."""
+    (low, high), remedy = estimate.ci95, dof.fill(REMEDY[role])
+    value = f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}]"
+    if estimate.value < 0:
+        why = f"a negative {dof.words.inertia}" if role == INERTIA else "a drag that drives the vehicle"
+        mend = "something else acts on these runs: look for it with `automarine diagnose`"
+        mend = f"the interval holds zero: take a model without it, or {remedy}" if high >= 0 else mend
+        return f"{value}, {why}, which no vehicle has; {mend}."
+    if high - low > estimate.value:
+        return f"{value}, an interval wider than the value; these runs hold little information on it: {remedy}."
+    return ""
 
 
 def _correlations(fit: OutputErrorFit) -> list[Caution]:
@@ -150,14 +144,13 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
     names = list(fit.estimates)
     covariance = fit.mixed.covariance
     deviation = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    for i in range(len(names)):
-        for j in range(i + 1, len(names)):
-            product = deviation[i] * deviation[j]
-            share = float(covariance[i, j] / product) if product > 0 else 0.0
-            pair = (roles[names[i]], roles[names[j]])
-            if abs(share) > CORRELATED and set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound):
-                says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
-                cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
+    for i, j in combinations(range(len(names)), 2):
+        product = deviation[i] * deviation[j]
+        share = float(covariance[i, j] / product) if product > 0 else 0.0
+        pair = (roles[names[i]], roles[names[j]])
+        if abs(share) > CORRELATED and set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound):
+            says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
+            cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
     joint = [caution for caution in cautions if caution.parameters == DRAG]
     return joint or cautions
 
@@ -167,48 +160,13 @@ def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
     if set(pair) == set(DRAG):
         return f"these runs determine only their total drag: add runs at much smaller and much larger {force}s."
     if share > 0:
-        return (
-            "only their ratio is well determined, as where the thrust scatters from run to run: add runs, "
-            "or measure thrust or voltage."
-        )
-    return (
-        f"these runs hardly separate them: hold each {force} until the {speed} is steady, and "
-        f"{dof.fill(REMEDY[pair[0]])}."
-    )
+        return "only their ratio is well determined: the thrust scatters; add runs, or measure thrust or voltage."
+    more = dof.fill(REMEDY[pair[0]])
+    return f"these runs hardly separate them: hold each {force} until the {speed} is steady, and {more}."
 
 
-def seed_cautions(seed: VelocityErrorFit, gain_scatter: float, dof: Dof) -> Iterator[Caution]:
-    """What to know of Tables 1 and 2 by the paper's method; `gain_scatter` is the maximum likelihood's."""
-    words = dof.words
-    if gain_scatter > DILUTED:
-        says = (
-            f"Thrust scatters by {100 * gain_scatter:.1f} % from run to run: least squares of the commanded "
-            f"{words.force} on the {words.speed} underestimate the drag. This bias was removed, assuming normal "
-            "scatter of the thrust alone; the maximum likelihood needs no such correction."
-        )
-        yield Caution("", EVERY, says)
-    for number, drag in sorted(seed.drag.items()):
-        for role in DRAG:
-            estimate = drag.estimates.get(dof.parameters[role])
-            if number not in ("1", "2", "3") or estimate is None:
-                continue
-            if sentence := _negative(role, estimate, dof) or _wide(role, estimate, dof):
-                yield Caution(number, (role,), f"Least squares of model {number}: {sentence}")
-    for number, table in sorted(seed.inertia.items()):
-        value, (low, high) = table.overall.value, table.overall.ci95
-        sentence = _negative(INERTIA, table.overall, dof)
-        if not sentence and high - low > value:
-            sentence = (
-                f"{dof.symbols.inertia} is {value:.3g} [{low:.3g}, {high:.3g}], an interval wider than the value; its "
-                f"means at each {words.force} differ, as where the model is wrong or the runs are few: add runs at "
-                f"each {words.force}."
-            )
-        if sentence:
-            yield Caution(number, (INERTIA,), f"Velocity errors of model {number}: {sentence}")
-
-
-def design_cautions(levels: Sequence[float], unit: str, dof: Dof, of_steps: bool) -> Iterator[Caution]:
-    """What the moments of a campaign cannot show; `levels` are the moments commanded, `of_steps` one for each run."""
+def design_cautions(levels: Sequence[float], unit: str, dof: Dof) -> Iterator[Caution]:
+    """What the moments of a campaign, `levels`, cannot show."""
     sides = {float(np.sign(level)) for level in levels if level}
     sizes = sorted({round(abs(level), 9) for level in levels if level})
     words, force, speed = dof.words, dof.words.force, dof.words.speed
@@ -226,47 +184,26 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof, of_steps: bool
             "or as much as the thrusters give."
         )
         yield Caution("", DRAG, says)
-    if of_steps and len(sizes) == 2:
-        third = 0.5 * (sizes[0] + sizes[1]) if sizes[1] > 2.0 * sizes[0] else 0.5 * sizes[0]  # that these leave out
-        says = (
-            f"The runs command two sizes of {force}, {sizes[0]:g} and {sizes[1]:g} {unit}: model 2 goes through any "
-            f"two, so Table 1 cannot tell how drag grows with the {speed}; add runs at "
-            f"{third:.3g} {unit}."
-        )
-        yield Caution("", DRAG, says)
 
 
 UNEXPLAINED = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
 DECIDES = 0.8  # share of the spread over fits without one run from which on that run decides alone
 WILD_GAIN = 0.25  # scatter of the thrust from run to run beyond what batteries and water do
 SURE = 3.0  # standard errors
-LATE = (
-    "The {force} seems to act half a sample interval or more after the log shows it: a delay or a lag of the "
-    "thrusters, which inflates the {inertia}."
-)
-EARLY = (
-    "The {force} seems to act half a sample interval or more before the log shows it: check the clocks of {position} "
-    "and command."
-)
 
 
-def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -> list[str]:
-    """Sentences on the half-turns and on the paper's method: not steady, or a Table 1 that breaks its identity."""
-    sentences, words = [], dof.words
-    if not seed.steady:
-        sentences.append(
-            f"{words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
-            f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
-            f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
-            "likelihood, which needs no tail."
-        )
-    unsteady = [turn.name for turn in turns if not turn.steady]
-    if unsteady:
-        sentences.append(f"{len(unsteady)} {words.step}s end before the {words.speed} is steady, {unsteady[0]} first.")
-    return sentences
+def step_warnings(seed: VelocityErrorFit, dof: Dof) -> list[str]:
+    if seed.steady:
+        return []
+    return [
+        f"{dof.words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
+        f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
+        f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
+        "likelihood, which needs no tail."
+    ]
 
 
-def told(cautions: Sequence[Caution], preference: Preference) -> list[str]:
+def warned_of(cautions: Sequence[Caution], preference: Preference) -> list[str]:
     """The cautions that are warnings: grave ones, and those on every model or on the preferred one; the others only
     stand below the tables."""
     return [caution.sentence for caution in cautions if caution.grave or caution.model in ("", preference.number)]
@@ -286,11 +223,12 @@ def fit_warnings(
     sentences = _one_run_that_decides(fit, names_of_runs)
     if fit.gain_scatter.value > WILD_GAIN:
         gains = np.exp(fit.mixed.own(GAIN)[:, 0])
-        odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
+        gains = gains / np.median(gains)
+        odd = int(np.argmax(np.abs(np.log(gains))))
         sentences.append(
             f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
-            f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: check its "
-            f"{words.force} and its unit."
+            f"{names_of_runs[odd]} has {gains[odd]:.2g} times the gain of the others: check its {words.force} and its "
+            "unit."
         )
     if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
         sentences.append(
@@ -306,9 +244,12 @@ def fit_warnings(
             f"small vehicles are: check the units of time and {words.position}, and whether the thrusters or the log "
             "lag."
         )
-    for i in fit.mixed.at_bound:
-        if i == len(fit.estimates) and fit.mixed.names[i] == SWITCH:
-            sentences.append(dof.fill(LATE if fit.mixed.theta[i] > 0 else EARLY))
+    if not fit.mixed.driven and fit.mixed.names.index(SWITCH) in fit.mixed.at_bound:
+        acts = ("before", "check the clocks of {position} and command")
+        if fit.mixed.of_chance[SWITCH] > 0:
+            acts = ("after", "a delay or a lag of the thrusters, which inflates the {inertia}")
+        says = "The {{force}} seems to act half a sample interval or more {} the log shows it: {}."
+        sentences.append(dof.fill(says.format(*acts)))
     return sentences
 
 
@@ -326,11 +267,9 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
     run, i = (int(k) for k in np.argwhere(decides)[0])
     name, estimate = list(fit.estimates.items())[i]
     without = np.exp(mixed.left_out[run, i]) if mixed.positive[i] else mixed.left_out[run, i]
-    return [
-        f"{names_of_runs[run]} alone changes {name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} "
-        f"{estimate.unit}, more than all other runs together: check its log, and whether its "
-        f"{fit.model.dof.words.position} jumps."
-    ]
+    changes = f"{name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} {estimate.unit}"
+    check = f"check its log, and whether its {fit.model.dof.words.position} jumps"
+    return [f"{names_of_runs[run]} alone changes {changes}, more than all other runs together: {check}."]
 
 
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
@@ -372,31 +311,15 @@ class YawFit(Shown):
         return self.preferred.inertial_turn_angle
 
     @property
-    def time_constant(self) -> Estimate | None:
-        """Inertia over linear drag [s] of model 1, where that is preferred."""
-        fit = self.preferred
-        if fit.number != "1" or self.dof.symbols.linear not in fit.estimates:
-            return None
-        i, k = (fit.mixed.names.index(self.dof.parameter(role)) for role in ("inertia", "linear"))
-        if not (fit.mixed.theta[[i, k]] > 0).all() or {i, k} & set(fit.mixed.at_bound):
-            return None
-        return whole_runs.ratio_of(fit.mixed, fit.covariance, i, k, "s")
-
-    @property
     def read(self) -> Sequence[Run]:
         return self.runs or [turn.step.run for turn in self.turns]
-
-    @property
-    def moments(self) -> tuple[float, ...]:
-        if self.turns:
-            return tuple(turn.moment for turn in self.turns)
-        return tuple(float(end) for run in self.runs for end in (run.command.min(), run.command.max()))
 
     def document(self, option: str) -> Document:
         return json_document(f"{self.dof.name}_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
         fit, turn, dof = self.preferred, self.inertial_turn_angle, self.dof
+        ends = [end for run in self.runs for end in (run.command.min(), run.command.max())]
         return {
             **model_head(dof, self.moment_unit),
             "fitted_to": f"{dof.words.step}s" if self.turns else "whole runs",
@@ -404,10 +327,9 @@ class YawFit(Shown):
             "preferred": self.preference.number,
             "preferred_because": self.preference.because,
             dof.ratio_key: turn and turn.to_json(),
-            "valid_range": valid_range(self.moments, fit.model),
+            "valid_range": valid_range([turn.moment for turn in self.turns] or ends, fit.model),
             "effects": effects_json(effect_estimates(fit)),
             **self._driven_json(),
-            **({"time_constant_s": self.time_constant.to_json()} if self.time_constant else {}),
             **_scatter_json(fit),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
@@ -432,10 +354,9 @@ class YawFit(Shown):
         mixed, use, json = self.preferred.mixed, self.use, dict[str, object]()
         if use is None:
             return json
-        if isinstance(mixed, InnovationsFit):
-            json = {"driven": True, "random": random_estimates(mixed, self.preferred.covariance, self.dof)}
         if isinstance(use, driven.Use):
-            json["proposed"] = dict(use.proposed)
+            random = random_estimates(mixed, self.preferred.covariance, self.dof)
+            json = {"driven": True, "random": random, "proposed": dict(use.proposed)}
         worth = [score.to_json(self.dof) for score in use.worth[self.dof.position]]
         return json | {"prediction": {"left_out_runs": worth, "of_use": use.of_use, "says": use.sentence(self.dof)}}
 
@@ -465,10 +386,7 @@ class YawFit(Shown):
             return content | {"sse": None, "velocity_error": None, "why": why}
         drag, table = seed.drag[number], seed.inertia.get(number)
         if table is None:
-            content["why"] = (
-                f"the drag of the least squares leaves no steady {dof.words.speed}, so no velocity error gives "
-                f"{dof.words.an_inertia}"
-            )
+            content["why"] = f"the drag of the least squares leaves no steady {dof.words.speed}"
         content["sse"] = drag.sse
         content["velocity_error"] = {
             **{name: e.to_json() for name, e in drag.estimates.items()},
@@ -481,8 +399,7 @@ class YawFit(Shown):
             },
             "dilution_taken_off": dict(drag.dilution),
             f"tail_from_{dof.units.key}": float(dof.shown(seed.tail_from)),
-            "tail_because": seed.tail_because(dof),
-            "tail_expected": seed.expected.to_json(dof),
+            "tail_because": seed.expected.sentence(dof, seed.by_user),
         }
         return content
 
@@ -526,18 +443,18 @@ class Buoyancy:
     @property
     def says(self) -> str:
         low, high = self.force.ci95
-        force = f"{abs(self.force.value):.3g} {self.force.unit}"
         if low < 0 < high:
             return f"Buoyancy: not significant; the force is {low:.2g} to {high:.2g} {self.force.unit} down."
-        up = self.force.value < 0
-        sure = sorted((abs(low), abs(high)))
-        text = f"Buoyancy: a constant force of {force} [{sure[0]:.3g}, {sure[1]:.3g}] {'up' if up else 'down'}"
+
+        def size(of: Estimate) -> str:
+            low, high = sorted(map(abs, of.ci95))
+            return f"{abs(of.value):.3g} {of.unit} [{low:.3g}, {high:.3g}]"
+
+        way, action = ("up", "add") if self.force.value < 0 else ("down", "take off")
+        text = f"Buoyancy: a constant force of {size(self.force)} {way}"
         if self.ballast is None:
             return f"{text}, in the unit of the command."
-        mass, ends = abs(self.ballast.value), [end / GRAVITY for end in sure]
-        action = "add" if up else "take off"
-        kilograms = f"{mass:.3g} kg [{ends[0]:.3g}, {ends[1]:.3g}]"
-        return f"{text}: to balance it {action} {kilograms} of ballast, weighed in water."
+        return f"{text}: to balance it {action} {size(self.ballast)} of ballast, weighed in water."
 
     def to_json(self) -> dict[str, object]:
         ballast = self.ballast and self.ballast.to_json()
@@ -574,29 +491,21 @@ def identify_turns(
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
-        steps = f"{_counted(len(turns), dof.words.step)} at {_counted(sizes, 'size')} of {dof.words.force}"
-        raise RunError(
-            f"{steps} are usable, and at least {FEWEST_STEPS} at 2 are needed; "
-            f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
-        )
+        steps = f"{counted(len(turns), dof.words.step)} at {counted(sizes, 'size')} of {dof.words.force} are usable"
+        remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
+        raise RunError(f"{steps}, and at least {FEWEST_STEPS} at 2 are needed; {remedy}")
     if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
         return _fit_steps(turns, set_aside, prior, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
-            f"{_counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
+            f"{counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
     return _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects)
 
 
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
-
-
 def _reasons(set_aside: Sequence[SetAside]) -> str:
-    return (
-        f"the first set aside: {set_aside[0].file}, run {set_aside[0].run}: {set_aside[0].why}; " if set_aside else ""
-    )
+    return "".join(f"the first set aside: {run.file}, run {run.run}: {run.why}; " for run in set_aside[:1])
 
 
 def _fit_steps(
@@ -613,27 +522,17 @@ def _fit_steps(
     data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))
     rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
-    table = rough.inertia["3"]  # where noise made it negative, the middle of the sizes
-    inertia = table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
-    start = (inertia, rough.drag["1"].drag[0], rough.drag["3"].drag[1])
-    name = dof.symbols.constant
-    constant = {model: fit.estimates[name].value for model, fit in rough.drag.items() if dof.has_constant}
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
-
-    fit_model = partial(_fit_model, data=data, start=start, constant=constant, unit=unit, prior=prior, two_way=two_way)
+    fit_model = partial(_fit_model, data=data, rough=rough, unit=unit, prior=prior, two_way=two_way)
     fits = dict(zip(MODELS, map_jobs(fit_model, MODELS, FITTING)))
     preference = whole_runs.prefer(fits)
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
-    noise = float(np.median([turn.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
-    listed = (
-        *design_cautions([turn.moment for turn in turns], unit, dof, of_steps=True),
-        *seed_cautions(seed, fits[preference.number].gain_scatter.value, dof),
-        *fit_cautions(fits),
-    )
+    noise = float(np.median([turn.step.run.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
+    listed = (*design_cautions([turn.moment for turn in turns], unit, dof), *fit_cautions(fits))
     warnings = (
-        *step_warnings(turns, seed, dof),
+        *step_warnings(seed, dof),
         *fit_warnings(fits, preference, data.names, noise),
-        *told(listed, preference),
+        *warned_of(listed, preference),
     )
     return YawFit(
         unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, prior=prior
@@ -641,22 +540,18 @@ def _fit_steps(
 
 
 def _fit_model(
-    number: str,
-    data: StepData,
-    start: tuple[float, float, float],
-    constant: Mapping[str, float],
-    unit: str,
-    prior: Known,
-    two_way: bool,
+    number: str, data: StepData, rough: VelocityErrorFit, unit: str, prior: Known, two_way: bool
 ) -> whole_runs.OutputErrorFit:
-    inertia, linear, quadratic = start
-    if number == "1":  # its inertia from the same tails: equation 7 against equation 9
-        inertia *= 0.7
-    begin = (inertia, linear if number == "1" else 0.02 * linear, quadratic)
-    always = constant.get(number, constant.get("3", 0.0))
+    table = rough.inertia["3"]  # where noise made it negative, the middle of the sizes
+    inertia = table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
+    linear, quadratic = rough.drag["1"].drag[0], rough.drag["3"].drag[1]
+    # of model 1 by the same tails: equation 7 against equation 9
+    begin = (0.7 * inertia, linear, quadratic) if number == "1" else (inertia, 0.02 * linear, quadratic)
+    estimates = rough.drag["1" if number == "1" else "3"].estimates
+    constant = estimates[data.dof.symbols.constant].value if data.dof.has_constant else 0.0
 
     def fit(sided: bool) -> whole_runs.OutputErrorFit:
-        return whole_runs.fit_half_turns(data, number, begin, unit, prior, always, sided)
+        return whole_runs.fit_half_turns(data, number, begin, unit, prior, constant, sided)
 
     return whole_runs.by_way(fit, data.dof, two_way)
 
@@ -680,7 +575,7 @@ def _fit_whole(
     short += undriven + stuck + contrary
     if not moving:
         raise RunError(
-            f"none of {_counted(len(runs), 'run')} can be fitted; {_reasons(short)}look at them with `automarine check`"
+            f"none of {counted(len(runs), 'run')} can be fitted; {_reasons(short)}look at them with `automarine check`"
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
@@ -703,11 +598,9 @@ def _fit_whole(
         use = driven.use_of(course, fits[number], ahead[number], proposed)
         how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
         period = float(np.median([run.sample_period for run in moving]))
-        if averaged_over(period) > 1:
-            how += (
-                f"; readings at {1 / period:.3g} Hz were averaged over {averaged_over(period) * period:.2g} s, "
-                "commands count exactly"
-            )
+        if (count := averaged_over(period)) > 1:
+            over = f"averaged over {count * period:.2g} s, commands count exactly"
+            how += f"; readings at {1 / period:.3g} Hz were {over}"
     why = (
         f"The whole runs were fitted {how}, as asked ({'--with' if with_effects else '--fit-to whole-runs'}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
@@ -718,12 +611,12 @@ def _fit_whole(
     if estimator := fits[preference.number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
-    listed = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
+    listed = (*design_cautions(levels.tolist(), unit, dof), *fit_cautions(fits))
     warnings = (
         *use.warnings(dof),
         *(f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items()),
         *fit_warnings(fits, preference, [run.name for run in moving]),
-        *told(listed, preference),
+        *warned_of(listed, preference),
     )
     return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, listed, dof, chosen, use, prior)
 
@@ -747,11 +640,8 @@ def _fit_whole_model(
         )
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit
-    raise FitError(
-        f"model {number} answers within {1000 * fit.model.fastest(largest):.0f} ms, faster than these logs "
-        "can show; "
-        f"check the units of {runs[0].dof.words.force} and time"
-    )
+    answers = f"model {number} answers within {1000 * fit.model.fastest(largest):.0f} ms, faster than these logs show"
+    raise FitError(f"{answers}; check the units of {runs[0].dof.words.force} and time")
 
 
 def starts_at_rest(run: Run) -> bool:

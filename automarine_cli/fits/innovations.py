@@ -11,6 +11,7 @@ from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,12 @@ from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.fits.mixed_model import SWITCH, Outcome, natural_of, search_of
+from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Outcome, natural_of, search_of
 from automarine_cli.models.allocation import Vehicle
 from automarine_cli.models.store import Sensor
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.channels import ChannelChoice, ChannelVerdict
+from automarine_cli.runs.channels import ChannelChoice
 from automarine_cli.runs.run import Run, position_noise
 
 DIFFERENCE = 1e-5  # share of a parameter by which it is moved for its derivative
@@ -270,6 +271,8 @@ class InnovationsFit(Outcome):
     """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
     own log densities, `gains` (R,) their log gains as filtered, `parameters` how many of theta are the model's."""
 
+    driven: ClassVar[Literal[True]] = True
+
     density: Floats
     gains: Floats
     parameters: int
@@ -277,10 +280,6 @@ class InnovationsFit(Outcome):
     @property
     def of_model(self) -> Floats:
         return self.theta[: self.parameters]
-
-    @property
-    def of_chance(self) -> dict[str, float]:
-        return dict(zip(self.names[self.parameters :], self.theta[self.parameters :].tolist()))
 
     def factor(self, block: str) -> float:
         """Size of what differs from run to run: of the gain, or of what an effect lets vary."""
@@ -295,6 +294,12 @@ class InnovationsFit(Outcome):
     def own(self, block: str) -> Floats:
         """Each run's own effects (R, k) of one block, of which the filter keeps the gains."""
         return self.gains[:, None] if block == GAIN else np.zeros((len(self.gains), 1))
+
+    def reading(self, channel: str) -> Floats:
+        return np.zeros((len(self.gains), 0))
+
+
+Fit = MixedFit | InnovationsFit
 
 
 def fit_innovations(
@@ -443,12 +448,12 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
     )
 
 
-def random_estimates(fit: InnovationsFit, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
+def random_estimates(fit: Outcome, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
     """What is random in a fit, for a result file: sizes with their intervals, in the units of the arithmetic."""
     base = dof.units.base
     units = {"disturbance": f"{base}/s²", "disturbance-time": "s", "thrust-noise": "s^1/2", "gain-scatter": "1"}
     stored: dict[str, dict[str, object]] = {}
-    for i, name in enumerate(fit.names[fit.parameters :], fit.parameters):
+    for i, name in enumerate(fit.of_chance, len(fit.of_model)):
         value, stderr = float(fit.theta[i]), float(np.sqrt(max(covariance[i, i], 0.0)))
         kind = name.rpartition(".")[2]
         if name == SWITCH:
@@ -500,26 +505,17 @@ def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
 
 def channels_json(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[str, object]:
     """`{"channels": [{"quantity", "used", "noise" or "why"}]}` for a result; {} where only positions are logged."""
-    sensors = [to_mapping(_sensor(verdict, noises)) for verdict in choice.verdicts]
+    sensors = [to_mapping(sensor) for sensor in sensors_of(choice, noises)]
     return {"channels": sensors} if sensors else {}
 
 
-def _sensor(verdict: ChannelVerdict, noises: Mapping[str, Estimate]) -> Sensor:
-    noise = noises.get(verdict.quantity) if verdict.used else None
-    return Sensor(verdict.quantity, verdict.used, noise, verdict.why or None)
-
-
-def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
-    return channel_sentences(choice, channel_noises(fit, dof), dof)
-
-
-def channel_sentences(choice: ChannelChoice, noises: Mapping[str, Estimate], dof: Dof) -> list[str]:
-    """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
-    return sentences_of([_sensor(verdict, noises) for verdict in choice.verdicts], dof)
+def sensors_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> list[Sensor]:
+    noise_of = {verdict: noises.get(verdict.quantity) if verdict.used else None for verdict in choice.verdicts}
+    return [Sensor(verdict.quantity, verdict.used, noise, verdict.why or None) for verdict, noise in noise_of.items()]
 
 
 def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
-    """The same of the sensors of a result file, if it has any."""
+    """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
     if not sensors:
         return []
     words, used, lines = {dof.position: dof.words.position, dof.velocity: dof.words.rate}, [], []

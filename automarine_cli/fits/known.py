@@ -95,19 +95,14 @@ NOTHING_KNOWN = Known()
 
 
 def _prior(name: str, entry: object) -> Prior:
-    if isinstance(entry, Prior):
-        return entry
     parts = entry if isinstance(entry, Sequence) and not isinstance(entry, str) else (entry,)
     try:
         value, *stderr = (float(str(part)) for part in parts)
     except ValueError:
-        raise SettingError(
-            f"known: {name} is {entry!r}; expected a number, or one and its standard error, in the unit of the fit"
-        ) from None
-    if len(stderr) > 1 or not all(map(math.isfinite, (value, *stderr))):
-        raise SettingError(f"known: {name} is {entry!r}; expected a finite number, or one and its standard error")
-    if stderr and not stderr[0] > 0:
-        raise SettingError(f"known: the standard error of {name} is {stderr[0]:g}; expected a number above 0")
+        value, stderr = math.nan, []
+    if len(stderr) > 1 or not all(map(math.isfinite, (value, *stderr))) or min(stderr, default=1.0) <= 0:
+        expected = "expected a finite number, or one and its standard error above 0, in the unit of the fit"
+        raise SettingError(f"known: {name} is {entry!r}; {expected}")
     return Prior(value, *stderr)
 
 

@@ -20,7 +20,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,11 @@ class Outcome(ABC):
     the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
     `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
     of the parameters that a bound stopped, `information` (R, p, p) what each run says of phi, `noise_of` each channel
-    that counts by its quantity [its unit] with the number of its `readings`; `priors` what was known beforehand.
+    that counts by its quantity [its unit] with the number of its `readings`; `priors` what was known beforehand;
+    `driven`: whether a filter followed the runs, else they were simulated.
     """
+
+    driven: ClassVar[bool]
 
     names: tuple[str, ...]
     theta: Floats
@@ -69,7 +72,12 @@ class Outcome(ABC):
     @property
     @abstractmethod
     def of_model(self) -> Floats:
-        """The model's own entries of theta."""
+        """The model's own entries of theta, which come first."""
+
+    @property
+    def of_chance(self) -> dict[str, float]:
+        count = len(self.of_model)
+        return dict(zip(self.names[count:], self.theta[count:].tolist()))
 
     @property
     def noise(self) -> float:
@@ -86,6 +94,10 @@ class Outcome(ABC):
     @abstractmethod
     def own(self, block: str) -> Floats:
         """Each run's own effects (R, k) of one kind."""
+
+    @abstractmethod
+    def reading(self, channel: str) -> Floats:
+        """Readings (R, N) of one channel as they were fitted, (R, 0) where a filter follows them."""
 
     @property
     def error_of_known(self) -> Floats:
@@ -189,10 +201,6 @@ class Problem:
         """Samples of each run and counted channel, (R, C)."""
         return np.stack([self.observed[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
 
-    def of(self, readings: NDArray[Any], channel: str) -> NDArray[Any]:
-        """The readings (..., n) of one channel out of all, (..., N)."""
-        return readings[..., next(slot.part for slot in self.slots if slot.name == channel)]
-
     def residual(self, fitted: Floats) -> Floats:
         """What readings (..., R, N) leave of the measured ones, zero in the padding."""
         return np.where(self.observed, self.measured - fitted, 0.0)
@@ -229,6 +237,8 @@ class Problem:
 class MixedFit(Outcome):
     """Outcome of a fit of the mixed model: also `noises` (C,) of the counted channels, `factors` of the run effects,
     `run_effects` (R, q), and the `fitted` readings (R, N)."""
+
+    driven: ClassVar[Literal[False]] = False
 
     noises: Floats
     factors: Floats
@@ -511,8 +521,7 @@ def _report(
     if problem.smooth is not None:  # the likelihood told is that of the readings alone
         ml_deviance -= float(phi @ problem.smooth @ phi)
         information += problem.smooth / len(information)
-    channels = len(problem.counted)
-    quantities = [slot.name for slot in problem.counted]
+    quantities, channels = [slot.name for slot in problem.counted], len(problem.counted)
     return MixedFit(
         names=problem.names,
         theta=problem.natural(phi),

@@ -185,7 +185,9 @@ def fit_drag(
     }
     dilution = dict(zip(estimates, (values - without).tolist()))
     explained = float(corrected.products.sum(axis=0) @ values)
-    aicc = _aicc(sse, points, count)
+    k = count + 1  # the noise variance is a parameter; corrected for few points (Hurvich and Tsai 1989)
+    correction = 2.0 * k * (k + 1) / (points - k - 1) if points > k + 1 else np.inf
+    aicc = float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)
     return DragFit(model, dof, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
 
 
@@ -197,13 +199,6 @@ def _credible(
     noise = squares - sums(moment, rate, variance, model, columns).squares.sum(axis=0)
     worst = float(np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max())
     return min(1.0, MOST_DILUTED / worst) if worst > 0 else 1.0
-
-
-def _aicc(sse: float, points: int, parameters: int) -> float:
-    """Akaike's criterion corrected for few points (Hurvich and Tsai 1989); the noise variance is a parameter."""
-    k = parameters + 1
-    correction = 2.0 * k * (k + 1) / (points - k - 1) if points > k + 1 else np.inf
-    return float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)
 
 
 def nested_test(small: DragFit, large: DragFit) -> dict[str, Any]:
@@ -267,9 +262,7 @@ def first_past(turned: Floats, time: Floats, observed: Mask, starts: Floats) -> 
 def noise_about_lines(time: Floats, heading: Floats, used: Mask, dof: Dof) -> float:
     """Root mean square [rad] of the headings about the line of each run."""
     lines = tail_lines(time, heading, np.zeros(len(time)), used, dof)
-    off = heading - lines.error[:, None]
-    off -= lines.rate[:, None] * time
-    off = off[used]
+    off = (heading - lines.error[:, None] - lines.rate[:, None] * time)[used]
     return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
 
 
@@ -280,22 +273,11 @@ def asked_tail(tail: float | None, dof: Dof) -> float | None:
     """
     if tail is None:
         return None
-    if dof.wraps and not EARLIEST <= tail <= LATEST:
-        raise SettingError(f"tail is {tail:g}; expected {EARLIEST:g} to {LATEST:g} degrees")
-    if not (tail > 0 and np.isfinite(tail)):
-        raise SettingError(f"tail is {tail:g}; expected metres above 0")
+    low, high = (EARLIEST, LATEST) if dof.wraps else (1e-300, np.finfo(float).max)
+    if not low <= tail <= high:
+        expected = f"{EARLIEST:g} to {LATEST:g} degrees" if dof.wraps else "metres above 0"
+        raise SettingError(f"tail is {tail:g}; expected {expected}")
     return float(dof.inner(tail))
-
-
-def checked_tail(tail: float, names: Sequence[str], heading: Floats, observed: Mask, dof: Dof) -> None:
-    """Raises FitError where a run, of headings (R, N) less their start, does not get as far as `tail` [rad or m]."""
-    far = np.abs(np.where(observed, heading, 0.0)).max(axis=1)
-    short = int(np.argmin(far))
-    if far[short] <= tail:
-        raise FitError(
-            f"the tails are to start at {dof.shown(tail):.0f} {dof.units.shown}, but {names[short]} ends at "
-            f"{dof.shown(float(far[short])):.0f} {dof.units.shown}; let them start earlier, or leave that run out"
-        )
 
 
 @dataclass(frozen=True)
@@ -449,13 +431,12 @@ def reference(
             candidates.append((loss, Reference(inertia, fit, acting)))
     best = min(candidates, key=lambda candidate: candidate[0], default=(0.0, None))[1]
     if best is None or not best.inertia > 0 or max(best.fit.drag) <= 0:
-        raise FitError(
-            dof.fill(
-                "the {step}s give a negative {inertia} or drag: the {position} runs ahead of its steady line or "
-                "against the {force}; "
-                "check the sign of the {force} and of the {position} (--columns), and that each step starts from rest"
-            )
+        says = (
+            "the {step}s give a negative {inertia} or drag: the {position} runs ahead of its steady line or against "
+            "the {force}; check the sign of the {force} and of the {position} (--columns), and that each step starts "
+            "from rest"
         )
+        raise FitError(dof.fill(says))
     return best
 
 
@@ -471,33 +452,26 @@ class Expected:
     noise: Floats
 
     @property
+    def total_bias(self) -> Floats:
+        """With the dilution, (2, A)."""
+        return self.bias + np.stack([0.0 * self.dilution, self.dilution])
+
+    @property
     def error(self) -> Floats:
         """Root mean square error (2, A) to be expected of inertia and drag, the known bias taken off."""
-        bias = self.bias + np.stack([0.0 * self.dilution, self.dilution])
-        return np.hypot(LEFT * bias, self.noise)
+        return np.hypot(LEFT * self.total_bias, self.noise)
 
-    def best(self) -> int:
-        """The place where inertia and drag together are off least."""
-        return int(np.argmin(np.sum(self.error**2, axis=0)))
-
-    def told(self, dof: Dof, by_user: bool) -> str:
-        bias = 100.0 * self.bias + np.array([0.0, 100.0 * float(self.dilution)])
-        parts = [
-            f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {shift:+.2g} %)"
-            for name, error, noise, shift in zip((dof.symbols.inertia, "drag"), self.error, self.noise, bias)
-        ]
+    def sentence(self, dof: Dof, by_user: bool) -> str:
+        inertia, drag = (
+            f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {100 * bias:+.2g} %)"
+            for name, error, noise, bias in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.total_bias)
+        )
         why = "as asked; errors to be expected there" if by_user else "where the errors to be expected are smallest"
         return (
-            f"Tails start at {dof.shown(float(self.start)):.0f} {dof.units.shown}, {why}: {parts[1]}, {parts[0]}. "
+            f"Tails start at {dof.shown(float(self.start)):.0f} {dof.units.shown}, {why}: {drag}, {inertia}. "
             "The bias, of what is not steady yet and of noise that dilutes Table 1, is known and was taken off; a "
             "quarter of it counts as error."
         )
-
-    def to_json(self, dof: Dof) -> dict[str, object]:
-        return {
-            name: {"error": float(error), "noise": float(noise), "bias": float(bias)}
-            for name, error, noise, bias in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.bias)
-        } | {"dilution": float(self.dilution)}
 
 
 def expected(time: Floats, data: StepData, model: Reference, noise: float, thrust: float, start: Floats) -> Expected:
@@ -558,9 +532,8 @@ class Feedback:
         values = np.array([e.value for e in fit.estimates.values()])
         slopes = [(self._values(moment, fit, tails) - values) / TAIL_FEEDBACK_STEP for tails in self.moved]
         total = fit.influence + self.influence @ np.array(slopes)
-        stderr, spare = np.sqrt(np.sum(total**2, axis=0)), len(total) - len(values)
-        pairs = zip(fit.estimates.items(), stderr)
-        estimates = {name: Estimate.from_stderr(e.value, error, spare, e.unit) for (name, e), error in pairs}
+        pairs, count = zip(fit.estimates.items(), np.sqrt(np.sum(total**2, axis=0))), len(total) - len(values)
+        estimates = {name: Estimate.from_stderr(e.value, error, count, e.unit) for (name, e), error in pairs}
         return replace(fit, estimates=estimates, influence=total)
 
     def on_inertia(self, moment: Floats, fit: DragFit, table: InertiaTable) -> InertiaTable:
@@ -616,9 +589,6 @@ class VelocityErrorFit:
     drag: Mapping[str, DragFit]
     inertia: Mapping[str, InertiaTable]
 
-    def tail_because(self, dof: Dof) -> str:
-        return self.expected.told(dof, self.by_user)
-
 
 def fit_velocity_error(
     data: StepData,
@@ -635,12 +605,10 @@ def fit_velocity_error(
     they are best. Raises FitError where too few runs or samples are left.
     """
     time, words = data.time - offset * data.interval[:, None], data.dof.words
-    if len(data.moment) < 3 or len(np.unique(np.abs(data.moment))) < 2:
-        raise FitError(
-            f"{len(data.moment)} {words.step}s at {len(np.unique(np.abs(data.moment)))} sizes of {words.force} are "
-            "too few for Table 1; "
-            f"run at least 3 steps at 2 {words.force}s"
-        )
+    sizes = len(np.unique(np.abs(data.moment)))
+    if len(data.moment) < 3 or sizes < 2:
+        few = f"{len(data.moment)} {words.step}s at {sizes} sizes of {words.force} are too few for Table 1"
+        raise FitError(f"{few}; run at least 3 steps at 2 {words.force}s")
     raw, tails, model, noise, thrust, grid, place = _settled(time, data, start_heading, tail)
     variance = tails.rate_variance(noise) + model.thrust_variance(thrust)
     more = feedback(model, raw, time)
@@ -666,10 +634,14 @@ def _settled(
     ends = np.where(observed, time, -np.inf).max(axis=1, keepdims=True)
     tails = tail_lines(time, data.heading, start_heading, observed & (time >= 0.7 * ends), dof)
     model = reference(data.moment, tails, 0.0, dof)
-    least = np.abs(np.where(observed, data.heading, 0.0)).max(axis=1).min()
-    places, kinds = SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else least), MODELS
+    far = np.abs(np.where(observed, data.heading, 0.0)).max(axis=1)
+    places, kinds = SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else far.min()), MODELS
     if tail is not None:
-        checked_tail(tail, data.names, data.heading, observed, dof)
+        if far.min() <= tail:
+            raise FitError(
+                f"the tails are to start at {dof.shown(tail):.0f} {dof.units.shown}, but {data.names[far.argmin()]} "
+                f"ends at {dof.shown(far.min()):.0f} {dof.units.shown}; let them start earlier, or leave that run out"
+            )
         places = np.append(places, tail)
     for turn in range(ROUNDS):
         exact = model.answer(time)
@@ -677,7 +649,7 @@ def _settled(
         thrust = model.thrust_scatter(tails.rate, tails.rate_variance(noise))
         if turn < PLACED:
             grid = expected(time, data, model, noise, thrust, places)
-            place = grid.best() if tail is None else len(places) - 1
+            place = int(np.argmin(np.sum(grid.error**2, axis=0))) if tail is None else len(places) - 1
         else:
             kinds = (model.fit.model,)
         first = first_past(exact, time, observed, places[place : place + 1])
@@ -697,10 +669,10 @@ def _drag(
     """Table 1 by the models that the moments can carry, in their order; model 2, whose terms are hardest to tell
     apart, says how much noise all of them take off."""
     fits = {}
+    few = len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2
     for model in sorted(models, key=lambda name: name != "2"):
-        if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
-            continue
-        if model == "3+c" and data.dof.has_constant:  # its constant is part of every model there
+        # where every model has a constant, none is added
+        if (model in ("2", "3+c") and few) or (model == "3+c" and data.dof.has_constant):
             continue
         fits[model] = fit_drag_by_way(data.moment, rate, model, moment_unit, data.dof, variance)
         variance = fits[model].variance

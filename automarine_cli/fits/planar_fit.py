@@ -15,15 +15,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, free_run
-from automarine_cli.fits.driven import (
-    ForecastScore,
-    Judgement,
-    driven_problem,
-    fit_driven,
-    judged_of,
-    left_out_predictions,
-    worth_of,
-)
+from automarine_cli.fits.driven import ForecastScore, Judgement, left_out_predictions, worth_of
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import (
     ITERATIONS,
@@ -35,17 +27,14 @@ from automarine_cli.fits.innovations import (
 )
 from automarine_cli.fits.known import NOTHING_KNOWN, Known, Prior
 from automarine_cli.fits.linear_mixed import bounded_solution
-from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
-from automarine_cli.fits.whole_runs import OutputErrorFit, prefer, rough_model, run_covariance, run_dof
+from automarine_cli.fits.whole_runs import run_covariance, run_dof
 from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
 from automarine_cli.models.store import planar_json, units
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, runs_json
-from automarine_cli.simulation.batch import make_batch
 
-STEP = 0.25  # step [s] of the balance from which the yaw model starts
 HEADING, PLACE = "heading", "place"
 UNITS = {HEADING: YAW.units.shown, PLACE: "m", SURGE.velocity: "m/s", SWAY.velocity: "m/s"}
 """What is predicted, in the units of people."""
@@ -54,14 +43,12 @@ KEYS = {PLACE: ("place", "m"), SURGE.velocity: ("surge", "m_s"), SWAY.velocity: 
 
 @dataclass(frozen=True)
 class PlanarUse(Judgement):
-    """The same of heading [rad] and place on the water [m], or speeds [m/s] where no positions are logged, and of the
-    heading by the best model of yaw alone (`yaw_only`, none where the runs do not carry one). For people to look at:
-    `predictions` of the heading on the nodes of the `course`, and each channel of the `free` runs from the first
-    filtered state on, (R, K + 1), not a number before that."""
+    """The same of heading [rad] and place on the water [m], or speeds [m/s] where no positions are logged. For people
+    to look at: `predictions` of the heading on the nodes of the `course`, and each channel of the `free` runs from the
+    first filtered state on, (R, K + 1), not a number before that."""
 
     predictions: tuple[Predicted, ...] = field(repr=False)
     course: Course = field(repr=False)
-    yaw_only: tuple[ForecastScore, ...] = ()
     free: Mapping[str, Floats] = field(default_factory=dict, repr=False)
 
     @property
@@ -72,22 +59,9 @@ class PlanarUse(Judgement):
         score = float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
         return score if np.isfinite(score) else np.inf
 
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        first, alone = self.sentence(YAW), judged_of(self.yaw_only)
-        if judged_of(self.worth[HEADING]) is None:
-            return (first,)
-        if alone is None:
-            return (first, "A model of yaw alone could not be fitted to these runs: no comparison.")
-        return (first, f"A model of yaw alone predicts the heading to {YAW.shown(alone.error):.3g} deg.")
-
     def to_json(self) -> dict[str, object]:
         """For the result file: one entry a horizon, errors as root mean squares."""
-        alone = {forecast.horizon: float(YAW.shown(forecast.error)) for forecast in self.yaw_only}
-        entries = {
-            forecast.horizon: {**forecast.to_json(YAW), "yaw_only_rmse_deg": alone.get(forecast.horizon)}
-            for forecast in self.worth[HEADING]
-        }
+        entries = {forecast.horizon: forecast.to_json(YAW) for forecast in self.worth[HEADING]}
         for name, (key, unit) in KEYS.items():
             for forecast in self.worth.get(name, ()):
                 sizes = {
@@ -96,7 +70,7 @@ class PlanarUse(Judgement):
                     "constant_{}_{}": forecast.constant,
                 }
                 entries.get(forecast.horizon, {}).update({form.format(key, unit): size for form, size in sizes.items()})
-        return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": list(self.sentences)}
+        return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": [self.sentence(YAW)]}
 
 
 def shown(name: str, value: float) -> float:
@@ -116,14 +90,11 @@ def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = Fals
         return PlanarUse({HEADING: worth_of(heading), **worth}, len(problem.course.names), heading, problem.course)
 
 
-def planar_use(runs: Sequence[Run], problem: DrivenProblem, fit: InnovationsFit, use: PlanarUse) -> PlanarUse:
-    course = problem.course
-    at = {channel.quantity: c for c, channel in enumerate(course.channels)}
-    model, noises = problem.model, problem.noises(fit.theta[None])
-    drawn = [name for name in (YAW.position, *PLACES) if name in at]
-    free = {name: free_run(model, course, fit.of_model, noises, at[name]) for name in drawn}
-    alone = _yaw_only(runs, tuple(name for name in (YAW.position, YAW.velocity) if name in at))
-    return replace(use, yaw_only=alone, free=free)
+def with_free_runs(problem: DrivenProblem, fit: InnovationsFit, use: PlanarUse) -> PlanarUse:
+    course, noises = problem.course, problem.noises(fit.theta[None])
+    at = {of.quantity: c for c, of in enumerate(course.channels) if of.quantity in (YAW.position, *PLACES)}
+    free = {name: free_run(problem.model, course, fit.of_model, noises, c) for name, c in at.items()}
+    return replace(use, free=free)
 
 
 def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
@@ -137,19 +108,6 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
         )
         for north, east in zip(*by_axis)
     )
-
-
-def _yaw_only(runs: Sequence[Run], channels: tuple[str, ...]) -> tuple[ForecastScore, ...]:
-    course, batch = make_course(runs, np.zeros(len(runs), dtype=bool), channels=channels), make_batch(runs, STEP)
-    fits: dict[str, OutputErrorFit] = {}
-    for number in MODELS:
-        with suppress(FitError):
-            fits[number] = fit_driven(course, rough_model(number, batch), number)
-    if not fits:
-        return ()
-    best = fits[prefer(fits).number]
-    assert isinstance(best.mixed, InnovationsFit)
-    return worth_of(left_out_predictions(driven_problem(best.model, course), best.mixed)[0])
 
 
 FULLY = 3  # neighbours of a structure that are fitted, at most
@@ -304,15 +262,13 @@ class PlanarFit(Shown):
 
     @property
     def because(self) -> str:
-        count = len(self.tried)
-        if count == 1:
+        if len(self.tried) == 1:
             return "No other structure was tried."
         first, second = self.tried[:2]
         which = "this one" if first.structure == self.structure else f"{first.structure}"
-        return (
-            f"Of {count} structures {which} has the best evidence (Bayesian information criterion); the next, "
-            f"{second.structure}, is {second.estimated.criterion - first.estimated.criterion:.1f} behind."
-        )
+        behind = f"{second.structure}, is {second.estimated.criterion - first.estimated.criterion:.1f} behind"
+        best = f"{which} has the best evidence (Bayesian information criterion)"
+        return f"Of {len(self.tried)} structures {best}; the next, {behind}."
 
     @cached_property
     def valid_range(self) -> dict[str, list[float]]:
@@ -367,16 +323,13 @@ class PlanarFit(Shown):
                 large.append(f"{dof.name} {size:.3g} of {usual:.3g} {unit}")
         if not large:
             return ()
-        then = (
-            "Masses and inertia rest on forecasts over seconds, not on single readings."
-            if self.choice.way == FORECASTS
-            else "It may answer for what they do; masses and inertia are then too large."
-        )
-        return (f"The disturbance is more than half as large as the commands: {', '.join(large)}. {then}",)
+        then = " It may answer for what they do; masses and inertia are then too large."
+        says = f"The disturbance is more than half as large as the commands: {', '.join(large)}."
+        return (says + then * (self.choice.way == LIKELIHOOD),)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        sentences = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
+        sentences = [] if self.use is None else [*self.use.warnings(YAW)]
         sentences += self.disturbed
         if not self.found.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
@@ -498,8 +451,8 @@ class PlanarLikelihood:
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
         estimated = chosen[0].estimated
         assert estimated.fit is not None
-        use = planar_use(self.runs, self.problem(estimated.model), estimated.fit, chosen[2])
-        return Choice(chosen[0], chosen[1], use, _because(chosen, fitted, simplest))
+        use = with_free_runs(self.problem(estimated.model), estimated.fit, chosen[2])
+        return Choice(chosen[0], chosen[1], use, _because(chosen, fitted))
 
     def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list["Promise"]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
@@ -546,19 +499,13 @@ class PlanarLikelihood:
         return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
 
 
-def _because(
-    chosen: tuple[Tried, str, PlanarUse], fitted: Sequence[tuple[Tried, str, PlanarUse]], simplest: Structure
-) -> str:
-    more = []
-    for trial, way, judged in fitted:
-        share = float(np.expm1(judged.score - chosen[2].score))
-        if judged is not chosen[2]:
-            which = "of the simplest structure " if trial.structure == simplest != chosen[0].structure else ""
-            more.append(f"one {which}{WAYS[way]} by {100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}")
-    sentence = f"Fitted {WAYS[chosen[1]]}"
-    if not more or not chosen[2].worth[HEADING]:
-        return f"{sentence}."
-    return f"{sentence}. Of runs left out, 2 to 15 s ahead, other fits miss: {'; '.join(more)}."
+def _because(chosen: tuple[Tried, str, PlanarUse], fitted: Sequence[tuple[Tried, str, PlanarUse]]) -> str:
+    how, scores = f"Fitted {WAYS[chosen[1]]}", [judged.score for _, _, judged in fitted if judged is not chosen[2]]
+    if not scores or not chosen[2].worth[HEADING]:
+        return f"{how}."
+    share = float(np.expm1(min(scores) - chosen[2].score))
+    misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
+    return f"{how}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}."
 
 
 def _usual(rough: Mapping[str, float], dof: Dof) -> float:

@@ -155,7 +155,8 @@ class Structure:
 
         m_u, m_v, inertia_r = (sizes[dof.parameter("inertia")] for dof in PLANAR.dofs)
         surge, sway, yaw = (drags(dof) for dof in PLANAR.dofs)
-        cross = tuple(Term(name, (sizes.get(_of_force(name), 0.0),)) for name in self.couplings)
+        pushed = {name: f"{PLANAR.dofs[FORCES.index(name[0])].name}.{name}" for name in self.couplings}
+        cross = tuple(Term(name, (sizes.get(qualified, 0.0),)) for name, qualified in pushed.items())
         water = (sizes.get("current.north", 0.0), sizes.get("current.east", 0.0)) if self.current else None
         inertia = Inertia(m_u, m_v, inertia_r, m_vr=sizes.get("planar.m_vr", 0.0))
         model = PlanarModel(inertia, surge, sway, yaw, cross, water)
@@ -188,10 +189,6 @@ class Structure:
                 ties[dof.parameter("inertia")] = (other.parameter("inertia"), 1.0)
                 ties[dof.parameter("linear")] = (other.parameter("inertia"), 1.0 / SETTLES)
         return ties
-
-
-def _of_force(derivative: str) -> str:
-    return f"{PLANAR.dofs[FORCES.index(derivative[0])].name}.{derivative}"
 
 
 def rough_velocities(run: Run) -> dict[str, Floats]:

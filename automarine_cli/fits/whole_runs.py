@@ -238,28 +238,25 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
         swing = np.diff(rate)
         push = np.diff(np.interp(middle, clock, impulse))
         mean = 0.5 * (rate[1:] + rate[:-1])
-        time_passed = np.full(len(mean), -window)
-        rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean, time_passed], axis=1))
+        rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean, np.full(len(mean), -window)], axis=1))
         sides.append(push)
     x, y = np.concatenate(rows), np.concatenate(sides)
-    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number] + [3] * batch.dof.has_constant
+    of_base = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number]
+    keep = of_base + [3] * batch.dof.has_constant
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
-    constant = [float(v) for v in values[len(keep) - batch.dof.has_constant :]]
-    values = values[: len(keep) - batch.dof.has_constant]
-    misfit = np.sum((y - x[:, keep] @ [*values, *constant]) ** 2)
+    misfit = np.sum((y - x[:, keep] @ values) ** 2)
+    values, constant = values[: len(of_base)], values[len(of_base) :].tolist()
     if np.all(values < 0) and misfit < (1.0 - AGAINST) * np.sum(y**2):
-        raise FitError(
-            batch.dof.fill(
-                "the {positions} {move} against the {force}: {inertia} and drag would be negative. If the {position} "
-                "counts {other_way}, or the {force} does, map it with sign = -1 in the --columns file "
-                "or the campaign: under [columns] "
-            )
-            + f'{batch.dof.column(batch.dof.position, batch.dof.units.log)} = {{ from = "NAME", sign = -1 }}'
+        says = (
+            "the {positions} {move} against the {force}: {inertia} and drag would be negative. If the {position} "
+            "counts {other_way}, or the {force} does, map it with sign = -1 in the --columns file or the campaign: "
+            "under [columns] "
         )
+        column = batch.dof.column(batch.dof.position, batch.dof.units.log)
+        raise FitError(f'{batch.dof.fill(says)}{column} = {{ from = "NAME", sign = -1 }}')
     scale = float(np.abs(batch.force).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
-    more = [*constant, *([0.0] if sided else [])]
-    return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.dof)
+    return YawModel.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)
 
 
 LEVEL = 0.05  # p-value below which the two ways are told apart
@@ -414,19 +411,16 @@ def fit_whole_runs(
     return _simulated_fit(number, rough, problem, best, begin, sided, of_half_turns=False)
 
 
-def run_covariance(mixed: Outcome, problem: Problem | None = None) -> Floats:
+def run_covariance(mixed: Outcome, changes: Floats | None = None) -> Floats:
     """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
 
-    Given the `problem` that was fitted, it is exact where instants are confined to their sample intervals (see
-    `left_out_changes`); without, it is the linearised jackknife, which is too wide there.
+    Given the `changes` (R, p) of `left_out_changes`, it is exact where instants are confined to their sample intervals;
+    without, it is the linearised jackknife, which is too wide there.
     """
     runs = len(mixed.left_out)
     if runs < 2:
         return mixed.covariance
-    left_out = mixed.left_out
-    if problem is not None and isinstance(mixed, MixedFit):
-        left_out = left_out_changes(problem, mixed)
-    by_runs = jackknife(left_out) + mixed.error_of_known
+    by_runs = jackknife(mixed.left_out if changes is None else changes) + mixed.error_of_known
     if runs >= ENOUGH_RUNS:
         return by_runs
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, by_runs))
@@ -492,7 +486,7 @@ def _simulated_fit(
     number: str, model: YawModel, problem: Problem, mixed: MixedFit, start: Floats, sided: bool, of_half_turns: bool
 ) -> OutputErrorFit:
     """The same of runs that were simulated, where the common instant of the switches is a parameter."""
-    covariance = run_covariance(mixed, problem if of_half_turns else None)
+    covariance = run_covariance(mixed, left_out_changes(problem, mixed) if of_half_turns else None)
     scatters = bool(problem.effects.of(problem.effects.scale, GAIN).any())  # else known to be none, or one run alone
     offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", spare(mixed))
     if of_half_turns:  # from their z to sample intervals
@@ -510,10 +504,13 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
     and Computing 27:1413).
     """
     parameters = {number: len(fit.model.theta) - 1 for number, fit in fits.items()}
-    if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):
-        return _prefer_in_one_run(fits, parameters)
-    totals = {number: float(fit.mixed.predictive.sum()) for number, fit in fits.items()}
-    best = max(totals, key=lambda number: totals[number])
+    if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):  # none to predict
+        cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in sorted(fits.items())}
+        chosen = min(cost, key=lambda number: cost[number])
+        rivals = [f"model {n}'s is higher by {cost[n] - cost[chosen]:.1f}" for n in cost if n != chosen]
+        because = f"With one run there is no cross-validation; by Akaike's criterion model {chosen} is best"
+        return Preference(chosen, f"{because}, {' and '.join(rivals)}.")
+    best = max(fits, key=lambda number: float(fits[number].mixed.predictive.sum()))
     chosen, parts = best, []
     for number in sorted(fits, key=lambda n: parameters[n]):
         gap, error = _lead(fits[best], fits[number])
@@ -526,26 +523,11 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
         if gap < 0:
             parts.append(f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter")
         elif gap <= 2.0 * error:
-            more = ", which has more parameters" if parameters[number] > parameters[chosen] else ""
-            parts.append(f"it is level with model {number}{more} ({gap:.1f} ± {error:.1f})")
+            parts.append(f"it is level with model {number} ({gap:.1f} ± {error:.1f})")
         else:
             parts.append(f"it leads model {number} by {gap:.1f} ± {error:.1f}")
     because = f"Model {chosen} predicts runs left out of the fit best or as well as any simpler one: in log density "
     return Preference(chosen, because + " and ".join(parts) + ".")
-
-
-def _prefer_in_one_run(fits: Mapping[str, OutputErrorFit], parameters: Mapping[str, int]) -> Preference:
-    """Akaike's criterion: with one run there is none to predict."""
-    cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in fits.items()}
-    best = min(sorted(fits), key=lambda number: cost[number])
-    rivals = [
-        f"model {number}'s is higher by {cost[number] - cost[best]:.1f}" for number in sorted(fits) if number != best
-    ]
-    return Preference(
-        best,
-        f"With one run there is no cross-validation; by Akaike's criterion model {best} is best, "
-        f"{' and '.join(rivals)}.",
-    )
 
 
 def _lead(a: OutputErrorFit, b: OutputErrorFit) -> tuple[float, float]:

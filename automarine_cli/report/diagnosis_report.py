@@ -19,7 +19,7 @@ from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
-from automarine_cli.fits.innovations import fit_sentences
+from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.report.figures import diagnosis as figures
 from automarine_cli.report.sections import Sections, bullets, document, sections
@@ -287,7 +287,7 @@ def _(result: MotionDiagnosis) -> Sections:
         partial(figures.where_figure, where, diagnosis.words), notes=(gap, chance), unit=dof.units.shown,
         key=dof.units.key, force=dof.words.force, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
-        below=[*below, *fit_sentences(diagnosis.channels, search.final.fit, dof)],
+        below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
         fitted=f" {len(study.runs)} runs were fitted{held_out}.", why=search.crowd or "", appendix=appendix,
     )  # fmt: skip
 

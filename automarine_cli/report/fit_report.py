@@ -14,17 +14,17 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import Use
 from automarine_cli.fits.half_turns import instant
 from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
-from automarine_cli.fits.innovations import InnovationsFit, channel_noises, fit_sentences
+from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
-from automarine_cli.fits.mixed_model import SWITCH, MixedFit
+from automarine_cli.fits.mixed_model import SWITCH
 from automarine_cli.fits.paper import DragFit, nested_test
-from automarine_cli.fits.planar_fit import HEADING, UNITS, PlanarFit, PlanarUse, shown
+from automarine_cli.fits.planar_fit import UNITS, PlanarFit, PlanarUse, shown
 from automarine_cli.fits.whole_runs import OutputErrorFit, Ways
 from automarine_cli.models.store import units
 from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Content, Sections, document, forms_of, numbers, sections
-from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
+from automarine_cli.report.tables import Cell, Math, Table, interval, number
 from automarine_cli.runs.run import shared_readings
 
 MODELS = ("1", "2", "3")
@@ -147,7 +147,8 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     """Make tables 1 and 2 with what must be known of their parameters below; `short`, for the terminal, leaves that to
     the warnings, and leaves out the means at each moment."""
-    why = f"{fit.why_no_seed_method}." if fit.seed_method is None else fit.seed_method.tail_because(fit.dof)
+    seed = fit.seed_method
+    why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
     cautions = () if short else fit.cautions
     drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))
     inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
@@ -156,7 +157,7 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """Say what a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
-    preferred, mixed, turn, lasting = fit.preferred, fit.preferred.mixed, fit.inertial_turn_angle, fit.time_constant
+    preferred, mixed, turn = fit.preferred, fit.preferred.mixed, fit.inertial_turn_angle
     dof, words, sym = fit.dof, fit.dof.words, fit.dof.symbols
     lines = [*([] if fit.use is None else [fit.use.sentence(dof)]), fit.preference.because, *fit.told_of_known]
     if turn is not None:
@@ -164,14 +165,12 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
             f"{words.inertial_length.capitalize()} {sym.inertia}/{sym.quadratic_print}: {turn.value:.4g} "
             f"{dof.units.base} {_ends(turn, '.4g')}, whatever the {words.force}'s unit."
         )
-    elif lasting is not None:
-        lines.append(f"Time constant {sym.inertia}/{sym.linear}: {lasting.value:.3g} s {_ends(lasting, '.3g')}.")
     scatter, late = preferred.gain_scatter, preferred.offset
     more = (
         f"{words.force.capitalize()}s switch {late.value:+.2f} sample intervals {_ends(late, '+.2f')} from the middle "
         "between the first sample that shows them and the one before."
     )
-    if isinstance(mixed, InnovationsFit):
+    if mixed.driven:
         names = ("disturbance", "disturbance-time", "thrust-noise")
         size, time, thrust = (mixed.value(f"{dof.name}.{name}") for name in names)
         more = (
@@ -184,7 +183,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         noise = f"{words.position} noise {dof.shown(preferred.noise):.2f}{dof.units.mark}{bound}"
     share = f"{100 * scatter.value:.1f} % {_ends(scatter, '.1f', 100.0)}"
     lines.append(f"Thrust scatters from run to run by {share}; {noise}. {more}")
-    lines += fit_sentences(fit.channels, mixed, dof)
+    lines += sentences_of(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)
     if preferred.ways is not None:
         lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
@@ -262,13 +261,11 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
                     for horizon, square in squares.items()
                 }
             else:
-                assert isinstance(mixed, MixedFit)
                 off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
                 row[f"start_{words.speed}_{rate_key}"] = float(dof.shown(mixed.own(START_VELOCITY)[i, 0]))
                 row |= {"gain": gains[i], f"rmse_{key}": float(np.sqrt(np.mean(off**2)))}
             rows.append(row)
         return rows
-    assert isinstance(mixed, MixedFit)
     reading = mixed.reading(dof.position)
     for i, turn in enumerate(fit.turns):
         off = dof.shown((data.heading[i] - reading[i])[data.observed[i]])
@@ -277,7 +274,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
             "time_from_s": float(turn.time[0]), "time_to_s": float(turn.time[-1]), "samples": len(turn.time),
             f"{words.gone_key}_{key}": float(dof.shown(turn.turned)), "cut_by": turn.cut_by, "steady": turn.steady,
             f"start_{words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
-            "switch_from_s": turn.switch_from, "switch_to_s": turn.switch_to,
+            "switch_from_s": turn.step.switch_from, "switch_to_s": turn.step.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
             f"steady_{words.speed}_{rate_key}": float(dof.shown(seed.tails.rate[i])),
             f"steady_{words.speed}_stderr_{rate_key}": float(dof.shown(np.sqrt(seed.variance[i]))),
@@ -292,8 +289,8 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
 
 @sections.register
 def _(fit: PlanarFit) -> Sections:
-    use = () if fit.use is None else fit.use.sentences
-    first = (*use[:1], *(f"Warning: {line}" for line in fit.disturbed), *use[1:], *filter(None, [fit.choice.because]))
+    use = () if fit.use is None else (fit.use.sentence(YAW),)
+    first = (*use, *(f"Warning: {line}" for line in fit.disturbed), *filter(None, [fit.choice.because]))
     details = list(planar_sentences(fit))
     tables = [parameter_table(fit), *([] if fit.use is None else [prediction_table(fit.use)]), structure_table(fit)]
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
@@ -311,13 +308,12 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     noises = fit.found.noises
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
-    above = (*(() if fit.use is None else fit.use.sentences), *fit.disturbed)
+    above = (*(() if fit.use is None else fit.use.warnings(YAW)), *fit.disturbed)
     yield from (warning for warning in fit.warnings if warning not in above)
 
 
 def prediction_table(use: PlanarUse) -> Table:
     """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
-    alone = {ahead.horizon: number(float(YAW.shown(ahead.error)), 3) for ahead in use.yaw_only}
     rows = []
     for name, horizons in use.worth.items():
         for ahead in horizons:
@@ -325,13 +321,12 @@ def prediction_table(use: PlanarUse) -> Table:
             rows.append({
                 "of": f"{name}, {UNITS[name]}", "s ahead": f"{ahead.horizon:g}",
                 **{word: number(shown(name, size), 3) for word, size in sizes.items()},
-                "yaw alone": alone.get(ahead.horizon, MISSING) if name == HEADING else MISSING,
                 "predictions": ahead.count,
             })  # fmt: skip
     source = "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run fitted"
     return Table.of("Predictions", rows, [
         f"Root mean square errors. {source}, from its filtered state, which knows the readings until then, by the "
-        "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
+        "commands as they were logged.",
     ])  # fmt: skip
 
 

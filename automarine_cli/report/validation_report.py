@@ -4,7 +4,7 @@ from functools import partial
 
 from automarine_cli.comparison.validation import Ahead, Overall, Validation
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.innovations import channel_sentences, measured_noises
+from automarine_cli.fits.innovations import measured_noises, sensors_of, sentences_of
 from automarine_cli.models.store import StoredPlanar
 from automarine_cli.report.figures.runs import planar_figure, validation_figure
 from automarine_cli.report.figures.style import Draw
@@ -30,7 +30,7 @@ def _(result: Validation) -> Sections:
         return Sections([table], files | forms_of("validation", table), figures, LISTED, score_rows(result))
     headline = [] if ahead is None else [ahead.sentence]
     tables = [*([] if ahead is None else [ahead_table(ahead)]), overall_table(result), run_table(result)]
-    sensors = channel_sentences(result.channels, measured_noises(runs, dof), dof)
+    sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
     figures = {name: partial(validation_figure, *of_run) for name, of_run in zip(names, zip(free, result.floors))}
     files |= forms_of("validation", *tables) | {
         "validation.csv": score_table(result).to_csv(),

@@ -374,10 +374,8 @@ def wanted_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
         return (dof.position,)
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not names or not set(names) <= set(dof.channels):
-        raise SettingError(
-            f"channels is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
-            "commas between"
-        )
+        some = f"some of {', '.join(dof.channels)} with commas between"
+        raise SettingError(f"channels is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or {some}")
     return names
 
 
@@ -402,10 +400,7 @@ def choose_channels(runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_p
     velocity = dof.velocity in named if named else wanted == ALL or not trouble
     position = logged and (named is None or dof.position in named)
     not_named = "It was not asked for (--channels)."
-    summed_up = (
-        f"The logs hold no {dof.words.position}: shown is the sum of the {dof.words.rate}, by which runs are trimmed, "
-        "and which is no evidence."
-    )
+    summed_up = f"The logs hold no {dof.words.position}: that shown is a sum of the {dof.words.rate}, and no evidence."
     why = trouble or (_stuck_in(sensors, dof) if velocity else "") if velocity or named is None else not_named
     of_position = "" if position else not_named if logged else summed_up
     verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
@@ -443,12 +438,11 @@ def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str
     if late and (sensors.clock or not off):
         if late_position and sensors.late < 0:
             return ""
-        way, cause, mend = "late against", "by its clock or a filter", ""
+        way, cause = "late against", "by its clock or a filter"
         if sensors.late < 0:
             way, cause = "ahead of", f"by its clock, or because the {position} is read late"
-            mend = " if the clock is to blame"
         delay = f"{abs(sensors.late):.2g} s {way} the {position}"
-        return f"The {rate} is {delay}, {cause}; shift its column by that in the log{mend}."
+        return f"The {rate} is {delay}, {cause}; if its clock is to blame, shift its column by that in the log."
     if not off:
         return ""
     return (

@@ -40,21 +40,17 @@ def clock_trouble(time: Floats) -> str | None:
     """Why a clock, shape (N,), cannot be one of a test, or None."""
     count = len(time)
     if count > 1 and np.ptp(time) == 0:
-        return (
-            f"units look wrong: the clock stands still at {time[0]:.10g} s in all {count} rows; expected a rising "
-            "clock. Look at the time column, or map another with --columns"
-        )
+        still = f"units look wrong: the clock stands still at {time[0]:.10g} s in all {count} rows"
+        return f"{still}; expected a rising clock. Look at the time column, or map another with --columns"
     if count < FEWEST_SAMPLES:
         few = f"only {count} sample{'s' * (count != 1)} left; at least {FEWEST_SAMPLES} are needed"
         return f"{few}. Check that the log was not cut short"
     period = median(np.diff(time))
-    if period >= SLOWEST:
-        trouble = f"{period:.4g} s between samples. If the clock counts milliseconds or microseconds"
-        return f"units look wrong: {trouble}, name it time_ms or time_us, or say so with --columns"
-    if period < FASTEST:
-        trouble = f"{period:.3g} s between samples. If the clock counts seconds"
-        return f"units look wrong: {trouble}, name it time_s, or say so with --columns"
-    return None
+    if FASTEST <= period < SLOWEST:
+        return None
+    units, names = ("seconds", "time_s") if period < FASTEST else ("milli- or microseconds", "time_ms or time_us")
+    trouble = f"{period:.4g} s between samples. If the clock counts {units}"
+    return f"units look wrong: {trouble}, name it {names}, or say so with --columns"
 
 
 def beyond(position: Floats, dof: Dof) -> NDArray[np.bool_]:
@@ -71,12 +67,10 @@ def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
     largest = median(np.abs(position - position[0]))
     later = np.interp(time + WHILE, time, position)
     fastest = float(np.percentile(np.abs(later - position), 90)) / WHILE
-    if largest > dof.limits.far:
-        size = f"a {name} of {largest:.3g} {dof.units.base}"
-    elif fastest > dof.limits.fast:
-        size = f"the {name} changes by {fastest:.3g} {dof.units.base}/s"
-    else:
+    if largest <= dof.limits.far and fastest <= dof.limits.fast:
         return None
+    size = f"the {name} changes by {fastest:.3g} {dof.units.base}/s"
+    size = f"a {name} of {largest:.3g} {dof.units.base}" if largest > dof.limits.far else size
     rule = f'{column} = {{ from = "{name}", unit = "mm" }}'
     return f"units look wrong: {size}. If it is in millimetres, say so with --columns, such as {rule}"
 
@@ -85,10 +79,8 @@ def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
     name, limits = dof.position, dof.limits
     largest = float(np.abs(angle).max())
     if largest > limits.far and median(np.abs(angle)) > limits.far:
-        return (
-            f"units look wrong: a {name} of {dof.shown(largest):.3g} {dof.words.units}. "
-            f"Check which column is the {name}"
-        )
+        wrong = f"units look wrong: a {name} of {dof.shown(largest):.3g} {dof.words.units}"
+        return f"{wrong}. Check which column is the {name}"
     span, jumps = float(np.ptp(angle)), np.abs(np.diff(angle))
 
     def wraps_at(turn: float) -> bool:
@@ -229,12 +221,8 @@ def undriven(run: Run) -> str | None:
     alone = idle & (gained > 0)
     there, back = _times(alone & (after > 0)), _times(alone & (after < 0))
     one_way = dof.has_constant and min(there, back) == 0
-    if (
-        extent < LEAST_WAYS * dof.limits.least
-        or there + back < UNDRIVEN_TIMES
-        or one_way
-        or gained[alone].sum() < UNDRIVEN_SHARE * gained.sum()
-    ):
+    little = extent < LEAST_WAYS * dof.limits.least or there + back < UNDRIVEN_TIMES
+    if little or one_way or gained[alone].sum() < UNDRIVEN_SHARE * gained.sum():
         return None
     words, unit = dof.words, dof.units.shown
     return (
@@ -352,7 +340,7 @@ def _law(several: Sequence[Commanded]) -> Law | None:
     """The allocation of one degree of freedom over several runs; None where the logs show none, or no limit."""
     if len({part.names for part in several}) != 1:
         return None
-    total, single, names = *_together(several), several[0].names
+    total, single = _together(several)
     sound = np.isfinite(single).all(axis=1)
     total, single = total[sound], single[sound]
     if not total.any():
@@ -373,7 +361,7 @@ def _law(several: Sequence[Commanded]) -> Law | None:
         residual = float(np.sqrt(np.mean((total[free] - terms @ coefficients) ** 2)))
         if distinct > 2 * rank and residual <= LAW * float(np.sqrt(np.mean(total[free] ** 2))):
             tolerance = max(SHORT * float(np.abs(total).max()), 10.0 * residual)
-            laws.append((residual, Law(names, coefficients, exponent, low, high, tolerance)))
+            laws.append((residual, Law(several[0].names, coefficients, exponent, low, high, tolerance)))
     return min(laws, key=lambda pair: pair[0])[1] if laws else None
 
 

@@ -215,8 +215,8 @@ class HalfTurn:
     theirs.
 
     `start_position` [rad or m] is psi0; `cut_by` is what ended it, in words; `turned` [rad or m] the signed way from
-    psi0 to the end; `noise` [rad or m] of the position; `steady` whether the rate had settled; `why` the sentence for
-    which the half-turn is set aside, or empty.
+    psi0 to the end; `steady` whether the rate had settled; `why` the sentence for which the half-turn is set aside, or
+    empty.
     """
 
     step: Step
@@ -224,23 +224,16 @@ class HalfTurn:
     position: Floats
     kept: slice
     start_position: float
-    switch_from: float
-    switch_to: float
     moment: float
     cut_by: str
     turned: float
-    noise: float
     steady: bool
     why: str
 
     @property
-    def serves(self) -> bool:
-        return not self.why
-
-    @property
     def moved(self) -> bool:
         """Whether the vehicle went further than standing still looks like."""
-        return abs(self.turned) >= max(self.step.run.dof.limits.unmoved, 5 * self.noise)
+        return abs(self.turned) >= max(self.step.run.dof.limits.unmoved, 5 * self.step.run.noise)
 
     @property
     def name(self) -> str:
@@ -268,7 +261,7 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
     good, aside = [], []
     for run in runs:
         turns = all_half_turns(run, trim)
-        if first := next((turn for turn in turns if turn.serves), None):
+        if first := next((turn for turn in turns if not turn.why), None):
             good.append(first)
         else:
             aside.append(SetAside(run.source, run.name, why_none(run, turns)))
@@ -286,9 +279,9 @@ def _half_turn(step: Step, trim: Trim) -> HalfTurn:
     rate, _ = slope(time[-6:], position[-6:])  # the end is read from the line through the last six samples
     end = position[-6:].mean() + rate * (time[-1] - time[-6:].mean())
     turn = HalfTurn(
-        step, time, position, slice(first, stop), zero, step.switch_from, step.switch_to, step.moment,
+        step, time, position, slice(first, stop), zero, step.moment,
         cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.ends_log else dof.fill(COMMAND_ENDS),
-        turned=float(end - zero), noise=noise, steady=_is_steady(time, position, noise), why="",
+        turned=float(end - zero), steady=_is_steady(time, position, noise), why="",
     )  # fmt: skip
     return replace(turn, why=_why_not(turn, crossed))
 
@@ -323,24 +316,20 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     way = f"{size} {words.unit if size == 1 else words.units}"
     repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
     if repeats >= max(FEWEST_STUCK, count / 2) and not is_slow(run.position, repeats):
-        return (
-            f"{words.sensor} stuck: {repeats} of {count} samples of {at} show one {words.position}. "
-            f"Check the {words.sensor}, or whether the vehicle was held"
-        )
+        same = f"{words.sensor} stuck: {repeats} of {count} samples of {at} show one {words.position}"
+        return f"{same}. Check the {words.sensor}, or whether the vehicle was held"
     if count < MIN_SAMPLES:
-        return (
-            f"too short: {at} has {count} samples ({turn.cut_by}); at least {MIN_SAMPLES} are needed. Log faster or "
-            f"hold the {force} longer"
-        )
+        few = f"too short: {at} has {count} samples ({turn.cut_by}); at least {MIN_SAMPLES} are needed"
+        return f"{few}. Log faster or hold the {force} longer"
     if not turn.moved:
         why = f"never moved: {way} {words.moved} in {at}. Use a larger {force}, and check thrusters and tether"
-        radians = dof.column(dof.position, "rad") if dof.wraps else ""
-        return why + f"; if the {words.position} column is in radians, name it {radians}" * dof.wraps
+        if dof.wraps:
+            why += f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
+        return why
     if not step.from_rest:
-        return (
-            f"not from rest: {at} begins at {dof.shown(step.start_rate):.3g} {words.units}/s. Let the vehicle come to "
-            f"rest{f' at zero {force}' * (not dof.has_constant)} before each step"
-        )
+        rest = f"rest{f' at zero {force}' * (not dof.has_constant)} before each step"
+        pace = f"{dof.shown(step.start_rate):.3g} {words.units}/s"
+        return f"not from rest: {at} begins at {pace}. Let the vehicle come to {rest}"
     if turn.turned * turn.moment < 0 and not dof.has_constant:
         return (
             f"units look wrong: {at} {words.moved} the vehicle {way} against it. If the {words.position} counts "
@@ -388,8 +377,6 @@ def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
     first = next((turn for turn in turns if turn.moved), turns[0])
     if first.moved or extent < dof.limits.least:
         return first.why
-    words, unit = dof.words, dof.units.shown
-    return (
-        f"no step: the vehicle {words.moved} over {dof.shown(extent):.3g} {unit}, but under a changing {words.force}; "
-        f"none that is constant lasts. Hold the {words.force} constant, or fit whole runs"
-    )
+    way = f"the vehicle {dof.words.moved} over {dof.shown(extent):.3g} {dof.units.shown}"
+    says = "but under a changing {force}; none that is constant lasts. Hold the {force} constant, or fit whole runs"
+    return f"no step: {way}, {dof.fill(says)}"

@@ -26,7 +26,6 @@ from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs import checks
 from automarine_cli.runs.run import NORMAL, Run, SetAside, fresh_readings, median, named_apart, own_name, slope, summed
-from automarine_cli.text import listed
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -39,7 +38,7 @@ SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting
 
 
 class NotUsable(RunError):
-    """An unusable run: the reason, with a hint."""
+    """An unusable run."""
 
 
 def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
@@ -60,7 +59,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     columns, rows = _only(columns, ~missing), rows[~missing]
     if counts["missing"] and not len(rows):
         what = measured.replace("_", " ")
-        raise NotUsable(f"no row has time, {what} and command ({counts['missing']} rows lack one); check the columns")
+        _refuse(f"no row has time, {what} and command ({counts['missing']} rows lack one); check the columns")
     fresh = _rising(columns["time"], rows, table, name)
     if len(rows) > 1 and not fresh[1:].any():
         _refuse(checks.clock_trouble(columns["time"]))
@@ -72,7 +71,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     for key in commands:
         if (largest := float(np.abs(columns[key]).max(initial=0.0))) > LARGEST_COMMAND:
             what = dof.words.force if key == dof.command else "thruster command"
-            raise NotUsable(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
+            _refuse(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
     if not summed:
         glitch = find_glitches(columns["time"], columns[dof.position], dof) | checks.beyond(columns[dof.position], dof)
         counts["glitches"] = int(np.count_nonzero(glitch))
@@ -96,7 +95,7 @@ def _summed_up(run: Run) -> Run:
     dof, velocity = run.dof, run.extras[run.dof.velocity]
     fresh = fresh_readings(velocity)  # a held reading is as old as it is long held
     instant = np.interp(run.time, run.time[fresh], velocity[fresh])
-    position = summed_position(run.time, instant, _any_command(run), dof)
+    position = summed(run.time, instant - standstill(run.time, instant, _any_command(run), dof))
     note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
     return replace(run, position=position, summed_up=True).noted(note)
 
@@ -116,14 +115,10 @@ def _rising(time: Floats, rows: Indices, table: LogTable, name: str) -> Mask:
     if (steps < 0).any():
         i = int(np.argmax(steps < 0))
         before, after = np.searchsorted(table.rows, rows[i : i + 2])
+        other = [name for name, labels in table.words.items() if labels.code[before] != labels.code[after]]
         remedy = "If two runs share the file, tell them apart by a column run"
-        for column, labels in table.words.items():
-            if labels.code[before] != labels.code[after]:
-                remedy = (
-                    f"The column {column} names something else from there on ({listed(labels.names)}): if these are "
-                    f'runs, write run = "{column}" {GIVE_IT}'
-                )
-                break
+        if other:
+            remedy = f'The column {other[0]} changes there: if it names runs, write run = "{other[0]}" {GIVE_IT}'
         raise RunError(
             f"{table.source}, row {rows[i + 1]}, run {name!r}: the clock steps back from {time[i]:.10g} s to "
             f"{time[i + 1]:.10g} s; expected a rising clock. {remedy}; else sort or correct the rows"
@@ -147,45 +142,38 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     if (jumps := np.setdiff1d(find_jumps(run.time, run.position, dof), gaps)).size:
         sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
         notes += (
-            f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
+            f"split at {counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
             f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
         )
     if broken:
         lost = f"across which the {words.position} cannot be followed"
-        notes += (f"split at {_counted(len(broken), 'gap')} of up to {widest}, {lost}",)
+        notes += (f"split at {counted(len(broken), 'gap')} of up to {widest}, {lost}",)
     elif gaps.size:
         bridged = f", bridged by the {words.speed}s beside them" if dof.wraps else ""
-        notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
+        notes += (f"{counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
     edges = [0, *(int(i) + 1 for i in sorted({*broken, *jumps})), len(run)]
     run, parts = replace(run, position=position, notes=notes), []
     for number, (start, stop) in enumerate(pairwise(edges), 1):
         inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
-        counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner}
-        counts["jumps"] = int((start - 1 in jumps) + (stop - 1 in jumps))
+        beside = int((start - 1 in jumps) + (stop - 1 in jumps))
+        counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner, "jumps": beside}
         name = f"{run.name}.{number}" if len(edges) > 2 else run.name
         parts.append(replace(run.cut(start, stop), name=name, counts=counts))
     return tuple(parts)
 
 
 def _too_short(part: Run) -> str | None:
-    length = float(part.time[-1] - part.time[0])
-    if not part.counts["jumps"] or length >= SHORTEST_PART:
-        return None
-    name = part.dof.position
-    return f"only {length:.2g} s are left beside a jump of the {name}; at least {SHORTEST_PART:g} s are needed"
+    left = f"only {np.ptp(part.time):.2g} s are left beside a jump of the {part.dof.position}"
+    short = part.counts["jumps"] and np.ptp(part.time) < SHORTEST_PART
+    return f"{left}; at least {SHORTEST_PART:g} s are needed" if short else None
 
 
-def _counted(number: int, thing: str) -> str:
+def counted(number: int, thing: str) -> str:
     return f"{number} {thing}{'s' * (number != 1)}"
 
 
 MIN_STANDSTILL = 5  # Samples of a standstill
 SURE = 4.0  # Standard errors within which the readings of a standstill show no trend
-
-
-def summed_position(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> Floats:
-    """Positions (N,) from zero on, by the trapezium over the samples; all arguments (N,)."""
-    return summed(time, velocity - standstill(time, velocity, command, dof))
 
 
 def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> float:
@@ -212,8 +200,7 @@ FASTER = 1.5  # than nearly all of the run: nothing turns so across a gap
 
 
 def wrapped(angle: Floats, turn: float = TURN) -> Floats:
-    """The same angle within half a `turn` to either side; as it is if the position never comes back to itself (`turn`
-    is infinite)."""
+    """The same angle within half a `turn` to either side; as it is where `turn` is infinite."""
     return angle - turn * np.ceil(angle / turn - 0.5) if turn < np.inf else angle
 
 
@@ -440,14 +427,10 @@ def refused_by_strict(first: SetAside) -> RunError:
 
 def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
     """The refusal of a campaign of which nothing is left, with the first reasons."""
-    why: dict[str, list[str]] = {}
-    for run in aside:
-        why.setdefault(run.why, []).append(run.file)
-    first = list(why.items())[:MOST_REASONS]
-    reasons = [f"{names[0]}{f' and {len(names) - 1} more' * (len(names) > 1)}: {reason}" for reason, names in first]
-    if more := len(aside) - sum(len(names) for _, names in first):
-        reasons.append(f"and {more} more")
-    return RunError(f"no usable run in {files} log{'s' * (files != 1)}: {'; '.join(reasons)}")
+    first = {run.why: run.file for run in reversed(aside)}
+    reasons = [f"{file}: {why}" for why, file in reversed(first.items())][:MOST_REASONS]
+    more = f" (and {len(aside) - len(reasons)} more)" * (len(aside) > len(reasons))
+    return RunError(f"no usable run in {files} log{'s' * (files != 1)}: {'; '.join(reasons)}{more}")
 
 
 @contextlib.contextmanager
@@ -490,11 +473,9 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
     for name, rows in rows_of_runs(table):
         try:
             parts = clean(table, rows, name)
-        except NotUsable as error:
-            aside.append(SetAside(file.name, name, str(error)))
-            continue
         except RunError as error:
-            aside.append(unreadable(file, error, name))
+            usable = not isinstance(error, NotUsable)
+            aside.append(unreadable(file, error, name) if usable else SetAside(file.name, name, str(error)))
             continue
         for part in parts:
             why = (checks.clock_trouble(part.time) or _too_short(part)) if len(parts) > 1 else None

@@ -97,7 +97,7 @@ def look_at_run(run: Run) -> RunSeen:
     turns = all_half_turns(driven)
     spans = np.diff(run.time)
     jitter = float(np.percentile(np.abs(spans - run.sample_period), 95))
-    best = next((turn for turn in turns if turn.serves), None)
+    best = next((turn for turn in turns if not turn.why), None)
     levels = sorted({moment for _, _, moment in segments(driven.command)})
     return RunSeen(
         run.dof, run.source, run.name, samples=len(run), begins_s=float(run.time[0]),
@@ -336,6 +336,5 @@ def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> st
 
 def _of_three(names: Sequence[str]) -> bool:
     there = quantities_of(names)
-    pushed = {SURGE.command, SWAY.command} & there
     moved = {SURGE.velocity, SWAY.velocity} & there or {"north", "east"} <= there
-    return YAW.position in there and bool(pushed) and bool(moved)
+    return bool(YAW.position in there and {SURGE.command, SWAY.command} & there and moved)

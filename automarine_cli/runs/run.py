@@ -104,8 +104,7 @@ class CommandRange:
     ) -> "CommandRange":
         """The range of commands (N,) of several thrusters."""
         every = np.concatenate(commands)
-        low, high = float(np.min(every)), float(np.max(every))
-        return cls(low, high, float(np.median(every)), tuple(names), of_map, unit)
+        return cls(float(every.min()), float(every.max()), median(every), tuple(names), of_map, unit)
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def misfit_of(ranges: Sequence[CommandRange]) -> Misfit | None:
     size, most = max(abs(low), abs(high)), max(abs(least), abs(largest))
     if size == 0 or most == 0:
         return None
-    ratio, usual = size / most, float(np.median([part.usual for part in ranges]))
+    ratio, usual = size / most, median(np.array([part.usual for part in ranges]))
     share = next((word for full, word in SHARES.items() if 0.2 * full < size <= 1.01 * full), "")
     scale = f"{most if size <= 1.01 else most / 100:.4g}" if size <= 101 else "FACTOR"
 
@@ -142,14 +141,13 @@ def misfit_of(ranges: Sequence[CommandRange]) -> Misfit | None:
     if low >= 0 > least and low < usual < high and abs(usual - (low + high) / 2) <= 0.05 * (high - low):
         why = f"they are never negative and mostly {usual:.4g}, half the range, a neutral that was not subtracted"
         return misfit(why, "subtract", f"{usual:.4g}", False)
+    looks = f"they look {share or 'like another unit'}"
     if ratio > FAR_BEYOND:
-        looks = f"they look {share}, not" if share else "they are not"
-        return misfit(f"{looks} the signal of this map", "scale", scale, True)
+        return misfit(f"{looks}, not the signal of this map", "scale", scale, True)
     if ratio > BEYOND:
         return misfit("beyond its ends the thrust is a guess", "scale", "FACTOR", False)
     full = any(abs(size - share) <= 0.01 * share for share in SHARES)
     if ratio <= INSIDE or (ratio <= HALF and full):
-        looks = f"they look {share}" if share else "they look like another unit"
         return misfit(f"{looks}, or the vehicle was hardly driven", "scale", scale, ratio <= FAR_INSIDE)
     return None
 

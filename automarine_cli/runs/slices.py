@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogTable, require
 from automarine_cli.logs.columns import ARMED, MODE
+from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import FEWEST_SAMPLES
 from automarine_cli.runs.half_turn import SAME_MOMENT, SHORT_REST
@@ -102,12 +103,8 @@ def _stretches(table: LogTable, by: By) -> Iterator[Stretch]:
 def _states(table: LogTable, name: str) -> tuple[list[str], NDArray[np.int64]]:
     """Words and the word of each row; "" where nothing is known or the vehicle is not armed."""
     if name not in table.states:
-        what = "flight mode" if name == MODE else "arming state"
-        raise LogError(
-            f"{table.source}: no {what}; found the columns {listed(table.names)}; expected a column {name}. If it has "
-            f'another name, write a line such as {name} = "NAME" under [columns] in a file and give it with '
-            "--columns FILE.toml"
-        )
+        found = f"{table.source}: no {name}; found the columns {listed(table.names)}; expected a column {name}"
+        raise LogError(f'{found}. If it has another name, write {name} = "NAME" {GIVE_IT}')
     labels = table.states[name]
     words = [*labels.names, ""]
     if name == ARMED:

@@ -74,6 +74,6 @@ def known_half_turns(campaign: Campaign) -> StepData:
         [turn.time for turn in turns],
         [turn.position - zero[turn.name] for turn in turns],
         [turn.moment for turn in turns],
-        [turn.switch_to - turn.switch_from for turn in turns],
+        [turn.step.switch_to - turn.step.switch_from for turn in turns],
         YAW,
     )

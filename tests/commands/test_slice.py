@@ -130,10 +130,10 @@ def test_a_log_of_another_motion_is_cut_by_its_force(tmp_path: Path) -> None:
 
 def test_a_log_that_does_not_tell_is_refused(tmp_path: Path, run: Callable[..., Result]) -> None:
     log = table(tmp_path, day([(0.5, 60)]))
-    with pytest.raises(LogError, match=r'no flight mode; found the columns time_s, heading_deg, tau; .* mode = "NAME"'):
+    with pytest.raises(LogError, match=r'no mode; found the columns time_s, heading_deg, tau; .* mode = "NAME"'):
         find_slices(log, "mode")
     refused = run("slice", tmp_path / "day.csv", "--by", "arm", "-o", tmp_path / "out")
-    assert refused.exit_code == 1 and "no arming state" in refused.stderr and not (tmp_path / "out").exists()
+    assert refused.exit_code == 1 and "no armed; found" in refused.stderr and not (tmp_path / "out").exists()
     with pytest.raises(RunError, match=r"no run in it, cut by moment: shorter than 100 s"):
         am.slice_log(tmp_path / "day.csv", by="moment", shortest=100.0)
     assert run("slice", tmp_path / "day.csv", "--by", "moment", "--keep", "A").exit_code == 2

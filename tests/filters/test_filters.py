@@ -92,22 +92,6 @@ def test_commands_act_at_their_rows_where_rows_are_lost() -> None:
         assert mean[k] * length[k] == pytest.approx(impulse, abs=1e-12)
 
 
-def test_late_commands_of_a_run_are_the_same_beside_any_other() -> None:
-    """Nodes of the shorter run are padded; its commands may need more fine steps than those of the longer one."""
-    late, dense, sparse = np.array([-0.3, 0.5]), np.arange(0.0, 6.0, 0.05), np.arange(0.0, 12.0, 0.5)
-    runs = [noisy(logged(time, np.sin(time), np.sign(np.sin(3.0 * time)))) for time in (dense, sparse)]
-    runs[0] = replace(runs[0], position=np.where(np.arange(len(dense)) % 20 > 0, np.nan, runs[0].position))
-    course = make_course(runs, np.array([True, True]), step=0.5)
-    assert course.length[0, -1] == 0.0 and (course.width[0] > 0).sum() > (course.width[1] > 0).sum()
-    together = course.averaged(course.commands[0].force, late)
-    for r in range(2):
-        alone = course.only(r)
-        steps = alone.length.shape[1]
-        for expected, value in zip(alone.averaged(alone.commands[0].force, late), together):
-            np.testing.assert_allclose(value[:, r, :steps], expected[:, 0], atol=1e-12)
-            assert not value[:, r, steps:].any()
-
-
 def test_no_reading_is_told_by_the_command_that_answers_it() -> None:
     """A compass that the current pulls: a command of the same row is the controller's answer to the reading."""
     time = 0.1 * np.arange(60)

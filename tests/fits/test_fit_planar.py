@@ -8,19 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from figures import drawn
 from made_planar import BARE, NOISE, Craft, driven, log, planar_run, solved, turned
 from scipy import special
 from scipy.optimize import least_squares
 
-from automarine_cli.commands import automarine
-from automarine_cli.commands.fit_planar import fit_planar
-from automarine_cli.diagnosis.planar import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.filters.course import make_course
 from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import InnovationsFit
@@ -40,8 +34,8 @@ from automarine_cli.fits.planar_fit import (
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes
 from automarine_cli.fits.whole_runs import run_covariance
 from automarine_cli.logs import ColumnMap
-from automarine_cli.models.planar import Inertia, PlanarModel, Tied
-from automarine_cli.models.store import StoredPlanar, load_planar_model, planar_from_json
+from automarine_cli.models.planar import Inertia, Tied
+from automarine_cli.models.store import planar_from_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.quantities import Floats
 from automarine_cli.report import fit_report
@@ -201,18 +195,6 @@ def test_places_show_both_and_allow_a_current() -> None:
     assert not any("surge drag" in str(each) and each.laws["surge"] != LAWS[2] for each in both.neighbours())
 
 
-def test_logs_to_a_folder_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("automarine_cli.fits.planar_fit.PlanarLikelihood", Scripted)
-    for seed in range(2):
-        log(made(seed), tmp_path)
-    fit = fit_planar([tmp_path], out=tmp_path / "out")
-    assert load_planar_model(tmp_path / "out" / "planar_model.json").model == fit.model
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "planar_model.json", "planar.csv", "planar.md", "planar.tex", "manifest.json",
-    }  # fmt: skip
-    assert "surge.m_u" in (tmp_path / "out" / "planar.md").read_text()
-
-
 def test_a_force_that_no_log_holds_is_none_and_one_that_is_never_there_is_refused(tmp_path: Path) -> None:
     path = log(made(0), tmp_path, force_Y_N=None)
     (run,) = load_planar([path], columns=ColumnMap()).runs
@@ -293,39 +275,6 @@ def test_a_promise_is_the_gain_of_the_fit() -> None:
     assert promised.gain > 10 and found.log_likelihood - without.log_likelihood > 10
 
 
-@pytest.mark.slow
-def test_the_command_says_of_what_use_the_model_is(tmp_path: Path) -> None:
-    for seed in range(2):
-        log(made(seed, ("heading", "surge"), 10.0), tmp_path)
-    with drawn():
-        done = CliRunner().invoke(automarine, ["fit-planar", str(tmp_path), "-o", str(tmp_path / "out")])
-    assert done.exit_code == 0, done.output
-    assert "the heading 5 s ahead to" in done.output and "yaw alone" in done.output.lower()
-    written = json.loads((tmp_path / "out" / "planar_model.json").read_text())
-    horizons = [one["horizon_s"] for one in written["prediction"]["left_out_runs"]]
-    assert horizons == [2.0, 5.0] and "surge.disturbance" in written["random"]
-    assert (tmp_path / "out" / "planar_runs.png").stat().st_size > 10_000
-    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert "warnings" not in manifest and manifest["command"] == "fit-planar"
-
-
-def test_what_may_be_missing_of_a_planar_model() -> None:
-    """The candidates that the logs can tell; a mass abeam that equals that ahead is tied, and may be freed."""
-    ahead, abeam, turn = Term("quadratic-drag", (18.0,)), Term("linear-drag", (20.0,)), Term("quadratic-drag", (4.0,))
-    stored = StoredPlanar(PlanarModel(Inertia(20.0, 20.0, 2.6), (ahead,), (abeam,), (turn,)), "by hand")
-    speed, every = Observed(("heading", "surge")), Observed(ALL)
-    base = base_of(stored, speed)
-    assert base.free == ("surge.m_u", "yaw.I_r", "surge.X_uu", "yaw.k_rr")
-    by_name = {each.name: each for each in candidates(base, speed, 3.0)}
-    assert list(by_name) == [
-        "cross-coupling", "linear-drag", "munk-moment", "input-delay", "thruster-lag", "dead-band",
-    ]  # fmt: skip
-    assert by_name["cross-coupling"].added == ("yaw.N_ur",) and by_name["munk-moment"].added == ("sway.m_v",)
-    assert all(set(each.model.free) == {*base.free, *each.added} for each in by_name.values())
-    names = [each.name for each in candidates(base_of(stored, every), every, 3.0)]
-    assert names.count("cross-coupling") == 5 and "current" in names
-
-
 # Which fit is preferred, what it is worth, and what its intervals hold
 
 PERIOD = 0.05
@@ -373,18 +322,6 @@ def smoothed_run(seed: int, length: float, share: float, craft: Craft = BARE) ->
     return replace(run, position=heading, extras={**run.extras, "surge": speeds[:, 0], "sway": speeds[:, 1]})
 
 
-def test_speeds_smoother_than_any_sensor_hang_together() -> None:
-    """Derived speeds are read every half second, noisy ones every time."""
-    run, rng = smoothed_run(1, 20.0, 0.1), np.random.default_rng(0)
-    rough = {**run.extras, **{name: run.extras[name] + 0.01 * rng.standard_normal(len(run)) for name in SPEEDS[1:]}}
-    smooth, noisy = (
-        make_course([each], np.zeros(1, dtype=bool), motion=PLANAR, channels=SPEEDS).channels
-        for each in (run, replace(run, extras=rough))
-    )
-    assert max(channel.seen.sum() for channel in smooth if channel.velocity) <= 41
-    assert min(channel.seen.sum() for channel in noisy if channel.velocity) > 150
-
-
 @pytest.mark.slow
 def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     """A mass of 20 kg; read at every sample, these speeds gave 58 kg with a standard error of 3."""
@@ -419,7 +356,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
     structures = (replace(simplest, couplings=("Y_r",)), simplest)
     tried, missed = [Tried(each, fake(each.model(rough_sizes(runs)))) for each in structures], iter(errors)
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
-    monkeypatch.setattr(planar_fit, "planar_use", lambda *_: None)
+    monkeypatch.setattr(planar_fit, "with_free_runs", lambda *_: None)
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     monkeypatch.setattr(PlanarLikelihood, "by_forecasts", lambda self, near: replace(near))
     return PlanarLikelihood(runs, seen).choose(tried)
@@ -428,15 +365,15 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
 def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
     best = chosen(monkeypatch, (0.5, 0.4, 0.6, float("nan")))
     assert best.way == FORECASTS and best.best.structure.couplings == ("Y_r",)
-    assert "other fits miss: one by the innovations of a filter by 25 % more;" in best.because
+    assert "the next best fit misses by 25 % more" in best.because
     assert chosen(monkeypatch, (0.5, 0.495, 0.6, 0.6)).way == LIKELIHOOD  # too little to leave it
     assert not chosen(monkeypatch, (0.5, 0.6, 0.7, 0.4)).best.structure.couplings
 
 
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:
     good, bad = use_of(heading=0.5, surge=0.5), use_of(heading=0.5, surge=1.1)
-    assert good.of_use and good.sentences[0].startswith("The model predicts the heading 5 s ahead to 28.6 deg")
-    assert not bad.of_use and bad.sentences[0].startswith("This model is not usable: it predicts the surge speed 5 s")
+    assert good.of_use and good.sentence(YAW).startswith("The model predicts the heading 5 s ahead to 28.6 deg")
+    assert not bad.of_use and bad.sentence(YAW).startswith("This model is not usable: it predicts the surge speed 5 s")
 
 
 def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:

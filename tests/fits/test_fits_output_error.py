@@ -11,7 +11,6 @@ import pytest
 from identified import identify
 from made_campaigns import PAPER, Vehicle, both_ways, campaign, moving_run, rescaled, shifted
 from made_runs import mirrored
-from made_sequences import sequence_run
 from scipy import stats
 
 from automarine_cli.errors import FitError, RunError
@@ -137,12 +136,6 @@ def test_truth_is_found_at_any_sampling_rate_and_of_other_vehicles(
         assert estimate.stderr < precise * (truth[name] + (0.0 if how else 0.2)), name
 
 
-def test_what_is_known_is_not_estimated() -> None:
-    fit = fitted(campaign(seed=11), known=Known(start_heading=True, gain=True, switch_instant=True))
-    assert np.all(fit.mixed.run_effects == 0.0)
-    assert fit.offset.value == 0.0
-
-
 @cache
 def chosen(truth: Vehicle, seed: int) -> YawFit:
     return identify(campaign(seed=seed, vehicle=truth, gain_scatter=0.02))
@@ -217,14 +210,6 @@ def test_mirrored_whole_runs_give_the_same_parameters() -> None:
     assert values(back) == pytest.approx(values(there), rel=1e-6)
 
 
-def test_step_runs_fitted_whole_agree_with_their_half_turns() -> None:
-    runs = campaign(both_ways((0.4, 0.7, 1.0)), seed=12, turn=1.5 * np.pi)
-    turns, all_of_it = identify(runs).output_error["3"], identify(runs, "whole-runs").output_error["3"]
-    for name in TRUTH:
-        one, other = turns.estimates[name], all_of_it.estimates[name]
-        assert abs(one.value - other.value) < 3 * max(one.stderr, other.stderr)
-
-
 # What a person is warned of
 
 
@@ -241,12 +226,6 @@ def test_one_run_is_judged_by_akaikes_criterion_and_has_no_scatter() -> None:
     assert fit.preferred.gain_scatter.ci95 == (0.0, 0.0)
     for name, true in TRUTH.items():
         assert abs(fit.preferred.estimates[name].value - true) < 4 * fit.preferred.estimates[name].stderr
-
-
-def test_a_run_in_another_unit_is_named() -> None:
-    runs = campaign(seed=1)
-    wrong = [run.with_moment(10.0 * run.command, "nu") if run.name == "run_04" else run for run in runs]
-    assert said(identify(wrong), "The thrust seems to scatter by", "run_04 has 0.1 times the gain")
 
 
 def test_a_run_that_decides_alone_is_named() -> None:
@@ -366,17 +345,3 @@ def test_a_gyro_alone_is_enough(fit_to: str) -> None:
     assert heading == {"quantity": "heading", "used": False, "why": fit.channels.verdicts[0].why}
     assert "The logs hold no heading" in heading["why"] and rate["used"]
     assert fit.to_json()["heading_noise_deg"] is None
-
-
-@pytest.mark.slow
-def test_whole_runs_use_the_gyro_too() -> None:
-    random = np.random.default_rng(8)
-    runs = []
-    for seed in range(4):
-        run = sequence_run(seed=seed, noise_deg=1.0)
-        rate = np.gradient(sequence_run(seed=seed, noise_deg=0.0).position, run.time)
-        noise = np.deg2rad(0.3 * random.standard_normal(len(run)) + random.standard_normal())
-        runs.append(replace(run, name=f"run {seed}", extras={"yaw_rate": rate + noise}))
-    both, alone = (identify(runs, "whole-runs", channels=which) for which in ("all", "position"))
-    wide, narrow = (fit.output_error["3"].inertial_turn_angle for fit in (alone, both))
-    assert wide is not None and narrow is not None and narrow.stderr < wide.stderr

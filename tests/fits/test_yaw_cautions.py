@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from identified import identify
-from made_campaigns import PAPER, Vehicle, both_ways, campaign
+from made_campaigns import Vehicle, both_ways, campaign
 from made_runs import mirrored
 
-from automarine_cli.dofs import YAW
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.identify import Caution, YawFit, design_cautions, fit_cautions, seed_cautions, told
+from automarine_cli.fits.identify import Caution, YawFit, fit_cautions, warned_of
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.report import fit_report
 
@@ -43,7 +42,6 @@ def fit_with(name: str, estimate: Estimate) -> dict[str, OutputErrorFit]:
     [
         (TO_ONE_SIDE, {}, [("Every run turns to starboard", "add runs to port at the same moments")]),
         (TO_ONE_SIDE, {"mirror": True}, [("Every run turns to port", "add runs to starboard at the same moments")]),
-        (both_ways((0.4, 0.8)), {}, [("two sizes of moment, 0.4 and 0.8 nu", "how drag grows", "add runs at 0.2 nu")]),
         (
             ALIKE, {"mirror": True},
             [
@@ -72,12 +70,6 @@ def test_what_the_runs_cannot_tell_is_said_with_the_runs_to_add(
 def test_a_sound_campaign_is_told_nothing_on_the_preferred_model() -> None:
     assert sound().preference.number == "3" and sound().warnings == ()
     assert not [caution for caution in sound().cautions if caution.model in ("", "3")]
-
-
-def test_the_third_size_is_sought_where_there_is_room() -> None:
-    (between,) = design_cautions([0.2, -0.2, 1.0, -1.0], "nu", YAW, of_steps=True)
-    assert between.sentence.endswith("add runs at 0.6 nu.")
-    assert list(design_cautions([0.2, -0.2, 1.0, -1.0], "nu", YAW, of_steps=False)) == []
 
 
 def test_a_drag_that_drives_is_told_as_none_that_a_vehicle_has() -> None:
@@ -113,7 +105,7 @@ def test_a_parameter_at_its_bound_or_that_never_moved_is_told_of_every_model(i: 
     ):
         (caution,) = fit_cautions({"3": stuck})
         assert caution.sentence.startswith(f"Model 3: {sentence}") and caution.grave
-        assert told([caution], Preference("1", "")) == [caution.sentence]
+        assert warned_of([caution], Preference("1", "")) == [caution.sentence]
 
 
 def test_parameters_that_only_act_together_are_told() -> None:
@@ -122,28 +114,6 @@ def test_parameters_that_only_act_together_are_told() -> None:
     away[0, 1] = away[1, 0] = -0.96 * np.sqrt(away[0, 0] * away[1, 1])
     (caution,) = fit_cautions({"3": replace(fit, mixed=replace(fit.mixed, covariance=away))})
     assert "correlated by -0.960" in caution.sentence and "until the rate is steady" in caution.sentence
-
-
-def test_a_wrong_model_converges_or_says_that_it_did_not() -> None:
-    """Model 1 fitted to a vehicle of model 3, and the other way about."""
-    for vehicle, scatter in ((PAPER, 0.18), (Vehicle(1.0, 1.2, 0.0), 0.0)):
-        fit = identify(campaign(both_ways(SIZES), seed=1, vehicle=vehicle, gain_scatter=scatter))
-        for number, model in fit.output_error.items():
-            assert all(np.isfinite([e.value, e.stderr, *e.ci95]).all() for e in model.estimates.values())
-            assert model.mixed.converged != says(fit, f"Model {number} had not converged")
-
-
-def test_cautions_of_the_papers_method() -> None:
-    """A negative inertia, and thrust that scatters where least squares suffer of it."""
-    seed = sound().seed_method
-    assert seed is not None and list(seed_cautions(replace(seed, drag={}), 0.0, YAW)) == []
-    table = replace(seed.inertia["3"], overall=Estimate(-0.4, 0.1, (-0.6, -0.2), "nu s²"))
-    (caution,) = seed_cautions(replace(seed, drag={}, inertia={"3": table}), 0.0, YAW)
-    assert caution.sentence.startswith("Velocity errors of model 3: I_r is -0.4 [-0.6, -0.2], a negative inertia")
-    (caution,) = (every for every in seed_cautions(seed, 0.18, YAW) if every.model == "")
-    assert caution.sentence.startswith("Thrust scatters by 18.0 % from run to run: least squares")
-    assert "This bias was removed" in caution.sentence
-    assert not [every for every in seed_cautions(seed, 0.03, YAW) if every.model == ""]
 
 
 def test_cautions_stand_below_the_table_of_their_parameter_and_warnings_on_the_terminal() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from made_runs import mirrored, step_run
 
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.half_turn import LOG_ENDS, HalfTurn, all_half_turns, half_turns
+from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, half_turns
 from automarine_cli.runs.run import Run
 
 MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
@@ -26,12 +26,12 @@ def trimmed(run: Run) -> HalfTurn:
 def test_half_a_turn_is_kept(moment: float, rest: float) -> None:
     run = step_run(moment, rest=rest, noise_deg=0.2)
     turn = trimmed(run)
-    assert turn.serves and turn.steady and turn.cut_by == "half a turn"
+    assert not turn.why and turn.steady and turn.cut_by == "half a turn"
     assert np.sign(turn.turned) == np.sign(moment)
     assert 168 < abs(np.rad2deg(turn.turned)) <= 180
     assert turn.kept.start == turn.step.first
     np.testing.assert_array_equal(turn.position, run.position[turn.kept])
-    assert np.rad2deg(turn.noise) == pytest.approx(0.2, rel=0.5)
+    assert np.rad2deg(turn.step.run.noise) == pytest.approx(0.2, rel=0.5)
 
 
 def test_noise_does_not_choose_the_last_sample() -> None:
@@ -68,7 +68,7 @@ def test_trimmed_twice_mirrored_or_shifted_it_is_the_same_turn(
     moved = replace(run, time=run.time + shift, position=run.position + 2 * np.pi * turns)
     for other, sign, start in ((trimmed(mirrored(run)), -1, 0.0), (trimmed(moved), 1, 2 * np.pi * turns)):
         assert (other.kept, other.cut_by, other.steady) == (first.kept, first.cut_by, first.steady)
-        assert other.serves == first.serves and sign * other.turned == pytest.approx(first.turned, abs=1e-9)
+        assert other.why == first.why and sign * other.turned == pytest.approx(first.turned, abs=1e-9)
         assert other.start_position == pytest.approx(sign * first.start_position + start, abs=1e-9)
 
 
@@ -105,22 +105,6 @@ def test_reasons(name: str, way: int) -> None:
     run, parts = REASONS[name]
     why = reason(run if way > 0 else mirrored(run))
     assert why.startswith(parts[0]) and [part for part in parts if part not in why] == []
-
-
-def test_the_first_step_that_serves_is_taken() -> None:
-    """A nudge, rest, then the real step."""
-    run = step_run(0.5, rest=12.0)
-    nudge = (run.time > 90) & (run.time < 90.6)
-    (turn,), aside = half_turns([replace(run, moment=np.where(nudge, 0.2, run.command))])
-    assert turn.switch_to == run.time[run.time > 100][0] and aside == ()
-
-
-def test_what_ended_it_is_told() -> None:
-    run = step_run(0.5, length=5.0)
-    assert trimmed(run).cut_by == LOG_ENDS and trimmed(run).serves
-    longer = step_run(0.5, length=7.0)
-    ended = replace(longer, moment=np.where(longer.time > 105, 0.0, longer.command))
-    assert trimmed(ended).cut_by == "the moment changed" and trimmed(ended).serves
 
 
 @pytest.mark.parametrize("way", [-1, 1])

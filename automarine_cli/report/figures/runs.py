@@ -17,7 +17,6 @@ from automarine_cli.filters.kalman import shown_channel
 from automarine_cli.fits.driven import JUDGED, Use
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_fit import PlanarFit, PlanarUse
 from automarine_cli.fits.planar_structure import PLACES
@@ -142,7 +141,6 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     """Draw what is left of each whole run, the worst first: by the commands alone, as anybody else would simulate it,
     and with the run's own thrust and start, as it was fitted; against the noise."""
     dof, mixed, model = fit.dof, fit.preferred.mixed, fit.preference.number
-    assert isinstance(mixed, MixedFit)
     fitted = mixed.reading(dof.position)
     free = [dof.shown(run.error) for run in free_runs(fit.preferred.model, fit.runs, fit.preferred.offset.value)]
     size = np.array([np.sqrt(np.mean(error**2)) for error in free])  # not finite where the model diverges
@@ -171,7 +169,7 @@ def whole_runs_figure(fit: YawFit) -> Figure:
 def driven_runs_figure(fit: YawFit | PlanarFit, use: Use | PlanarUse) -> Figure:
     """Draw of each run its position with predictions of the model fitted to the other runs and the free run of the
     model; beside it the disturbance and the command, or in the plane the track where positions are logged."""
-    dof, drawn, of_motion = fit.dof if isinstance(fit, YawFit) else YAW, fit.runs[:MOST_DRIVEN], isinstance(use, Use)
+    dof, drawn, of_motion = fit.runs[0].dof, fit.runs[:MOST_DRIVEN], isinstance(use, Use)
     placed = isinstance(use, PlanarUse) and set(PLACES) <= use.free.keys()
     ratios = [2.0, 1.0] if of_motion or placed else [1.0]
     size = style.PAGE_IN, 1.3 + 1.6 * len(drawn)
@@ -180,13 +178,13 @@ def driven_runs_figure(fit: YawFit | PlanarFit, use: Use | PlanarUse) -> Figure:
         _predicted(positions, run, dof, use, i)
         positions.set_ylabel(f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]")
         for ax in right:
-            if isinstance(use, Use) and isinstance(fit, YawFit):
+            if isinstance(use, Use):
                 commanded = {"color": "0.6", "lw": 0.6, "label": f"{dof.words.force} commanded"}
                 ax.step(run.time - run.time[0], run.command, where="post", **commanded)
                 push = {"color": style.COLOURS["green"], "lw": 1.0, "label": "disturbance that was needed"}
                 end = int((use.course.length[i] > 0).sum()) + 1
                 ax.plot(use.course.time[i, :end], use.disturbance[i, :end], **push)
-                ax.set_ylabel(f"{dof.words.force.capitalize()} [{fit.moment_unit}]")
+                ax.set_ylabel(f"{dof.words.force.capitalize()} [{run.moment_unit}]")
             elif isinstance(use, PlanarUse):
                 track(ax, run, 1.5)
                 ax.plot(use.free["east"][i], use.free["north"][i], **FREE)
