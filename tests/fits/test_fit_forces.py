@@ -16,9 +16,8 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import YawFit, starts_at_rest
-from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate
-from automarine_cli.runs.half_turn import Trim, half_turns
+from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
@@ -100,21 +99,6 @@ def test_drag_that_is_the_same_both_ways_is_pooled() -> None:
     assert [term.name for term in fit.model.terms] == ["quadratic-drag"]
 
 
-@MOTIONS
-def test_the_result_file_is_read_back_in_the_letters_of_its_motion(fits: Fits, motion: str) -> None:
-    fit, out = fits[motion]
-    path = out / f"{motion}_model.json"
-    text = path.read_text(encoding="utf-8")
-    assert not any(word in text for word in ("heading", "moment", "_deg", "I_r", "k_r", "yaw"))
-    entry = json.loads(text)["models"]["3"]
-    assert {name: entry[name]["unit"] for name in list(TRUTH[motion])[:2]} == dict(
-        zip(TRUTH[motion], ("kg", "N s²/m²"))
-    )
-    stored = load_yaw_models(path)
-    assert stored.dof is fit.dof
-    assert stored.models == {number: one.model for number, one in fit.output_error.items()}
-
-
 def test_a_held_vehicle_stays_until_its_command_changes() -> None:
     """A vehicle that floats up stands still in the simulation as it does in the log, and moves with the step."""
     runs = load_runs(LOGS["heave"], dof=HEAVE).runs[:4]
@@ -142,15 +126,6 @@ def test_a_floating_vehicle_that_drifts_has_a_start_speed_of_its_own() -> None:
     fit = identify(runs, "whole-runs").output_error["3"]
     for name, truth in TRUTH["heave"].items():
         assert holds(fit.estimates[name], truth, 0.2), name
-
-
-def test_a_depth_window_ends_a_step_where_it_ends() -> None:
-    runs = load_runs(LOGS["heave"], dof=HEAVE).runs
-    turns, _ = half_turns(runs, Trim(None, 1.0, 2.4))
-    assert turns == ()  # they begin outside
-    turns, _ = half_turns(runs, Trim(None, 0.0, 2.4))
-    assert turns and all(turn.position.max() < 2.45 for turn in turns)
-    assert {turn.cut_by for turn in turns} == {"the window"}
 
 
 def test_options_that_make_no_sense_are_refused() -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from made_driven import Sea, steered
 
-from automarine_cli.dofs import SURGE, YAW
+from automarine_cli.dofs import YAW
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import make_course
-from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
+from automarine_cli.filters.kalman import Predicted, follow, smoothed
 from automarine_cli.fits.driven import (
     ForecastScore,
     Judgement,
@@ -132,21 +132,6 @@ def test_a_fit_that_constants_beat_is_not_usable_whatever_fitted_it() -> None:
     judged = Judgement({"heading": worth}, 4)
     assert judged.warnings(YAW) == (judged.sentence(YAW),)
     assert judged.sentence(YAW).startswith("This model is not usable: it predicts 5 s ahead to")
-
-
-def test_a_velocity_alone_has_no_bias_and_its_sum_is_predicted() -> None:
-    """Logged is a velocity that is 0.1 m/s throughout: two seconds ahead the vehicle is 0.2 m on, not nearer."""
-    time = np.arange(0.0, 30.0, 0.25)
-    speed = 0.1 + 0.002 * np.random.default_rng(0).standard_normal(len(time))
-    run = Run(
-        "drift", "", time, np.cumsum(speed) * 0.25, np.full(len(time), 0.1), "N", {SURGE.velocity: speed}, dof=SURGE
-    )
-    course = make_course([run], np.array([False]), channels=(SURGE.velocity,))
-    model = YawModel.base("1", 1.0, [1.0], "N", SURGE)
-    problem = driven_problem(model, course)
-    theta = np.append(model.theta, [one.median for one in problem.random])
-    predicted = predict(model, course, model.theta, problem.noises(theta[None]))
-    assert predicted[0].rmse() < 0.01
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Logs of surge and heave become runs: positions that never wrap, forces of thrusters, rests under a constant force."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +8,11 @@ from identified import identify
 from repository import SAMPLE_RUNS
 from specified import make_runs
 
-from automarine_cli.commands.check import check
 from automarine_cli.commands.fit_motion import FITS
-from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
-from automarine_cli.report.sections import sections
-from automarine_cli.runs.half_turn import Trim, find_steps, half_turns, released
+from automarine_cli.runs.half_turn import find_steps, half_turns, released
 from automarine_cli.runs.load import find_glitches, load_runs, unwrap
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.specification import specification_from
@@ -108,20 +104,6 @@ def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
     assert released(held) == 20 and find_steps(held)[0].from_rest
 
 
-def test_a_command_of_one_sample_ends_the_rest() -> None:
-    """Driven by hand the command changes at every sample: the vehicle was held until the first of them."""
-    run = made([[2.0, 4.0], [15.0, 5.0]])
-    command = np.where(np.arange(len(run)) < 20, 0.0, 10.0 + np.sin(np.arange(len(run))))
-    assert released(replace(run, moment=command)) == 20
-
-
-def test_whole_runs_end_at_the_window() -> None:
-    run = made([[25.0, 6.0]])
-    cut = Trim(None, -1.0, 2.0).of_whole(run)
-    assert 1.9 < cut.position.max() < 2.04 and len(cut) < len(run)
-    assert Trim().of_whole(run) is run
-
-
 def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
     vehicle = {"motion": "heave", "m_w": 1.3, "Z_ww": 2.25, "constant_force": -0.1}
     spec = {
@@ -137,32 +119,10 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
     assert low < -0.1 < high and high - low < 0.03
 
 
-def test_check_tells_each_motion_in_a_table_of_its_own() -> None:
-    result = check([SAMPLE_RUNS / "surge", SAMPLE_RUNS / "heave", SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv"])
-    assert [table.title for table in sections(result).printed] == ["Yaw runs", "Surge runs", "Heave runs"]
-    content = result.to_json()
-    assert [len(content[f"{name}_runs"]) for name in ("yaw", "surge", "heave")] == [1, 20, 20]  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize("name", ["surge", "heave", "sway"])
 def test_logs_of_another_motion_are_refused_with_what_is_lacking(name: str) -> None:
     with pytest.raises(LogError, match=f"no {DOFS[name].position} and {name} force"):
         FITS[name]([SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv", SAMPLE_RUNS / "steps"])
-
-
-def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path) -> None:
-    spec = {
-        **HEAVE_SPEC, "logger": {"noise_m": 0.0, "quantisation_m": 0.02, "glitch": 0.02, "speed_noise_m_s": 0.01},
-        "scatter": {"start_depth_m": 0.5}, "runs": [{"kind": "step", "name": "Z", "forces": [12.0], "travel_m": 2.5}],
-    }  # fmt: skip
-    made = simulate(specification_from(spec), out=tmp_path / "out")
-    log = tmp_path / "out" / "runs" / "Z_+12.0.csv"
-    assert log.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N,heave_m_s"
-    run = read(log, HEAVE)
-    np.testing.assert_allclose(run.position / 0.02, np.round(run.position / 0.02), atol=1e-6)
-    assert run.counts["glitches"] == made.runs[0].glitches > 0
-    assert run.position[0] == 0.5 and 2.9 < run.position.max() < 3.1
-    assert np.allclose(np.gradient(run.position, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
 
 
 @pytest.mark.parametrize(("change", "why"), [

@@ -11,7 +11,6 @@ from made_runs import step_run, written
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
-from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.runs import load
 from automarine_cli.runs.load import Campaign, load_runs
 from automarine_cli.runs.run import Run
@@ -111,13 +110,6 @@ def test_what_one_log_proves_of_a_column_holds_for_those_that_look_alike(tmp_pat
     assert [aside.run for aside in load_runs([tmp_path], dof=YAW).set_aside] == ["a"]
 
 
-def test_a_named_run_that_does_not_serve_is_set_aside_beside_others(tmp_path: Path) -> None:
-    good = written(step_run(0.5), tmp_path / "good.csv")
-    pd.read_csv(good).assign(heading_deg=1.0).to_csv(tmp_path / "stuck.csv", index=False)
-    campaign = load_runs([good, tmp_path / "stuck.csv"], dof=YAW)
-    assert [run.name for run in campaign.runs] == ["good"] and campaign.set_aside[0].run == "stuck"
-
-
 def test_many_runs_in_one_file(tmp_path: Path) -> None:
     """Rows of two runs may even alternate; each keeps its own clock and order."""
     first, second = step_run(0.5, clock=10), step_run(-0.5, clock=500)
@@ -144,31 +136,6 @@ def test_runs_of_one_name_are_told_apart(tmp_path: Path) -> None:
     assert all("same name" in run.notes[-1] for run in runs)
 
 
-def test_a_campaign_has_one_moment_unit(tmp_path: Path) -> None:
-    first = written(step_run(0.5), tmp_path / "a.csv")
-    pd.read_csv(first).rename(columns={"tau": "tau_Nm"}).to_csv(tmp_path / "b.csv", index=False)
-    with pytest.raises(RunError, match=r"^a\.csv gives its moment in nu, b\.csv in N m; expected one unit"):
-        load_runs([first, tmp_path / "b.csv"], dof=YAW)
-
-
-def test_thruster_commands_instead_of_a_moment(tmp_path: Path) -> None:
-    run = step_run(0.5)
-    path = written(run, tmp_path / "run.csv", n_port=run.command, n_stbd=-run.command)
-    pd.read_csv(path).drop(columns="tau").to_csv(path, index=False)
-    (driven,) = load_runs([path], dof=YAW).runs
-    assert driven.moment is None and set(driven.extras) == {"n_port", "n_stbd"}
-    with pytest.raises(RunError, match=r"give --thrusters MAP\.json and --arm METRES for n_port and n_stbd"):
-        _ = driven.command
-
-
-def test_signs_are_mirrored_by_the_column_map(tmp_path: Path) -> None:
-    run = step_run(0.5)
-    columns = ColumnMap({name: ColumnRule(name, sign=-1) for name in ("heading_deg", "tau")})
-    (turned,) = load_runs([written(run, tmp_path / "run.csv")], columns, dof=YAW).runs
-    np.testing.assert_array_equal(turned.command, -run.command)
-    np.testing.assert_allclose(np.diff(turned.position), -np.diff(run.position), atol=1e-9)
-
-
 def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load, "PAYS_FROM", 0)
     for i in range(3):
@@ -180,20 +147,3 @@ def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.Monkey
     for a, b in zip(serial.runs, parallel.runs, strict=True):
         assert a.name == b.name
         np.testing.assert_array_equal(a.position, b.position)
-
-
-def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    started: list[int] = []
-    ordered_map = load.ordered_map
-
-    def noted(read, files, jobs, **how):  # type: ignore[no-untyped-def]
-        started.append(jobs)
-        return ordered_map(read, files, 1, **how)
-
-    monkeypatch.setattr(load, "ordered_map", noted)
-    written(step_run(0.5), tmp_path / "a.csv")
-    load_runs([tmp_path], jobs=2, dof=YAW)
-    monkeypatch.setattr(load, "PAYS_FROM", 0)
-    for jobs in (2, 1):
-        load_runs([tmp_path], jobs=jobs, dof=YAW)
-    assert started == [1, 2, 1]

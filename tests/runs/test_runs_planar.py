@@ -51,25 +51,6 @@ def test_every_channel_and_command_in_si_units(tmp_path: Path, suffix: str) -> N
     assert run.moment_unit == "N m" and run.reading == ()
 
 
-def test_names_units_and_signs_of_a_column_map(tmp_path: Path) -> None:
-    table = columns()
-    other = {
-        "x_m": table.pop("north_m"), "y_mm": -1000 * np.asarray(table.pop("east_m")),
-        "speed": np.asarray(table.pop("surge_m_s")) * 3600 / 1852, "Fx": table.pop("force_X_N"),
-    }  # fmt: skip
-    rules = """[columns]
-    north_m = "x_m"
-    east_m = { from = "y_mm", unit = "mm", sign = -1 }
-    surge_m_s = { from = "speed", unit = "kn" }
-    force_X_N = "Fx"
-    """
-    run = loaded(tmp_path, table | other, map=rules)
-    np.testing.assert_allclose(run.channel("north"), 0.3 * TIME, atol=1e-9)
-    np.testing.assert_allclose(run.channel("east"), -0.4 * TIME, atol=1e-9)
-    np.testing.assert_allclose(run.channel("surge"), 0.5 + 0.01 * TIME, atol=1e-9)
-    assert run.command_of(SURGE)[3] == 20.0
-
-
 @pytest.mark.parametrize(("lat", "lon"), [(63.4, 10.4), (-33.9, 179.99998), (0.0001, -120.0)])
 def test_latitude_and_longitude_become_metres(tmp_path: Path, lat: float, lon: float) -> None:
     """Against distances on the ellipsoid by its own arc length, to a tenth of a percent."""
@@ -126,16 +107,6 @@ def test_a_coarse_sensor_that_reads_every_row_is_not_held(noise: float) -> None:
     rng, time = np.random.default_rng(0), np.arange(400) / 5
     speed = 0.4 * (1 - np.exp(-np.maximum(time - 20, 0) / 15)) + noise * rng.standard_normal(400)
     assert not repeats(np.round(speed, 2)).any()
-
-
-def test_a_sensor_nearly_as_fast_as_the_log_is_held_too() -> None:
-    rng, time = np.random.default_rng(3), np.arange(300) / 7
-    reading = np.floor(time * 5).astype(int)
-    values = np.round(np.sin(reading / 9) + 0.01 * rng.standard_normal(reading[-1] + 1)[reading], 4)
-    again = repeats(values)
-    assert again[1:].tolist() == (np.diff(reading) == 0).tolist() and again[0]
-    assert not repeats(np.full(100, np.nan)).any()
-    assert not repeats(np.ones(100)).any()  # that it is stuck is another matter
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run
 
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.half_turn import find_steps, segments, start_position
+from automarine_cli.runs.half_turn import find_steps, start_position
 from automarine_cli.runs.run import Run
 
 MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
@@ -104,16 +104,3 @@ def test_mirrored_run_mirrored_step_and_a_shifted_clock_changes_nothing(
             assert start_position(step) == pytest.approx(sign * start_position(other), abs=close)
             assert step.start_rate == pytest.approx(sign * other.start_rate, abs=close)
             assert other.switch_from - at == pytest.approx(step.switch_from, abs=1e-8)
-
-
-def test_segments() -> None:
-    moment = np.array([0, 0, 1, 1, 1 + 1e-9, -2, -2, 1e-8, 0])
-    assert segments(moment) == [(0, 2, 0.0), (2, 5, 1.0), (5, 7, -2.0), (7, 9, 0.0)]
-    assert segments(np.zeros(3)) == [(0, 3, 0.0)] and segments(np.array([])) == []
-
-
-def test_short_stretches_and_changing_commands_are_no_steps() -> None:
-    run = step_run(0.5)
-    wobbling = np.where(run.time > 100, 0.5 + 0.1 * np.sin(run.time), 0.0)
-    assert find_steps(replace(run, moment=wobbling)) == ()
-    assert find_steps(replace(run, moment=np.zeros(len(run)))) == ()

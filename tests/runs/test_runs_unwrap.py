@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
 from automarine_cli.logs import LogTable
 from automarine_cli.runs.checks import position_trouble
-from automarine_cli.runs.load import clean, find_glitches, find_jumps, load_runs, unwrap, wrapped
+from automarine_cli.runs.load import clean, find_glitches, find_jumps, load_runs, unwrap
 from automarine_cli.runs.run import Run, position_noise
 
 Floats = NDArray[np.float64]
@@ -84,21 +84,6 @@ def test_a_step_from_rest_neither_jumps_nor_loses_a_sample(moment: float, period
     heading = np.mod(step_heading(time, moment), WRAPPED)
     assert not len(find_jumps(time, heading, YAW))
     assert abs(moment) > 2 or not find_glitches(time, heading, YAW).any()
-
-
-@pytest.mark.parametrize("where", [[0], [0, 1], [59], [58, 59], [20], [30, 31]])
-def test_spikes_are_found_where_they_are(where: list[int]) -> None:
-    time = 0.1 * np.arange(60)
-    heading = 0.5 * time
-    heading[where] += 2.5
-    assert np.flatnonzero(find_glitches(time, heading, YAW)).tolist() == where
-
-
-def test_a_jump_that_stays_is_no_spike() -> None:
-    """The Kingfisher's compass holds its last value and catches up by 48 degrees: that is no glitch."""
-    time = 0.1 * np.arange(60)
-    heading = np.where(np.arange(60) < 30, 0.02, 0.02 + np.deg2rad(48)) + 0.001 * np.arange(60)
-    assert not find_glitches(time, heading, YAW).any()
 
 
 def jumped(heading: Floats, at: int, degrees: float) -> Floats:
@@ -178,12 +163,6 @@ def test_short_gaps_in_a_row_break_no_run(way: int) -> None:
     np.testing.assert_allclose(position - position[0], heading, atol=1e-9)
 
 
-def test_wrapped_is_within_half_a_turn() -> None:
-    angles = np.linspace(-20, 20, 401)
-    assert (np.abs(wrapped(angles)) <= np.pi).all()
-    np.testing.assert_allclose(np.exp(1j * wrapped(angles)), np.exp(1j * angles), atol=1e-12)
-
-
 @pytest.mark.parametrize("moment", [-1.2, 0.1])
 @pytest.mark.parametrize("sigma_deg", [0.1, 1.0, 3.0])
 def test_noise_is_measured_whatever_the_turn_and_the_clock(moment: float, sigma_deg: float) -> None:
@@ -194,12 +173,6 @@ def test_noise_is_measured_whatever_the_turn_and_the_clock(moment: float, sigma_
         noise = np.deg2rad(sigma_deg) * rng.standard_normal(120)
         measured.append(np.rad2deg(position_noise(time, step_heading(time, moment) + noise)))
     assert abs(np.mean(measured) / sigma_deg - 1) < 0.05
-
-
-def test_a_coarse_compass_has_at_least_its_quantum() -> None:
-    time = 0.1 * np.arange(200)
-    heading = np.deg2rad(np.round(2 * time))
-    assert np.rad2deg(position_noise(time, heading)) == pytest.approx(1 / np.sqrt(12))
 
 
 def driven(vehicle: str, rate: float, noise: float, seed: int) -> tuple[Floats, Floats, Floats]:
