@@ -1,7 +1,6 @@
 """`init`: a folder of logs is looked at and becomes a commented campaign file, with questions where it is not sure."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +46,7 @@ def init(
     """
     from automarine_cli.logs import find_logs, given_columns
     from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
-    from automarine_cli.report.campaign_file import answered, new_campaign
+    from automarine_cli.report.campaign_file import new_campaign
     from automarine_cli.runs.look import survey
 
     place = folder / NAME if out is None else out
@@ -55,9 +54,8 @@ def init(
     files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
     if not files:
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
-    result = new_campaign(survey(folder, files, given_columns(columns), jobs, progress), files, place)
-    if _is_on_a_terminal():
-        result = replace(result, text=answered(result.text, _ask))
+    look = survey(folder, files, given_columns(columns), jobs, progress)
+    result = new_campaign(look, files, place, _ask if _is_on_a_terminal() else None)
     write_whole(place, result.text)
     return result
 

@@ -1,13 +1,12 @@
 """The commented campaign file that `init` writes: what was seen beside every value, a question where it is not sure."""
 
+import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
-from textwrap import wrap
 
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
@@ -16,25 +15,25 @@ from automarine_cli.logs.columns import BY, CANONICAL, RUN, names_of
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, to_mapping
-from automarine_cli.report.sections import Sections, sections, toml_line
+from automarine_cli.report.sections import Sections, sections, toml_line, toml_value
 from automarine_cli.report.tables import Table, number
-from automarine_cli.runs.look import Placed, RunKind, Survey
+from automarine_cli.runs.look import Placed, Survey
 from automarine_cli.runs.run import runs_json
-from automarine_cli.text import in_words, listed, printable
+from automarine_cli.text import counted, in_words, listed, printable
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
-COMMENTS = 44  # column at which comments stand, where the line is shorter
-WIDEST = 120  # of a line with its comment, where the line is long
+WIDEST = 120  # of a line with its comment; a longer one has it above
 MOST_LISTED = 20  # logs without a place that are listed
 SAY = {
     "thrusters": "bollard tests",
     "steps": "one constant {force} each",
     "manoeuvres": "other runs: the diagnosis uses them too",
-    "validation": "never fitted",
+    "validation": "never fitted; move runs here that no fit may see",
     "runs": "any driving",
 }
-QUESTION = re.compile(r'^(?P<head>(?:[^#"]|"(?!\?")[^"]*")*)"\?"(?P<rest>.*)$')
+Line = str | tuple[str, object, str]
+"""A line as it stands; or a key, its value, which is `OPEN` or has an open part where a person must say, and why."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,272 +67,211 @@ class NewCampaign(Shown):
         }  # fmt: skip
 
 
-def answered(text: str, ask: Callable[[str, str], str]) -> str:
-    """Put answers in place of the question marks of a campaign file; what gets none stays open.
-
-    `ask` gets the key and the comment that goes with it. A number, a list and true or false stand as they are given,
-    anything else is a text.
-    """
-    lines, before = text.split("\n"), ""
-    for i, line in enumerate(lines):
-        while (match := QUESTION.match(line)) is not None:
-            key = match["head"].strip().rstrip("= ").replace(" = { from =", ", from").replace("{", "")
-            comment = line.partition(" # ")[2] or (before if before.startswith("# ? ") else "")
-            answer = ask(key.strip(), comment.removeprefix("# ").removeprefix("? ")).strip()
-            if not answer or answer == OPEN:
-                break
-            line = f"{match['head']}{_as_toml(answer)}{match['rest']}"
-        lines[i], before = line, line
-    return "\n".join(lines)
-
-
-def _as_toml(answer: str) -> str:
-    try:
-        value = tomllib.loads(f"x = {answer}")["x"]
-    except tomllib.TOMLDecodeError:
-        value = answer
-    return toml_line("x", value).partition(" = ")[2] if isinstance(value, bool | int | float | list | str) else answer
-
-
 def open_questions(data: object) -> list[str]:
     return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
 
 
 @sections.register
 def _(result: NewCampaign) -> Sections:
-    look, count = result.survey, len(result.questions)
+    look, questions = result.survey, result.questions
     kinds = {kind: len(files) for kind, files in look.placed.items()}
     for motion, placed in look.forces.items():
         kinds |= {f"{motion}: {kind}": len(files) for kind, files in placed.items() if files}
-    columns = [(column.source, _taken(column), column.seen, column.open or "sure") for column in look.columns]
-    questions = f"{count} question{'s' * (count != 1)} to answer: {', '.join(result.questions)}."
+    columns = [
+        {"column": column.source, "taken for": column.key + (f" less {column.neutral:g}" if column.neutral else ""),
+         "values": column.seen, "sure or asked": column.open or "sure"}
+        for column in look.columns
+    ]  # fmt: skip
+    to_answer = f"{counted(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
-        Table("Columns", ("column", "taken for", "values", "sure or asked"), tuple(columns)),
-        questions if count else "No open questions; check the file before running it.",
+        Table.of("Columns", columns),
+        to_answer if questions else "No open questions; check the file before running it.",
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
     ])  # fmt: skip
 
 
-def _taken(column: Recognised) -> str:
-    less, way = column.more.get("subtract"), column.more.get("sign_from")
-    subtracted = f" less {less:g}" if isinstance(less, int | float) else ""
-    signed = way["from"] if isinstance(way, Mapping) else way
-    return column.key + subtracted + (f", signed by {signed}" if signed else "")
+Ask = Callable[[str, str], str]
+"""The answer to a question, by its key and its comment; an empty one leaves the question open."""
 
 
-Entries = Iterator[tuple[str, str, tuple[LogFile, ...]]]
-"""Kind of logs, the line of the file that names them, and the logs."""
-
-
-def new_campaign(look: Survey, files: Sequence[LogFile], place: Path) -> NewCampaign:
+def new_campaign(look: Survey, files: Sequence[LogFile], place: Path, ask: Ask | None = None) -> NewCampaign:
     """Write the text of the campaign file at `place`, with logs as folders, globs and files relative to it."""
     home, top = place.parent.resolve(), look.folder.resolve()
     base = Path(os.path.relpath(top, home)).as_posix()
     inner = {file: file.path.resolve().relative_to(top).as_posix() for file in files}
 
-    def entries(placed: Placed) -> Entries:
+    def logs_of(placed: Placed, motion: str = YAW.name) -> Iterator[Line]:
         for kind, members in placed.items():
             places = places_of([inner[file] for file in members], list(inner.values()))
-            yield kind, _list(kind, [entry if base == "." else f"{base}/{entry}" for entry in places]), members
+            entries = [entry if base == "." else f"{base}/{entry}" for entry in places]
+            yield kind, entries, f"{DOFS.get(motion, YAW).fill(SAY[kind])}: {_seen(look, members)}"
 
-    forces = (_force(look, motion, entries(placed)) for motion, placed in look.forces.items())
-    logs, columns = _logs(look, entries(look.placed)), _columns(look)
-    lines = chain(_vehicle(look), logs, columns, _settings(look), *forces, _tune(look))
-    return NewCampaign(look, "\n".join(lines) + "\n", place)
+    arm_m, arm = look.maps.given.defaults.get("arm_m"), "metres from the centre line to each thruster"
+    drive = look.thrusters_drive
+    moment = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
+    lines: list[Line] = [
+        f"# A campaign of {counted(look.count, 'log')}, written by `automarine init` for `automarine run`.",
+        f'# Check this file. A value "{OPEN}" is a question; `run` refuses the file until it is answered.',
+        "",
+        ("schema", SCHEMA, ""),
+        ("title", printable(look.folder.resolve().name), "heading of the report"),
+        "",
+        "[vehicle]",
+        '# name = ""  # as the report calls it',
+        ("arm_m", arm_m or OPEN, arm) if arm_m or drive else f"# arm_m = 0.15  # {arm}",
+        "# supply_V = 14.8  # supply of the vehicle in volts",
+        "",
+        "[logs]  # files, folders and globs, relative to this file",
+        *logs_of(look.placed),
+        *_not_used(look),
+        "",
+        "[columns]  # canonical name = the logs' name; a table may give unit, sign, subtract, scale, offset, sign_from",
+        *_columns(look),
+        *_thrusters(look),
+        "",
+        "[yaw]",
+        ("moment", "thrusters" if drive else "logged", moment),
+        'fit_to = "auto"  # auto, half-turns or whole-runs',
+    ]
+    for motion, placed in look.forces.items():
+        lines += ["", *_motion(motion), *logs_of(placed, motion)]
+    lines += [
+        "",
+        "# [tune]  # gains of a heading controller at the end: take the # of these lines away",
+        '# target = "ardusub"  # or ardurover, pid, python',
+        "# full = 1.0  # moment of the whole output, in the unit of the logs; or fly the thruster map:",
+        "# thrusters = true",
+    ]
+    written = (printable(line) if isinstance(line, str) else _written(*line, ask) for line in lines)
+    return NewCampaign(look, "\n".join(written) + "\n", place)
 
 
-def _beside(line: str, comment: str) -> str:
-    if not comment:
-        return line
-    comment = printable(comment)
-    if "\n" in line or (len(line) > COMMENTS and len(line) + len(comment) > WIDEST):
+def _written(key: str, value: object, comment: str, ask: Ask | None) -> str:
+    """A value and what is to be said of it; where it, or a part of it, is open, as it is answered."""
+    if isinstance(value, dict):
+        value = {name: _answer(part, f"{key}, {name}", comment, ask) for name, part in value.items()}
+    value = _answer(value, key, comment, ask)
+    is_open = any(part == OPEN for part, _ in everything(value))
+    line, comment = toml_line(key, value), printable("? " * is_open + comment)
+    if isinstance(value, list) and len(line) > WIDEST:
+        line = f"{key} = [\n" + "".join(f"  {toml_value(entry)},\n" for entry in value) + "]"
+    if "\n" in line or len(line) + len(comment) > WIDEST:
         return f"# {comment}\n{line}"
-    return f"{line:<{COMMENTS}} # {comment}"
+    return f"{line}  # {comment}" if comment else line
 
 
-def _open(key: str, comment: str) -> str:
-    return _beside(toml_line(key, OPEN), f"? {comment}")
+def _answer(value: object, key: str, comment: str, ask: Ask | None) -> object:
+    """A number, true and false as they stand, anything else as text."""
+    answer = ask(key, comment).strip() if ask and value == OPEN else ""
+    if re.fullmatch(r"-?(0|[1-9]\d*)(\.\d+)?|true|false", answer):
+        return json.loads(answer)
+    return answer or value
 
 
-def _vehicle(look: Survey) -> Iterator[str]:
-    count, arm = look.count, look.maps.given.defaults.get("arm_m")
-    yield f"# A campaign of {count} log{'s' * (count != 1)}, written by `automarine init` for `automarine run`."
-    yield f'# Check this file. A value "{OPEN}" is a question; `run` refuses the file until it is answered.'
-    yield ""
-    yield toml_line("schema", SCHEMA)
-    yield _beside(toml_line("title", printable(look.folder.resolve().name)), "heading of the report")
-    yield ""
-    yield "[vehicle]"
-    yield _beside('# name = ""', "as the report calls it")
-    meaning = "metres from the centre line to each thruster"
-    if arm is not None:
-        yield _beside(toml_line("arm_m", arm), f"{meaning}, as --columns says")
-    elif look.thrusters_drive:
-        yield _open("arm_m", f"{meaning}: the logs hold thruster commands, no moment")
-    else:
-        logged = f"the logs hold a moment, and the commands {listed(look.commands)} beside it: see [yaw] moment"
-        none = "not needed, the logs hold no commands to make moments of"
-        yield _beside("# arm_m = 0.15", f"{meaning}; {logged if look.commands else none}")
-    volts = next((column for column in look.columns if column.key == "voltage_V"), None)
-    voltage = f"the logs hold {volts.source}, {volts.seen}" if volts else "the logs hold no voltage"
-    yield _beside("# supply_V = 14.8", f"supply of the vehicle in volts; {voltage}")
-    yield ""
+def _seen(look: Survey, files: Sequence[LogFile]) -> str:
+    """`2 logs, 18 runs, -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
+    text, runs = counted(len(files), "log"), [run for file in files for run in look.runs.get(file, ())]
+    if runs:
+        low, high = min(run.low for run in runs), max(run.high for run in runs)
+        text += f", {counted(len(runs), 'run')}, {number(low, 3)} to {number(high, 3)} {runs[0].unit}"
+    unread = len({*look.unread} & {*files})
+    return f"{text}; {unread} of them show what they are once the questions are answered" if unread else text
 
 
-def _logs(look: Survey, entries: Entries) -> Iterator[str]:
-    yield _beside("[logs]", "files, folders and globs, relative to this file")
-    for kind, line, files in entries:
-        summary = _counted(look.runs, files)
-        if look.unread and kind == "steps":
-            summary += f"; {len(look.unread)} of them show what they are once the questions are answered"
-        if not files and kind == "validation":
-            summary = "none found in a folder called validation; move runs here that no fit may see"
-        yield _beside(line, f"{YAW.fill(SAY[kind])}: {summary}")
+def _not_used(look: Survey) -> Iterator[Line]:
     if look.maps.join:
         joined = "one log: columns of the second come onto the clock of the first, each value held until the next"
-        yield _beside(toml_line("join", [to_mapping(join) for join in look.maps.join]), joined)
-    motions = {file: layout.dof for layout in look.layouts for file in layout.files}
+        yield "join", [to_mapping(join) for join in look.maps.join], joined
     idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
-    unused = [f"{file.name}: no {motions[file].words.force} acts in it" for file in idle]
-    unused += [f"{run.file}, run {run.run}: {run.why}" for run in look.set_aside]
-    unused += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
-    yield from [f"# Not used: {len(unused)}"] * bool(unused)
-    yield from (f"#   {printable(line)}" for line in unused[:MOST_LISTED])
-    yield from [f"#   and {len(unused) - MOST_LISTED} more"] * (len(unused) > MOST_LISTED)
-    yield ""
+    lines = [f"{file.name}: nothing is commanded in it" for file in idle]
+    lines += [f"{run.file}, run {run.run}: {run.why}" for run in look.set_aside]
+    lines += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
+    if lines:
+        yield f"# Not used: {len(lines)}"
+        yield from (f"#   {line}" for line in lines[:MOST_LISTED])
 
 
-def _counted(looked_at: Mapping[LogFile, Sequence[RunKind]], files: Sequence[LogFile]) -> str:
-    """`2 logs, 18 runs, -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
-    count = f"{len(files)} log{'s' * (len(files) != 1)}"
-    runs = [run for file in files for run in looked_at.get(file, ())]
-    if not runs:
-        return count
-    low, high = min(run.low for run in runs), max(run.high for run in runs)
-    return f"{count}, {len(runs)} run{'s' * (len(runs) != 1)}, {number(low, 3)} to {number(high, 3)} {runs[0].unit}"
+def _motion(motion: str) -> Iterator[Line]:
+    if motion == PLANAR.name:
+        yield f"[{motion}]  # surge, sway and yaw together: `fit-planar` and its diagnosis"
+        return
+    dof = DOFS[motion]
+    depths = "# depths = [0.3, 2.5]  # metres: follow steps between them, clear of surface and bottom"
+    yield f"[{motion}]  # {dof.position} against {dof.words.force}; everything else as in yaw"
+    yield depths if dof.windowed else "# within = 3.0  # metres from the start of a step, before the wall is felt"
 
 
-def _force(look: Survey, motion: str, entries: Entries) -> Iterator[str]:
-    yield ""
-    planar, dof = motion == PLANAR.name, DOFS.get(motion, YAW)
-    about = f"{dof.position} against {dof.words.force}; everything else as in yaw"
-    yield _beside(f"[{motion}]", "surge, sway and yaw together: `fit-planar` and its diagnosis" if planar else about)
-    for kind, line, files in entries:
-        yield _beside(line, f"{dof.fill(SAY[kind])}: {_counted({} if planar else look.runs, files)}")
-    if dof.windowed:
-        yield _beside("# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom")
-    elif not planar:
-        yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
+def _thrusters(look: Survey) -> Iterator[Line]:
+    if look.placed["thrusters"]:
+        per_test = look.maps.given.defaults.get("thrusters_per_test")
+        yield from ("", "[thrusters]")
+        pulled = "how many equal thrusters pulled together? The logs cannot show it"
+        yield "per_test", OPEN if per_test is None else int(per_test), pulled
+        yield 'form = "auto"  # thrust curve: auto chooses by cross-validation'
+    elif look.thrusters_drive:
+        yield from ("", "[thrusters]")
+        yield "map", OPEN, "a thrusters.json of this vehicle: there are no bollard tests to make one of"
 
 
-def _tune(look: Survey) -> Iterator[str]:
-    yield ""
-    yield _beside("# [tune]", "gains of a heading controller at the end: take the # of these lines away")
-    yield _beside('# target = "ardusub"', "or ardurover, pid, python")
-    if look.thrusters_drive:
-        yield _beside("# thrusters = true", "fly the thruster map, dead-band included")
-    else:
-        yield _beside("# full = 1.0", "moment of the whole output, in the unit of the logs")
-
-
-def _list(key: str, places: Sequence[str]) -> str:
-    line = toml_line(key, list(places))
-    if len(line) <= WIDEST - 20:
-        return line
-    return f"{key} = [\n" + "".join(f"  {toml_line('', place).partition(' = ')[2]},\n" for place in places) + "]"
-
-
-def _columns(look: Survey) -> Iterator[str]:
-    rules = "canonical name = the logs' name; a table may give unit, sign, subtract, scale, offset, sign_from"
-    yield _beside("[columns]", rules)
+def _columns(look: Survey) -> Iterator[Line]:
     yield from _map(look.maps.shared, look)
     for logs, layouts in look.maps.own:
-        yield ""
         kind = "bollard tests" if layouts[0].bollard else "logs"
-        yield _beside("[[columns_of]]", f"the same for {kind} of other columns, by their names")
-        yield _list("logs", logs)
+        yield from ("", f"[[columns_of]]  # the same for {kind} of other columns, by their names", ("logs", logs, ""))
         yield from _map(layouts, look)
     if look.maps.given.dbc:
-        yield from ("", "[can]", toml_line("dbc", look.maps.given.dbc))
-    yield ""
+        yield from ("", "[can]", ("dbc", look.maps.given.dbc, ""))
 
 
-def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[str]:
-    order = dict.fromkeys(column.key for layout in layouts for column in layout.columns)
-    every = {column.key: column for layout in reversed(layouts) for column in layout.columns}
-    for key in order:
-        yield _column(every[key], look)
-    yield from _splitting(layouts)
-    there, written = {CANONICAL[key].quantity for key in every}, ""
-    if columns := pulses(layouts[0].seen if layouts else {}):  # commands are pulses about 1500 us
-        rule = toml_line(YAW.thrusters[0], {"from": columns[0], "subtract": 1500})
-        written = f": pulses about 1500 us such as {listed(columns)} are written {rule}"
+def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[Line]:
+    columns: dict[str, Recognised] = {}
+    for column in (column for layout in layouts for column in layout.columns):
+        columns.setdefault(column.key, column)
+    yield from (_column(column, look) for column in columns.values())
+    for layout in layouts:
+        yield from _splitting(layout)
+    there = {CANONICAL[key].quantity for key in columns}
     for quantity in dict.fromkeys(quantity for layout in layouts for quantity in layout.lacking):
         if quantity in there or quantity in YAW.thrusters or (quantity == YAW.command and look.thrusters_drive):
             continue
-        names, other = listed(next(layout.names for layout in layouts if quantity in layout.lacking)), ""
-        if quantity == YAW.command:
-            other = f" (or {' and '.join(YAW.thrusters)}{written})"
+        names = listed(next(layout.names for layout in layouts if quantity in layout.lacking))
         sought = "control signal of the thruster" if quantity == "n" else quantity
-        yield _open(names_of(quantity)[0], f"no column looks like the {sought}{other}; the logs have {names}")
+        if quantity == YAW.command:
+            sought += f" (or {' and '.join(YAW.thrusters)})"
+            if signals := pulses(layouts[0].seen):  # commands about 1500 us
+                rule = toml_line(YAW.thrusters[0], {"from": signals[0], "subtract": 1500})
+                sought += f"; pulses such as {listed(signals)} are written {rule}"
+        yield names_of(quantity)[0], OPEN, f"no column looks like the {sought}; the logs have {names}"
 
 
-def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
-    """Columns of a few words, which may name the thrusters of a bollard test or the runs of a table: a line where one
-    is called like that, else a comment that offers it."""
-    for layout in layouts:
-        sure = splitting(layout.words, layout.bollard).values()
-        makes = "a map of each thruster, and one of all" if layout.bollard else "each a run of its own"
-        for name, words in layout.words.items():
-            text = f"{len(words)} names ({listed(words)}): {makes}"
-            line = toml_line(BY if layout.bollard else RUN, name)
-            yield _beside(line, text) if name in sure else _beside(f"# {line}", f"{text}? Then write this line")
+def _splitting(layout: Layout) -> Iterator[Line]:
+    """Columns of a few words, which may name the thrusters of a bollard test or the runs of a table: a line where a
+    column is called like that, else a comment that offers it."""
+    sure = splitting(layout.words, layout.bollard).values()
+    makes = "a map of each thruster, and one of all" if layout.bollard else "each a run of its own"
+    for name, words in layout.words.items():
+        key, text = BY if layout.bollard else RUN, f"{len(words)} names ({listed(words)}): {makes}"
+        yield (key, name, text) if name in sure else f"# {toml_line(key, name)}  # {text}? Then write this line"
 
 
-def _column(column: Recognised, look: Survey) -> str:
-    key, evidence, rule, question = column.key, column.seen, column.rule, column.open
+def _column(column: Recognised, look: Survey) -> Line:
+    key, seen, rule, question = column.key, column.seen, column.rule, column.open
     quantity, (followed, against) = CANONICAL[key].quantity, look.turns
     if quantity == YAW.position and followed + against:
-        evidence += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
-    if column.ask:
-        return _beside(toml_line(key, {**rule, column.ask: OPEN}), f"? {question}; seen: {evidence}")
-    if question and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
-        return f"# {_beside(toml_line(key, column.source), f'{evidence}; {question}')}"  # nothing depends on it
-    if question and not column.unit_open:
-        return _open(key, f"{column.source}, {evidence}: {question}")
+        seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
+    if question and not column.ask and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
+        return f"# {toml_line(key, column.source)}  # {seen}; {question}"  # nothing depends on it
+    if question and not column.ask and not column.unit_open:
+        return key, OPEN, f"{column.source}, {seen}: {question}"
     if question:
-        rule["unit"] = OPEN
+        rule[column.ask or "unit"] = OPEN
     if quantity == YAW.position and look.turned_round and "sign" not in column.more:
         rule["sign"] = OPEN
-        why = "? 1 or -1: yaw and moment are both positive clockwise from above; one of them is not"
-        return _beside(toml_line(key, rule), f"{why}. {evidence}" + (f"; ? {question}" if question else ""))
+        why = "1 or -1: yaw and moment are both positive clockwise from above; one of them is not"
+        question = "; ".join(filter(None, [why, question]))
     if question:
-        return _beside(toml_line(key, rule), f"? {question}; seen: {evidence}")
+        return key, rule, f"{question}; seen: {seen}"
     if column.as_named:
-        return _beside(f"# {key}", f"as named: {evidence}")
-    return _beside(toml_line(key, column.source if len(rule) == 1 else rule), evidence)
-
-
-def _settings(look: Survey) -> Iterator[str]:
-    tested, pulling = look.placed["thrusters"], look.maps.given.defaults.get("thrusters_per_test")
-    if tested:
-        yield "[thrusters]"
-        if pulling is None:
-            yield _open("per_test", "how many equal thrusters pulled together? The logs cannot show it")
-        else:
-            yield _beside(
-                toml_line("per_test", int(pulling)), "equal thrusters that pulled together, as --columns says"
-            )
-        yield _beside(toml_line("form", "auto"), "thrust curve: auto chooses by cross-validation")
-        yield ""
-    elif look.thrusters_drive:
-        why = "a thrusters.json of this vehicle: there are no bollard tests to make one of"
-        yield from ("[thrusters]", _open("map", why), "")
-    yield "[yaw]"
-    moment = "thrusters" if look.thrusters_drive else "logged"
-    if look.misfit:
-        yield from wrap(printable(look.misfit), WIDEST, initial_indent="# ", subsequent_indent="# ")
-    choices = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
-    yield _beside(toml_line("moment", moment), choices)
-    yield _beside(toml_line("fit_to", "auto"), "auto, half-turns or whole-runs")
+        return f"# {key}  # as named: {seen}"
+    return key, column.source if len(rule) == 1 else rule, seen

@@ -139,16 +139,16 @@ def toml_text(mapping: Mapping[str, object], prefix: str = "") -> str:
 
 def toml_line(key: str, value: object) -> str:
     """Return `key = value` on one line, a table as an inline one."""
-    return f"{_toml_key(key)} = {_toml_value(value)}"
+    return f"{_toml_key(key)} = {toml_value(value)}"
 
 
 def _toml_key(key: str) -> str:
-    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else _toml_value(key)
+    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else toml_value(key)
 
 
-def _toml_value(value: object) -> str:
+def toml_value(value: object) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(toml_line(key, entry) for key, entry in value.items()) + " }"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml_value(entry) for entry in value) + "]"
+        return "[" + ", ".join(toml_value(entry) for entry in value) + "]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")  # as TOML wants that one
