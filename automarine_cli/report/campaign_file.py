@@ -16,10 +16,10 @@ from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of,
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, to_mapping
 from automarine_cli.report.sections import Sections, sections, toml_line, toml_value
-from automarine_cli.report.tables import Table, number
+from automarine_cli.report.tables import Table, counted, number
 from automarine_cli.runs.look import Placed, Survey
 from automarine_cli.runs.run import runs_json
-from automarine_cli.text import counted, in_words, listed, printable
+from automarine_cli.text import in_words, listed, printable
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give

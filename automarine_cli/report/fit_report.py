@@ -2,7 +2,6 @@
 figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,19 +11,17 @@ import pyarrow.parquet as pq
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import Use
-from automarine_cli.fits.half_turns import instant
 from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
-from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
-from automarine_cli.fits.mixed_model import SWITCH
+from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import DragFit, nested_test
 from automarine_cli.fits.planar_fit import UNITS, PlanarFit, PlanarUse, shown
-from automarine_cli.fits.whole_runs import OutputErrorFit, Ways
+from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.store import units
 from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Content, Sections, document, forms_of, numbers, sections
-from automarine_cli.report.tables import Cell, Math, Table, interval, number
+from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.run import shared_readings
 
 MODELS = ("1", "2", "3")
@@ -44,17 +41,17 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     drag = {} if fit.seed_method is None else {m: of for m, of in fit.seed_method.drag.items() if m in MODELS}
-    quadratic, linear = Math(sym.quadratic_print, sym.quadratic_math), Math(sym.linear, sym.linear)
-    letters = {sym.quadratic: quadratic, sym.linear: linear}
+    quadratic, linear = sym.quadratic_print, sym.linear
+    letters = {sym.quadratic: quadratic, linear: linear}
     tests = {m: nested_test(of, drag["2"])["p_value"] for m, of in drag.items() if m != "2" and "2" in drag}
     density = {m: number(float(of.mixed.predictive.sum()), 6) for m, of in ml.items()}
     rows = [
         *(_row(symbol, {m: e.value for m, e in _named(key, drag).items()}) for key, symbol in letters.items()),
         _row("SSE", {m: of.sse for m, of in drag.items()}),
-        *(_row(_with(symbol, ", 95 %"), _named(key, drag)) for key, symbol in letters.items()),
+        *(_row(f"{symbol}, 95 %", _named(key, drag)) for key, symbol in letters.items()),
         _row("AICc", {m: of.aicc for m, of in drag.items()}),
         _row("F test against 2, p", {m: number(p, 2) for m, p in tests.items()}),
-        *(_row(_with(symbol, LIKELIEST), _named(key, ml)) for key, symbol in letters.items()),
+        *(_row(f"{symbol}{LIKELIEST}", _named(key, ml)) for key, symbol in letters.items()),
         _row("log density of left-out runs", density),
     ]
     if dof.directional:
@@ -78,12 +75,8 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     return Table.of(title, rows, (of_units, *_signs(dof), *notes), (3, 7)).without_empty_rows()
 
 
-def _row(label: Cell, of_model: Mapping[str, object]) -> dict[str, object]:
+def _row(label: str, of_model: Mapping[str, object]) -> dict[str, object]:
     return {"Model": label} | {model: of_model.get(model) for model in MODELS}
-
-
-def _with(symbol: Math, after: str) -> Math:
-    return replace(symbol, after=symbol.after + after)
 
 
 def _named(name: str, fits: Mapping[str, DragFit | OutputErrorFit]) -> dict[str, Estimate]:
@@ -121,18 +114,16 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and mean at each moment below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     of_model = {} if fit.seed_method is None else fit.seed_method.inertia
-    inertia = Math(sym.inertia, sym.inertia)
-    letters = f"{sym.inertia}/{sym.quadratic_print}", f"{sym.inertia}/{sym.quadratic_math}"
-    ratio = Math(*letters, f" [{dof.units.base}]")
+    ratio = f"{sym.inertia}/{sym.quadratic_print} [{dof.units.base}]"
     rows = [
-        _row(inertia, {m: table.overall.value for m, table in of_model.items()}),
-        _row(_with(inertia, ", 95 %"), {m: table.overall for m, table in of_model.items()}),
-        _row(_with(inertia, LIKELIEST), _named(sym.inertia, ml)),
-        _row(_with(ratio, LIKELIEST), {m: of.inertial_turn_angle for m, of in ml.items()}),
+        _row(sym.inertia, {m: table.overall.value for m, table in of_model.items()}),
+        _row(f"{sym.inertia}, 95 %", {m: table.overall for m, table in of_model.items()}),
+        _row(f"{sym.inertia}{LIKELIEST}", _named(sym.inertia, ml)),
+        _row(f"{ratio}{LIKELIEST}", {m: of.inertial_turn_angle for m, of in ml.items()}),
     ]
     for way in dof.words.ways if dof.directional else ():
         far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
-        rows.append(_row(_with(ratio, f" {way}{LIKELIEST}"), far))
+        rows.append(_row(f"{ratio} {way}{LIKELIEST}", far))
     levels = sorted({level for table in of_model.values() for level in table.per_moment}) if means else []
     rules = (1, len(rows)) if levels else (1,)
     for level in levels:
@@ -147,8 +138,11 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     """Make tables 1 and 2 with what must be known of their parameters below; `short`, for the terminal, leaves that to
     the warnings, and leaves out the means at each moment."""
-    seed = fit.seed_method
-    why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
+    why = (
+        f"{fit.why_no_seed_method}."
+        if fit.seed_method is None
+        else fit.seed_method.expected.sentence(fit.dof, fit.seed_method.by_user)
+    )
     cautions = () if short else fit.cautions
     drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))
     inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
@@ -156,56 +150,29 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
-    """Say what a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
-    preferred, mixed, turn = fit.preferred, fit.preferred.mixed, fit.inertial_turn_angle
-    dof, words, sym = fit.dof, fit.dof.words, fit.dof.symbols
+    """Say what a person should read beside the tables: is it of use, choice, scatter and noise, warnings."""
+    preferred, mixed, dof, words = fit.preferred, fit.preferred.mixed, fit.dof, fit.dof.words
     lines = [*([] if fit.use is None else [fit.use.sentence(dof)]), fit.preference.because, *fit.told_of_known]
-    if turn is not None:
-        lines.append(
-            f"{words.inertial_length.capitalize()} {sym.inertia}/{sym.quadratic_print}: {turn.value:.4g} "
-            f"{dof.units.base} {_ends(turn, '.4g')}, whatever the {words.force}'s unit."
-        )
-    scatter, late = preferred.gain_scatter, preferred.offset
-    more = (
-        f"{words.force.capitalize()}s switch {late.value:+.2f} sample intervals {_ends(late, '+.2f')} from the middle "
-        "between the first sample that shows them and the one before."
-    )
-    if mixed.driven:
-        names = ("disturbance", "disturbance-time", "thrust-noise")
-        size, time, thrust = (mixed.value(f"{dof.name}.{name}") for name in names)
-        more = (
-            f"The runs are disturbed by a {words.force} of {preferred.model.inertia * size:.3g} {fit.moment_unit} that "
-            f"lasts {time:.2g} s, and the thrust is unsteady by {100 * thrust:.0f} % over a second."
-        )
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
     if preferred.noise is not None:
         bound = " (at its bound)" * channel_noises(mixed, dof)[dof.position].at_bound
         noise = f"{words.position} noise {dof.shown(preferred.noise):.2f}{dof.units.mark}{bound}"
-    share = f"{100 * scatter.value:.1f} % {_ends(scatter, '.1f', 100.0)}"
-    lines.append(f"Thrust scatters from run to run by {share}; {noise}. {more}")
-    lines += sentences_of(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)
-    if preferred.ways is not None:
-        lines.append(_by_way(preferred.ways, dof))
+    scatter = preferred.gain_scatter
+    band = "(at its bound)" if scatter.at_bound else "[{:.1f}, {:.1f}]".format(*(100 * end for end in scatter.ci95))
+    line = f"Thrust scatters from run to run by {100 * scatter.value:.1f} % {band}; {noise}."
+    if mixed.driven:
+        names = ("disturbance", "disturbance-time", "thrust-noise")
+        size, time, thrust = (mixed.value(f"{dof.name}.{name}") for name in names)
+        line += (
+            f" The runs are disturbed by a {words.force} of {preferred.model.inertia * size:.3g} {fit.moment_unit} "
+            f"that lasts {time:.2g} s, and the thrust is unsteady by {100 * thrust:.0f} % over a second."
+        )
+    lines += [line, *sentences_of(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)]
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     lines += [f"Read: {note}." for note in shared_readings(fit.read)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
-
-
-def _ends(estimate: Estimate, form: str, times: float = 1.0) -> str:
-    low, high = estimate.ci95
-    return "(at its bound)" if estimate.at_bound else f"[{times * low:{form}}, {times * high:{form}}]"
-
-
-def _by_way(ways: Ways, dof: Dof) -> str:
-    symbol, sides = dof.symbols.quadratic_print if ways.role == "quadratic" else dof.symbols.linear, ways.drag.items()
-    values = " and ".join(f"{interval(drag)} {way}" for way, drag in sides) + f" {next(iter(ways.drag.values())).unit}"
-    if not ways.differ:
-        return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {values}."
-    far = " and ".join(f"{interval(length)} {length.unit} {way}" for way, length in ways.distance.items())
-    length = f", the {dof.words.inertial_length} {far}" if far else ""
-    return f"Drag differs between the ways (p = {ways.p_value:.2g}): {symbol} is {values}{length}."
 
 
 @sections.register
@@ -247,7 +214,7 @@ def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
 
 
 def run_rows(fit: YawFit) -> list[dict[str, object]]:
-    """List what was kept of each run, why, and what both methods give of it."""
+    """List what was kept of each run, and what both methods give of it."""
     dof, words, data, seed, use = fit.dof, fit.dof.words, fit.data, fit.seed_method, fit.use
     key, rate_key, mixed, rows = dof.units.key, dof.units.rate_key, fit.preferred.mixed, list[dict[str, object]]()
     gains = np.exp(mixed.own(GAIN)[:, 0]).tolist()
@@ -272,17 +239,13 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
         rows.append({
             "run": turn.name, "file": turn.step.run.source, words.force: turn.moment,
             "time_from_s": float(turn.time[0]), "time_to_s": float(turn.time[-1]), "samples": len(turn.time),
-            f"{words.gone_key}_{key}": float(dof.shown(turn.turned)), "cut_by": turn.cut_by, "steady": turn.steady,
+            f"{words.gone_key}_{key}": float(dof.shown(turn.turned)),
             f"start_{words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
-            "switch_from_s": turn.step.switch_from, "switch_to_s": turn.step.switch_to,
-            "tail_samples": int(seed.tails.used[i].sum()),
             f"steady_{words.speed}_{rate_key}": float(dof.shown(seed.tails.rate[i])),
             f"steady_{words.speed}_stderr_{rate_key}": float(dof.shown(np.sqrt(seed.variance[i]))),
             f"velocity_error_{key}": float(dof.shown(seed.tails.error[i])),
             **{f"{dof.symbols.inertia}_model_{n}": float(table.per_run[i]) for n, table in seed.inertia.items()},
-            "gain": gains[i],
-            "switch_shift_s": float(data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])),
-            f"rmse_{key}": float(np.sqrt(np.mean(off**2))),
+            "gain": gains[i], f"rmse_{key}": float(np.sqrt(np.mean(off**2))),
         })  # fmt: skip
     return rows
 

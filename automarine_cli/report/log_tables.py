@@ -7,7 +7,7 @@ from typing import Any
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown
 from automarine_cli.report.sections import Content, Sections, document, file_stems, sections
-from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.report.tables import MISSING, Table, counted, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import SetAside, runs_json
 
@@ -58,11 +58,7 @@ def _(result: Check) -> Sections:
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
     rows, notes = [], dict[str, list[str]]()
-    words = {
-        "missing": "row~ with a missing value",
-        "duplicates": "repeated stamp~",
-        "glitches": f"{dof.position} spike~",
-    }
+    words = {"missing": "missing value", "duplicates": "repeated stamp", "glitches": f"{dof.position} spike"}
     for run in runs:
         turn, key = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
         moved = turn and f"{turn[key]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
@@ -77,7 +73,7 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             "cut by": turn and turn["cut_by"],
             f"no {dof.words.step} because": run.why and run.why.split(":")[0],
         })  # fmt: skip
-        remarks = [f"{n} {word.replace('~', 's' * (n != 1))} dropped" for word, n in dropped.items() if n]
+        remarks = [f"{counted(n, word)} dropped" for word, n in dropped.items() if n]
         for note in dict.fromkeys([*remarks, *run.notes, *filter(None, [run.why])]):
             notes.setdefault(note, []).append(run.run)
     lines = []

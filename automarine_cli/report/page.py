@@ -14,11 +14,8 @@ Picture = Callable[[str, str], str]
 FOLDS = re.compile(r"<details><summary>(.*)</summary>|</details>")
 PICTURE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
 HEADING = re.compile(r"(#{1,6}) +(.+)")
-TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*|(\\[!-/:-@\[-`{-~])")
+TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*")
 SYMBOL = re.compile(r"(?<![\w-])(k_r\|r\||k_rr|k_r|I_r|a_f|a_b|n_0|n_sat|T_w)(?![\w|])")
-
-GROUP = re.compile(r", 95 %|, maximum likelihood|^mean at ")
-"""Labels in Tables 1 and 2 that begin another group of rows: Markdown has no form for the rule above them."""
 LONG = 36  # letters from which on a cell may be broken
 
 
@@ -58,17 +55,13 @@ def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
 
 def words(text: str) -> str:
     """Render text of one line with code, bold, and symbols with their index below."""
-    parts, at, run = [], 0, ""
+    parts, at = [], 0
     for match in TOKEN.finditer(text):
-        run += unescape(text[at : match.start()])
-        at = match.end()
-        if match[3]:
-            run += match[3][1]
-            continue
         code = match[1] is not None
-        parts += [_symbols(run), f"<code>{escape(match[1])}</code>" if code else f"<strong>{words(match[2])}</strong>"]
-        run = ""
-    return "".join([*parts, _symbols(run + unescape(text[at:]))])
+        inner = f"<code>{escape(match[1])}</code>" if code else f"<strong>{words(match[2])}</strong>"
+        parts += [_symbols(plain(text[at : match.start()])), inner]
+        at = match.end()
+    return "".join([*parts, _symbols(plain(text[at:]))])
 
 
 def _symbols(text: str) -> str:
@@ -81,19 +74,15 @@ def _table(block: Sequence[str]) -> str:
     head, sides, *rows = (_cells(line) for line in block)
     right = [side.endswith(":") for side in sides] + [False] * len(head)
 
-    def row(cells: Sequence[str], head: bool, rule: bool = False) -> str:
+    def row(cells: Sequence[str], head: bool) -> str:
         texts = ""
         for i, cell in enumerate(cells):
             tag, scope = ("th", ' scope="col"') if head else ("th", ' scope="row"') if i == 0 else ("td", "")
             kind = ' class="n"' if right[i] else ' class="long"' if len(cell) > LONG else ""
             texts += f"<{tag}{scope}{kind}>{words(cell)}</{tag}>"
-        return f"<tr{' class=rule' if rule else ''}>{texts}</tr>"
+        return f"<tr>{texts}</tr>"
 
-    body, group = "", ""
-    for cells in rows:
-        now = match[0] if (match := GROUP.search(cells[0])) else group
-        body += row(cells, False, now != group)
-        group = now
+    body = "".join(row(cells, False) for cells in rows)
     return (
         '<div class="table"><div class="scroll" tabindex="0" role="region" aria-label="Table">'
         f"<table><thead>{row(head, True)}</thead><tbody>{body}</tbody></table></div></div>"
@@ -145,7 +134,7 @@ def figure(folder: Path, place: str, alt: str) -> str:
         path = (folder / place).with_suffix(suffix)
         if path.is_file():
             content = path.read_bytes()
-            wide = re.search(rb'viewBox="0 0 ([\d.]+) ', content[:2000]) if suffix == ".svg" else None
+            wide = re.search(rb'viewBox="0 0 ([\d.]+) ', content[:2000])
             size = f' style="max-width:{PIXELS_PER_POINT * float(wide[1]):.0f}px"' if wide else ""
             data = base64.b64encode(content).decode()
             image = f'<img src="data:image/{kind};base64,{data}" alt="{escape(alt)}"{size}>'

@@ -55,19 +55,19 @@ def _(result: Simulation) -> Sections:
     groups: dict[tuple[str, str], list[SimulatedRun]] = {}
     for run in result.runs:
         groups.setdefault((run.plan.group.folder, run.plan.group.kind), []).append(run)
-    header = ("folder", "kind", "runs", "files", "samples", "faulty on purpose")
     rows = [
-        (folder, kind, len(runs), len({run.plan.file for run in runs}), sum(len(run.columns["time_s"]) for run in runs),
-         sum(run.plan.group.fault is not None for run in runs))
+        {"folder": folder, "kind": kind, "runs": len(runs), "files": len({run.plan.file for run in runs}),
+         "samples": sum(len(run.columns["time_s"]) for run in runs),
+         "faulty on purpose": sum(run.plan.group.fault is not None for run in runs)}
         for (folder, kind), runs in sorted(groups.items())
     ]  # fmt: skip
     if (bollard := spec.bollard) is not None:
         files[bollard.file] = lambda: log_bytes(bollard_columns(bollard, result.seed), bollard.format, comment)
         readings = len(levels_of(bollard.levels)) * bollard.repeats
-        rows.append((bollard.folder, "bollard test", 1, 1, readings, 0))
-    cells, notes = [dict(zip(header, row)) for row in rows], [comment, f"The truth is in {TRUTH}."]
-    folders = sorted({f"{folder}/" for folder, *_ in rows if folder})
-    table = Table.of("Simulated campaign", cells, notes, header=header)
+        rows.append({"folder": bollard.folder, "kind": "bollard test", "runs": 1, "files": 1, "samples": readings,
+                     "faulty on purpose": 0})  # fmt: skip
+    folders = sorted({f"{row['folder']}/" for row in rows if row["folder"]})
+    table = Table.of("Simulated campaign", rows, [comment, f"The truth is in {TRUTH}."])
     return Sections([table], files | {TRUTH: truth}, listed=(*folders, TRUTH), rows=truth["made"])  # type: ignore[arg-type]
 
 

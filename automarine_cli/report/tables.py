@@ -7,6 +7,7 @@ import csv
 import io
 import math
 import re
+import sys
 import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,6 @@ from automarine_cli.estimate import Estimate
 
 GAP = 2  # blanks between columns
 NARROW = 8  # characters below which no column is folded
-LIKED = 24  # characters that a column may have when there must be several tables anyway
 _TIED = "\N{NO-BREAK SPACE}"
 
 
@@ -30,16 +30,18 @@ def text_table(
     With a `width` cells are folded at blanks, the widest columns first; what is still too wide is shown as
     several tables one below the other, each with the first column.
     """
-    widths = [max(map(len, column)) for column in zip(*grid)]
-    if width is None or _total(widths) <= width:
-        return _block(grid, dict(enumerate(widths)), right, rules)
+    widths, limit = [max(map(len, column)) for column in zip(*grid)], width or sys.maxsize
     words = [max(len(word) for cell in column for word in _words(cell)) for column in zip(*grid)]
     least = [min(wide, max(NARROW, word)) for word, wide in zip(words, widths)]
-    liked = [min(wide, max(LIKED, word)) for word, wide in zip(words, widths)]
+    groups = [[0]]
+    for i in range(1, len(widths)):
+        if len(groups[-1]) > 1 and _total([least[k] for k in (*groups[-1], i)]) > limit:
+            groups.append([0])
+        groups[-1].append(i)
     lines: list[str] = []
-    for columns in [list(range(len(widths)))] if _total(least) <= width else _groups(liked, width):
+    for columns in groups:
         narrowed = {i: widths[i] for i in columns}
-        while _total(narrowed.values()) > width and (free := [i for i in columns if narrowed[i] > least[i]]):
+        while _total(narrowed.values()) > limit and (free := [i for i in columns if narrowed[i] > least[i]]):
             narrowed[max(free, key=narrowed.__getitem__)] -= 1  # the widest that can gives way
         lines += [*([""] if lines else []), *_block(grid, narrowed, right, rules)]
     return lines
@@ -54,21 +56,12 @@ def _words(cell: str) -> list[str]:
     return re.sub(r"\[[^]]*", lambda match: match[0].replace(" ", _TIED), cell).split(" ")
 
 
-def _groups(widths: Sequence[int], width: int) -> list[list[int]]:
-    groups = [[0]]
-    for i in range(1, len(widths)):
-        if len(groups[-1]) > 1 and _total([widths[k] for k in (*groups[-1], i)]) > width:
-            groups.append([0])
-        groups[-1].append(i)
-    return groups
-
-
 def _block(
     grid: Sequence[Sequence[str]], widths: Mapping[int, int], right: Sequence[bool], rules: Sequence[int]
 ) -> list[str]:
     rule, lines = "-" * _total(widths.values()), list[str]()
     for number, row in enumerate(grid):
-        if number == 1 or (number > 1 and number - 1 in rules):
+        if number == 1 or number - 1 in rules:
             lines.append(rule)
         cells = (
             [row[i]] if len(row[i]) <= wide else _wrapped(" ".join(_words(row[i])), wide) for i, wide in widths.items()
@@ -90,38 +83,14 @@ MISSING = "–"
 
 
 @dataclass(frozen=True)
-class Math:
-    """A cell with a form of its own in LaTeX: `Math("k_r|r|", r"k_{r|r|}")`; `latex` is set in math mode."""
-
-    plain: str
-    latex: str
-    after: str = ""
-    """Words behind the symbol, as they stand."""
-
-    def __str__(self) -> str:
-        return self.plain + self.after
-
-
-Cell = str | Math
-
-
-@dataclass(frozen=True)
 class Table:
-    """A titled table of formatted cells; `rules` are the rows (from 0) above which a line is drawn.
-
-    Raises ValueError if a row has not as many cells as the header.
-    """
+    """A titled table of formatted cells; `rules` are the rows (from 0) above which a line is drawn."""
 
     title: str
-    header: tuple[Cell, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
     rules: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for row in self.rows:
-            if len(row) != len(self.header):
-                raise ValueError(f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns")
 
     @classmethod
     def of(
@@ -135,13 +104,13 @@ class Table:
         return cls(title, tuple(rows[0] if rows else header), cells, rules, tuple(notes))
 
     def without_empty_rows(self) -> "Table":
-        full = [i for i, row in enumerate(self.rows) if any(str(cell) != MISSING for cell in row[1:])]
+        full = [i for i, row in enumerate(self.rows) if any(cell != MISSING for cell in row[1:])]
         rules = dict.fromkeys(sum(i < rule for i in full) for rule in self.rules)
         return replace(self, rows=tuple(self.rows[i] for i in full), rules=tuple(rules))
 
     def without_empty_columns(self) -> "Table":
         columns = zip(self.header, *self.rows)
-        full = [column for column in columns if not self.rows or any(str(cell) != MISSING for cell in column[1:])]
+        full = [column for column in columns if not self.rows or any(cell != MISSING for cell in column[1:])]
         header, *rows = zip(*full)
         return replace(self, header=header, rows=tuple(rows))
 
@@ -150,7 +119,7 @@ class Table:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         for row in (self.header, *self.rows):
-            writer.writerow("" if str(cell) == MISSING else str(cell) for cell in row)
+            writer.writerow("" if cell == MISSING else cell for cell in row)
         return text.getvalue()
 
     def to_markdown(self) -> str:
@@ -163,10 +132,10 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def to_latex(self) -> str:
-        """A `table` environment with booktabs rules; everything but Math cells is escaped."""
+        """A `table` environment with booktabs rules; symbols such as k_r|r| are set as such, all else is escaped."""
         sides = "".join("r" if right else "l" for right in self._right())
         lines = [r"\begin{table}", r"\centering"]
-        if self.title:  # without a number of ours, which LaTeX gives, and with a label to refer to it by
+        if self.title:  # without a number, which LaTeX gives
             caption = re.sub(r"^Table \d+\. ", "", self.title)
             name = re.sub(r"[^a-z0-9]+", "-", caption.partition("[")[0].lower()).strip("-")
             lines += [rf"\caption{{{_latex(caption)}}}", rf"\label{{tab:{name}}}"]
@@ -181,24 +150,25 @@ class Table:
 
     def to_text(self, width: int | None = None) -> str:
         """Aligned columns for a terminal of that width; None: as wide as they are."""
-        grid = [[_one_line(str(cell)) for cell in row] for row in (self.header, *self.rows)]
-        lines = [*_noted(_one_line(self.title), width), ""] if self.title else []
+        grid = [[_one_line(cell) for cell in row] for row in (self.header, *self.rows)]
+        limit = width or sys.maxsize
+        lines = [*_wrapped(_one_line(self.title), limit, "  "), ""] if self.title else []
         lines += text_table(grid, self._right(), self.rules, width)
         if self.notes:
-            lines += ["", *(line for note in self.notes for line in _noted(note, width))]
+            lines += ["", *(line for note in self.notes for line in _wrapped(note, limit, "  "))]
         return "\n".join(lines) + "\n"
 
     def _right(self) -> list[bool]:
         return [
-            i > 0 and all(_NUMBER.match(str(row[i])) or str(row[i]) in ("", MISSING) for row in self.rows)
+            i > 0 and all(_NUMBER.match(row[i]) or row[i] in ("", MISSING) for row in self.rows)
             for i in range(len(self.header))
         ]
 
 
-def _cell(value: Any) -> Cell:
+def _cell(value: Any) -> str:
     if value is None or isinstance(value, Estimate):
         return interval(value)
-    return value if isinstance(value, Cell) else str(value) if isinstance(value, Integral) else number(value)
+    return str(value) if isinstance(value, str | Integral) else number(value)
 
 
 def number(x: float | None, digits: int = 4) -> str:
@@ -213,6 +183,10 @@ def number(x: float | None, digits: int = 4) -> str:
         return f"{rounded:.{max(0, digits - 1 - size)}f}"
     mantissa, exponent = f"{x:.{digits - 1}e}".split("e")
     return f"{mantissa}e{int(exponent)}"
+
+
+def counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def interval(estimate: Estimate | None) -> str:
@@ -232,7 +206,7 @@ def interval(estimate: Estimate | None) -> str:
 
 
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")
-
+_SYMBOL = re.compile(r"(?<![\w.-])([kIXYZm]_[a-z](?:\|[a-z]\|)?)(?![\w|])")  # such as k_r and k_r|r|
 _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%",
     "_": r"\_", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "<": r"\textless{}",
@@ -242,10 +216,6 @@ _LATEX = {
     "ψ": r"$\psi$", "ε": r"$\varepsilon$", "Δ": r"$\Delta$", "σ": r"$\sigma$", "π": r"$\pi$",
     "θ": r"$\theta$", "µ": r"$\mu$", "μ": r"$\mu$", "→": r"$\to$", "½": r"$\frac{1}{2}$",
 }  # fmt: skip
-
-
-def _noted(note: str, width: int | None) -> list[str]:
-    return [note] if width is None or len(note) <= width else _wrapped(note.replace(" %", f"{_TIED}%"), width, "  ")
 
 
 def _one_line(text: str) -> str:
@@ -260,13 +230,11 @@ def escape(text: str) -> str:
     return re.sub(r"\\`(automarine [a-z-]+)\\`", r"`\1`", re.sub(r"&(?=#?\w+;)", "&amp;", text))
 
 
-def _markdown_row(row: tuple[Cell, ...]) -> str:
-    return "| " + " | ".join(escape(str(cell)) for cell in row) + " |"
+def _markdown_row(row: Sequence[str]) -> str:
+    return "| " + " | ".join(map(escape, row)) + " |"
 
 
-def _latex(cell: Cell) -> str:
-    if isinstance(cell, Math):
-        return f"${cell.latex}$" + (_latex(cell.after) if cell.after else "")
+def _latex(cell: str) -> str:
     text = _one_line(cell)
     if match := re.fullmatch(r"([-+]?\d+(?:\.\d+)?)(?:e([-+]?\d+))?", text):
         mantissa, exponent = match.groups()
@@ -274,8 +242,14 @@ def _latex(cell: Cell) -> str:
             return rf"${mantissa}\times 10^{{{int(exponent)}}}$"
         return f"${mantissa}$" if mantissa[0] in "-+" else mantissa
     safe = "{}" if text[:1] in ("[", "*") else ""  # after the line end of a row these two would be its options
-    return safe + "".join(_LATEX.get(c, c) for c in text)
+    parts = enumerate(_SYMBOL.split(text))
+    return safe + "".join(_symbol(part) if i % 2 else "".join(_LATEX.get(c, c) for c in part) for i, part in parts)
 
 
-def _latex_row(row: tuple[Cell, ...]) -> str:
-    return " & ".join(_latex(cell) for cell in row) + r" \\"
+def _symbol(text: str) -> str:
+    letter, index = text.split("_")
+    return f"${letter}_{{{index}}}$"
+
+
+def _latex_row(row: Sequence[str]) -> str:
+    return " & ".join(map(_latex, row)) + r" \\"

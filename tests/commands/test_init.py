@@ -12,7 +12,7 @@ from made_campaigns import campaign
 
 from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.logs.recognise import Span, places_of, recognise, words_of
+from automarine_cli.logs.recognise import Span, places_of, recognise
 from automarine_cli.report.campaign_file import NewCampaign
 from automarine_cli.runs.run import Run
 
@@ -127,14 +127,6 @@ def test_timestamps_are_a_clock(tmp_path: Path, name: str, rules: dict[str, str]
     assert (result.questions, data["columns"], data["logs"]["steps"]) == ((), rules, ["logs"])
 
 
-def test_ranges_are_those_of_all_logs(tmp_path: Path) -> None:
-    write_logs(tmp_path / "steps", CANONICAL)
-    write_logs(tmp_path / "more", CANONICAL | {"spare": MOMENT["tau"]}, (1.2, -1.1))
-    result, data = started(tmp_path)
-    assert data["logs"]["steps"] == ["more", "steps"]
-    assert "# tau  # as named: -1.1 to 1.2\n" in result.text
-
-
 PWM = np.arange(1100.0, 1901.0, 25.0)
 AHEAD, ASTERN = 3.0e-4, 2.3e-4  # N per us squared
 FORCE = np.where(PWM > 1500, AHEAD, -ASTERN) * (PWM - 1500) ** 2
@@ -199,11 +191,6 @@ def test_clocks(name: str, step: float, key: str, sure: bool) -> None:
     clock = recognise("time", [name], {name: Span(0.0, 100 * step, step, 3 * step)})
     assert clock is not None
     assert (clock.key, not clock.open) == (key, sure)
-
-
-def test_words_of_a_name() -> None:
-    assert words_of("Force (Kg f)") == ["force", "kgf"]
-    assert words_of("Yaw-Rate[deg/s]") == ["yaw", "rate", "deg", "s"]
 
 
 @pytest.mark.parametrize(

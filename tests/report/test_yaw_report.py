@@ -45,11 +45,7 @@ def test_table_1_has_the_papers_layout(fit: YawFit) -> None:
     assert float(rows[1][3]) == pytest.approx(drag["3"].estimates["k_rr"].value, rel=1e-3)
     assert float(rows[2][1]) == pytest.approx(drag["1"].estimates["k_r"].value, rel=1e-3)
     assert [float(cell) for cell in rows[3][1:]] == pytest.approx([drag[m].sse for m in "123"], rel=1e-3)
-    for row, model in ((1, 1), (2, 3)):  # model 1 has no k_r|r|, model 3 no k_r
-        assert not re.search(r"\d", rows[row][model])
-    names = [row[0] for row in rows]
-    for name in ("AICc", "F test against 2, p", "k_r|r|, maximum likelihood", "log density of left-out runs"):
-        assert names.index(name) > 3
+    assert rows[1][1] == rows[2][3] == ""  # model 1 has no k_r|r|, model 3 no k_r
 
 
 def test_table_2_has_the_papers_layout_and_the_mean_at_each_moment(fit: YawFit) -> None:
@@ -62,15 +58,6 @@ def test_table_2_has_the_papers_layout_and_the_mean_at_each_moment(fit: YawFit) 
     assert list(means) == [f"mean at {m:+.4g} nu" for m in sorted(both_ways(SIZES))]
     assert float(means["mean at +0.5 nu"]) == pytest.approx(table.per_moment[0.5], rel=1e-3)
     assert "mean at" not in fit_report.tables(fit, short=True)[1].to_csv()
-
-
-def test_tables_say_where_the_tails_start(fit: YawFit) -> None:
-    for table in fit_report.tables(fit):
-        assert re.search(
-            r"Tails start at \d+ deg, .*: [\d.]+ % in drag \(noise [\d.]+ %, bias [-+][\d.]+ %\), "
-            r"[\d.]+ % in I_r \(noise [\d.]+ %, bias -[\d.]+ %\)\.",
-            table.to_markdown(),
-        )
 
 
 def test_tables_of_whole_runs_leave_out_steady_rates_and_say_why(whole: YawFit) -> None:
