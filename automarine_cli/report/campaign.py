@@ -23,12 +23,12 @@ from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_mani
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, sections
-from automarine_cli.report.tables import MISSING, Table, escape, interval, number
-from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile, VoltagePower
+from automarine_cli.report.tables import MISSING, Table, counted, escape, interval, number
+from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 FILES = ("report.html", "report.md")
 REPORT = "report"
-OPEN_FIGURES, MOST_FIGURES = 6, 40  # of a step: that stand open, and that are in the page at all
+MOST_FIGURES = 12  # of a step that are in the page; all are in its folder
 MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
 MOST_NAMED = 12  # campaigns whose folders are named at the end
 SAME_VOLTAGE = 1.03  # voltages that differ by less are one, as in the thruster fit
@@ -216,11 +216,10 @@ class Campaigns(Shown):
     def to_json(self) -> dict[str, object]:
         entries = []
         for name, run in self.campaigns.items():
-            says, about = run.says, {"name": name, "title": run.content.title}
-            steps = [to_mapping(step) | {"says": says.get(step.step, "")} for step in run.content.steps]
-            entries.append(
-                about | {"steps": steps, "cautions": list(run.content.cautions), "refused": list(run.refused)}
-            )
+            says, content = run.says, run.content
+            steps = [to_mapping(step) | {"says": says.get(step.step, "")} for step in content.steps]
+            about = {"name": name, "title": content.title, "steps": steps, "cautions": list(content.cautions)}
+            entries.append(about | {"refused": list(run.refused)})
         return {"schema": "automarine/campaigns/1", "campaigns": entries}
 
 
@@ -256,18 +255,10 @@ def cautions(thrusters: ThrusterFile | None, supply: float | None) -> list[str]:
     low, high = thrusters.voltage_range_V
     if low / SAME_VOLTAGE <= supply <= high * SAME_VOLTAGE:
         return []
-    nearest, volts = low if supply < low else high, number(supply, 3)
     tested = " to ".join(dict.fromkeys(number(end, 3) for end in (low, high)))
-    entries = (entry for entry in thrusters.voltage_exponent.values() if isinstance(entry, VoltagePower))
-    powers, size = [at.value for entry in entries if (at := entry.thrust_at_fixed_n) and at.value is not None], ""
-    if powers and (power := sum(powers) / len(powers)):
-        size = (
-            f" Thrust grows with the voltage to the power {number(power, 3)}, so expect it to be "
-            f"{number((supply / nearest) ** power, 3)} times that at {number(nearest, 3)} V."
-        )
     return [
-        f"The thrusters were tested at {tested} V, the vehicle's supply is {volts} V: the map is extrapolated.{size} "
-        "Test at the supply voltage."
+        f"The thrusters were tested at {tested} V, the vehicle's supply is {number(supply, 3)} V: the map is "
+        "extrapolated. Test at the supply voltage."
     ]
 
 
@@ -293,8 +284,7 @@ def _(result: Report) -> Sections:
 def make_report(folder: Path, title: str | None = None, ran: RunFile | None = None) -> Report:
     """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
 
-    Without a `title` it is that of what was identified. Steps that have no result have a line that says why.
-    Raises OutputError if there is none at all.
+    Steps that have no result have a line that says why. Raises OutputError if there is none at all.
     """
     steps, ran = read_steps(folder), ran or RunFile("")
     if not steps:
@@ -303,12 +293,10 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
             "here; give a folder that automarine run made, or write the results of single commands into folders of "
             "these names"
         )
-    motions = [name for name in DOFS if any(step.section == name and step.folder in steps for step in STEPS)]
-    title = title or f"{' and '.join(motions or [YAW.name])} identification".capitalize()
+    title = title or "Identification"
     lines = {step.name: "not run" for step in STEPS if step.always}
     lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
     lines |= headlines(steps)
-    logs = steps["check"].markdown() if "check" in steps else ""
     text = document(
         f"# {escape(title)}",
         *(f"**{step.step} was refused:** {escape(step.refused)}" for step in ran.steps if step.refused),
@@ -316,7 +304,7 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
         Table.of("", [{"step": name, "result": lines[name]} for name in STEP_NAMES if name in lines]),
         bullets(escape(f"Caution: {line}") for line in ran.cautions),
         *(block for result in steps.values() if result.step.name != "check" for block in _page(result, steps)),
-        *(["## Logs", *_folded("Every run", logs, "check/check.md")] if logs else []),
+        *_logs(steps),
         *_set_aside(steps),
         *_manifests(steps),
     )
@@ -350,7 +338,7 @@ def _headline(result: StepResult, steps: Steps) -> str:
         case CheckFile():
             idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
             aside = len(file.runs.set_aside)
-            parts = [f"{file.logs} log{'s' * (file.logs != 1)}", _runs(file.runs.used)]
+            parts = [counted(file.logs, "log"), counted(file.runs.used, "run")]
             parts += [f"{idle} without a half-turn"] * bool(idle) + [f"{aside} set aside"] * bool(aside)
             return ", ".join(parts)
         case ThrusterFile():
@@ -392,13 +380,13 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
     again = len(logs & result.logs)
     fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
     band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
-    error, over = f"{number(score.rmse, 3)}{band} {dof.units.key} free run", f"over {_runs(file.runs.used)}{fitted}"
+    error = f"{number(score.rmse, 3)}{band} {dof.units.key} free run"
+    over = f"over {counted(file.runs.used, 'run')}{fitted}"
     if planar:
         return f"heading {error} {over}"
     added, _ = _added_by(steps, dof)
-    best = f" (best: model {file.best}, {number(file.models[file.best].rmse, 3)})" if model != file.best else ""
     details = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
-    return f"without {added}, " * bool(added) + f"model {model}: {error}{best}, {details} {dof.units.key}, {over}"
+    return f"without {added}, " * bool(added) + f"model {model}: {error}, {details} {dof.units.key}, {over}"
 
 
 def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:
@@ -407,10 +395,6 @@ def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:
     if result is None or result.file.verdict != "named" or result.file.of_thrusters:
         return "", {}
     return " and ".join(effect.name for effect in result.file.effects), result.file.base
-
-
-def _runs(count: int) -> str:
-    return f"{count} run{'s' * (count != 1)}"
 
 
 def _values(parameters: Mapping[str, Given]) -> str:
@@ -440,22 +424,19 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
     inside = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
     text = inside.sub(lambda match: result.picture(match[2], texts.get(match[2], match[1])), text)
     apart = [(stem, caption) for stem, caption in texts.items() if f"/{stem}." not in text]
-    pictures = [line for stem, caption in apart[:MOST_FIGURES] if (line := result.picture(stem, caption))]
-    blocks = [f"## {result.step.title}", *first, text, *["### Figures"] * bool(pictures), *pictures[:OPEN_FIGURES]]
-    if pictures[OPEN_FIGURES:]:
-        blocks += _fold(f"{len(pictures) - OPEN_FIGURES} more runs", *pictures[OPEN_FIGURES:])
-    if len(apart) > MOST_FIGURES:
-        blocks.append(f"The figures of {len(apart) - MOST_FIGURES} more runs are in the folder {result.step.folder}.")
-    return blocks
+    pictures = [line for stem, caption in apart if (line := result.picture(stem, caption))]
+    if (more := len(pictures) - MOST_FIGURES) > 0:
+        pictures[MOST_FIGURES:] = [f"The figures of {more} more runs are in the folder {result.step.folder}."]
+    return [f"## {result.step.title}", *first, text, *["### Figures"] * bool(pictures), *pictures]
 
 
-def _fold(summary: str, *blocks: str) -> list[str]:
-    return [f"<details><summary>{summary}</summary>", *blocks, "</details>"]
-
-
-def _folded(summary: str, table: str, place: str) -> list[str]:
-    """A long table folded away; of a very long one only where it stands."""
-    return _fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
+def _logs(steps: Steps) -> list[str]:
+    if "check" not in steps:
+        return []
+    text = steps["check"].markdown()
+    if text.count("\n") > MOST_ROWS:
+        return ["## Logs", "Every run: see `check/check.md`."]
+    return ["## Logs", "<details><summary>Every run</summary>", text, "</details>"]
 
 
 def _set_aside(steps: Steps) -> list[str]:
@@ -474,26 +455,22 @@ def _manifests(steps: Steps) -> list[str]:
     manifests = {folder: result.manifest for folder, result in steps.items() if result.manifest}
     if not manifests:
         return []
-    rows, inputs, versions = [], [], set()
+    rows, versions = [], set()
     for folder, manifest in manifests.items():
-        changed = {key: value for key, value in manifest.options.items() if value not in (None, False, [], "", "auto")}
         settings = [
-            key if value is True else f"{key} {value}"
-            for key, value in changed.items()
-            if not isinstance(value, dict | list) and (key, value) != ("figures", True)
-        ]
+            f"{key} {value}" for key, value in manifest.options.items()
+            if key != "figures" and isinstance(value, str | int | float) and value not in (False, "", "auto")
+        ]  # fmt: skip
         rows.append({
             "folder": folder, "command": f"automarine {manifest.command}",
             "non-default settings": ", ".join(settings) or "none",
             "seed": "" if manifest.seed is None else manifest.seed, "inputs": len(manifest.inputs),
         })  # fmt: skip
         versions.add(", ".join(map(" ".join, [("automarine", manifest.automarine), *manifest.libraries.items()])))
-        inputs += [(folder, entry.role, entry.file, entry.sha256 or "not readable") for entry in manifest.inputs]
-    hashes = Table("", ("folder", "as", "file", "SHA-256"), tuple(inputs)).to_markdown()
     return [
         "## How this was made",
         Table.of("", rows).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
-        "`automarine verify` on each folder says whether anything in it has changed.",
-        *_folded("Every input and its SHA-256", hashes, "manifest.json"),
+        "The `manifest.json` of each folder holds every setting and the SHA-256 of every input; `automarine verify` "
+        "says whether anything in the folder has changed.",
     ]

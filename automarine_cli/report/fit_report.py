@@ -141,7 +141,8 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     why = (
         f"{fit.why_no_seed_method}."
         if fit.seed_method is None
-        else fit.seed_method.expected.sentence(fit.dof, fit.seed_method.by_user)
+    seed = fit.seed_method
+    why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
     )
     cautions = () if short else fit.cautions
     drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))

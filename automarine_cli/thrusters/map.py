@@ -251,11 +251,6 @@ class Curves:
     backward: CurveEntry | None = None
 
 
-@dataclass(frozen=True)
-class VoltagePower:
-    thrust_at_fixed_n: Given | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class ThrusterFile(ResultRecord):
     """`thrusters.json`: a thruster map."""
@@ -276,7 +271,7 @@ class ThrusterFile(ResultRecord):
     r2: float | None = field(default=None, metadata=keyed("chosen/r2"))
     rmse_percent: float | None = field(default=None, metadata=keyed("chosen/rmse_percent_of_full_scale"))
     voltage_range_V: tuple[float, float] | None = None
-    voltage_exponent: Mapping[str, VoltagePower | float | None] = field(default_factory=dict)
+    voltage_exponent: Mapping[str, object] = field(default_factory=dict)
 
 
 THRUSTER_MAP = ResultKind("thrusters.json", "thruster-map", ThrusterFile, "fit-thrusters", YAW)

@@ -13,7 +13,6 @@ from few_candidates import few_candidates
 import automarine_cli as am
 from automarine_cli.errors import SettingError, attempted
 from automarine_cli.report.figures.style import FORMATS
-from automarine_cli.simulation.specification import SCHEMA
 
 Run = Callable[..., Result]
 SENTENCE = "The figure {} could not be drawn (RuntimeError: no ink); everything else was written."
@@ -27,35 +26,21 @@ def boom(*of: object, **more: object) -> Any:
 CASES = [
     ("fit-thrusters pool/thrusters --thrusters-per-test 2", "thruster_tables.thruster_figure", "thrusters"),
     ("fit-yaw pool/steps", "figures.runs.drag_figure", "drag"),
-    ("fit-yaw pool/driving pool/steps --fit-to whole-runs", "figures.runs.whole_runs_figure", "whole_runs"),
-    ("fit-surge surge", "figures.runs.half_turns_figure", "steps"),
     (
         "validate pool/validation --model yaw/yaw_model.json", "validation_report.validation_figure",
         "validation_there_and_back",
     ),
-    ("diagnose pool/steps --model yaw/yaw_model.json", "figures.diagnosis.where_figure", "where"),
     ("diagnose pool/thrusters --model thrusters/thrusters.json", "figures.diagnosis.why_figure", "why"),
-    ("compare yaw driven", "compare_report.compare_figure", "comparison"),
-    ("plan yaw/yaw_model.json", "plan_report.plan_figure", "plan"),
 ]  # fmt: skip
 """A command on the campaign below, what draws one of its figures, and that figure's name."""
-DEAR = ("whole_runs", "steps", "where", "plan")
-SURGE = {
-    "schema": SCHEMA, "seed": 2, "vehicle": {"motion": "surge", "m_u": 17.0, "X_uu": 24.0, "force_unit": "N"},
-    "logger": {"rate_hz": 5, "noise_m": 0.01},
-    "runs": [{"kind": "step", "forces": [8.0, -8.0, 15.0, -15.0, 30.0, -30.0], "duration_s": 8.0}],
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def campaign(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the logs of small campaigns, and results that other commands take."""
+    """A folder with the logs of a small campaign, and results that other commands take."""
     place = tmp_path_factory.mktemp("failing")
     for name in ("pool", "out/thrusters", "out/yaw"):
         shutil.copytree(small_day / name, place / Path(name).name)
-    (place / "surge.json").write_text(json.dumps(SURGE))
-    am.simulate(place / "surge.json", out=place / "surge")
-    am.fit_yaw([place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven")
     return place
 
 
@@ -77,10 +62,7 @@ def warning_lines(result: Result) -> list[str]:
     return [line.removeprefix("Warning: ") for line in result.stderr.splitlines() if line.startswith("Warning: ")]
 
 
-@pytest.mark.parametrize(
-    ("command", "draws", "figure"),
-    [pytest.param(*case, marks=[pytest.mark.slow] * (case[2] in DEAR), id=case[0]) for case in CASES],
-)
+@pytest.mark.parametrize(("command", "draws", "figure"), CASES, ids=[case[2] for case in CASES])
 def test_a_figure_that_fails_is_a_warning(
     command: str, draws: str, figure: str, place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -149,9 +131,7 @@ def test_what_an_exception_says_stands_on_one_line(problem: Exception, words: st
 @pytest.mark.parametrize(
     ("command", "settings"),
     [
-        (am.fit_thrusters, {}), (am.fit_yaw, {}), (am.fit_heave, {}), (am.validate, {"model": "none.json"}),
-        (am.diagnose, {"model": "none.json"}), (am.diagnose, {"model": "thrusters/thrusters.json"}),
-        (am.compare, {}), (am.plan, {}),
+        (am.fit_thrusters, {}), (am.fit_heave, {}), (am.diagnose, {"model": "none.json"}), (am.compare, {}),
     ],
 )  # fmt: skip
 def test_a_format_that_there_is_not_is_refused_before_any_work(
