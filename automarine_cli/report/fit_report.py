@@ -138,12 +138,8 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     """Make tables 1 and 2 with what must be known of their parameters below; `short`, for the terminal, leaves that to
     the warnings, and leaves out the means at each moment."""
-    why = (
-        f"{fit.why_no_seed_method}."
-        if fit.seed_method is None
     seed = fit.seed_method
     why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
-    )
     cautions = () if short else fit.cautions
     drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))
     inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)

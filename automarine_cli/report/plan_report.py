@@ -13,7 +13,7 @@ from automarine_cli.planning.campaign import Plan, command_path, specification
 from automarine_cli.planning.candidates import PLAN, command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
-from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.report.tables import MISSING, Table, counted, interval, number
 
 CERTAIN = 1000.0
 FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
@@ -25,8 +25,7 @@ def _(plan: Plan) -> Sections:
     specified, rehearsal = specification(plan)
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
-    split = [_split_table(plan)] if plan.splits else []
-    tables = [_sheet_table(plan), _interval_table(plan), *split, _compared_table(plan)]
+    tables = [_sheet_table(plan), _interval_table(plan), *([_split_table(plan)] if plan.splits else [])]
     files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
     files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(plan).to_csv()}
     files[PLAN.file] = plan.to_json()
@@ -39,9 +38,9 @@ def _(plan: Plan) -> Sections:
 def _totals(plan: Plan) -> str:
     last, limits = plan.slots[-1], plan.limits
     kinds = Counter(run.kind for run in plan.candidates)
-    counted = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for kind, count in kinds.items())
+    counts = ", ".join(counted(count, kind) for kind, count in kinds.items())
     return (
-        f"{kinds.total()} runs ({counted}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of "
+        f"{kinds.total()} runs ({counts}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of "
         f"{limits.pool.minutes:g} minutes in the pool, {plan.motion:.0f} s of motion, "
         f"{100.0 * last.left / limits.battery.charge_Ah:.0f} % of the battery left."
     )
@@ -120,18 +119,6 @@ def _split_table(plan: Plan) -> Table:
     ])  # fmt: skip
 
 
-def _compared_table(plan: Plan) -> Table:
-    columns = {f"{_symbol(name, plan)} %": name for name in plan.plan.stderr_percent}
-    rows = [
-        {"campaign": curve.campaign, "min in the pool": number(curve.minutes[-1], 3),
-         "s of motion": number(curve.motion_s[-1], 3)}
-        | {column: number(curve.stderr_percent[name][-1], 2) for column, name in columns.items()}
-        for curve in (plan.plan, plan.grid)
-    ]  # fmt: skip
-    earlier = " The earlier runs are counted in." if plan.together else ""
-    return Table.of("Standard errors to expect", rows, [f"In percent of the value.{earlier}"])
-
-
 def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
     pool = plan.limits.pool
     sheet, *further = tables
@@ -169,14 +156,4 @@ def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
         "change are fitted for each run.",
         plan.source,
     ]
-    if plan.together:
-        lines.append(
-            "The earlier runs count by the intervals in the model's file, which holds no correlations but that of "
-            "inertia and quadratic drag."
-        )
-    if fitting.fit == "diagnosis":
-        lines.append(
-            "`automarine diagnose` holds a quarter of the runs out to judge by, and that is counted; with other logs "
-            "for `--hold-out` all runs are fitted, and the intervals come out a seventh narrower."
-        )
     return [*lines, *filter(None, [rehearsal]), *plan.notes]

@@ -1,15 +1,13 @@
 """Sections of `fit-thrusters`: coefficients, forms, voltages, flagged points; and the points as CSV."""
 
-import re
 from functools import partial
-from itertools import count
 
 import numpy as np
 
 from automarine_cli.estimate import Estimate
 from automarine_cli.report.figures.thrusters import thruster_figure
-from automarine_cli.report.sections import Content, Sections, bullets, document, numbers, sections
-from automarine_cli.report.tables import MISSING, Table, escape, number
+from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, numbers, sections
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.thrusters.fit import Analysis, FormScore, Parameter
 from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import ThrusterFit, scaled
@@ -24,11 +22,8 @@ def _(fit: ThrusterFit) -> Sections:
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(), "thrusters.csv": points_csv(fit), "thrusters.md": page
     }  # fmt: skip
-    for name, part in fit.parts.items():
-        if not isinstance(part, str):
-            stem = "thrusters_" + (re.sub(r"[^A-Za-z0-9.+-]+", "_", name).strip("_.") or "unnamed")
-            file = next(file for i in count(1) if (file := f"{stem}{f'_{i}' * (i > 1)}.json") not in files)
-            files[file] = part.to_json()
+    parts = {name: part for name, part in fit.parts.items() if not isinstance(part, str)}
+    files |= {f"thrusters_{stem}.json": part.to_json() for stem, part in zip(file_stems([*parts]), parts.values())}
     chosen = {} if _is_square(analysis) else analysis.estimates
     rows = [
         {"direction": side, "form": form, "parameter": name} | cells(value)
@@ -62,7 +57,6 @@ def tables(result: ThrusterFit) -> tuple[Table, ...]:
         *([thrusters(result)] if result.parts else []),
         *(maps if _is_square(result.analysis) else [parameters(result), *reversed(maps)]),
         *([voltages(result)] if result.voltages else []),
-        *([exponents(result)] if any(result.exponents.values()) else []),
         *([flagged(result)] if np.any(result.points.flag != "") else []),
     )
 
@@ -155,6 +149,7 @@ def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
 
 def voltages(result: ThrusterFit) -> Table:
     unit = next(iter(result.analysis.square.values())).unit
+    powers = [f"{side} {interval(power.exponent)}" for side, power in result.exponents.items() if power is not None]
     return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", [
         {
             "voltage [V]": volts, **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},
@@ -163,17 +158,7 @@ def voltages(result: ThrusterFit) -> Table:
             "chosen form [%]": number(analysis.percent(analysis.chosen.rmse), 3), "full scale [N]": analysis.full_scale,
         }
         for volts, analysis in result.voltages
-    ])  # fmt: skip
-
-
-def exponents(result: ThrusterFit) -> Table:
-    rows = []
-    for side, power in ((side, result.exponents.get(side)) for side, _ in SIDES):
-        if power is not None:
-            between = ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in power.between)
-            rows.append({"direction": side, "p": power.exponent, "between neighbouring voltages": between})
-    title = "Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]"
-    return Table.of(title, rows)
+    ], [f"At one control signal thrust grows with voltage to the power {', '.join(powers) or MISSING}."])  # fmt: skip
 
 
 def flagged(result: ThrusterFit) -> Table:
@@ -187,13 +172,13 @@ def flagged(result: ThrusterFit) -> Table:
         }
         for i in order[:SHOWN]
     ]  # fmt: skip
-    more = [f"and {len(order) - SHOWN} more, see thrusters.csv"] * (len(order) > SHOWN)
-    title = f"{len(order)} of {len(points)} points have reduced weight: outliers from their neighbours"
-    return Table.of(title, rows, more)
+    return Table.of(f"{len(order)} of {len(points)} points have reduced weight: outliers from their neighbours", rows)
 
 
 def points_csv(result: ThrusterFit) -> str:
     """Write every point of one thruster with both laws at it: ten digits, nothing for a missing value."""
+    import pandas as pd
+
     points, analysis = result.points, result.analysis
     fitted = analysis.fitted(points.n)
     columns = {
@@ -202,9 +187,7 @@ def points_csv(result: ThrusterFit) -> str:
         "square_law_N": analysis.fitted(points.n, square=True), "residual_N": points.force - fitted,
         "weight": points.weight,
     }  # fmt: skip
-    rows = []
-    for i in range(len(points)):
-        record, row = result.logs.records[int(points.record[i])], {name: x[i] + 0.0 for name, x in columns.items()}
-        texts = {name: f"{value:.10g}" if np.isfinite(value) else "" for name, value in row.items()}  # no negative zero
-        rows.append({"file": record.source, "run": record.run, **texts, "flag": str(points.flag[i])})
-    return Table.of("", rows).to_csv()
+    records = [result.logs.records[int(index)] for index in points.record]
+    places = {"file": [record.source for record in records], "run": [record.run for record in records]}
+    frame = pd.DataFrame(places | {name: x + 0.0 for name, x in columns.items()} | {"flag": points.flag})
+    return frame.replace(np.inf, np.nan).to_csv(index=False, float_format="%.10g", lineterminator="\n")

@@ -39,18 +39,8 @@ def _(tuning: Tuning) -> Sections:
 
 
 def _sentences(designed: Designed) -> list[str]:
-    sentences = [f"{VERDICTS[designed.verdict]} {designed.why}"]
-    if designed.run:
-        sentences.append(f"What would settle it: {designed.run}.")
-    new = {} if designed.new is None or designed.target.beyond else designed.new.gains
-    at_end = [
-        gain.name for gain in designed.target.parameters
-        if new and gain.searched and math.isfinite(gain.high) and "MAX" not in gain.name and new[gain.name] >= gain.high
-    ]  # fmt: skip
-    if at_end:
-        stiffer = "with --beyond-range stiffer gains may be found"
-        sentences.append(f"At the end of the documented range: {', '.join(at_end)}; {stiffer}.")
-    return sentences
+    settles = [f"What would settle it: {designed.run}."] if designed.run else []
+    return [f"{VERDICTS[designed.verdict]} {designed.why}", *settles]
 
 
 def _gains_table(designed: Designed) -> Table:
