@@ -105,7 +105,8 @@ def new_campaign(look: Survey, files: Sequence[LogFile], place: Path, ask: Ask |
         for kind, members in placed.items():
             places = places_of([inner[file] for file in members], list(inner.values()))
             entries = [entry if base == "." else f"{base}/{entry}" for entry in places]
-            yield kind, entries, f"{DOFS.get(motion, YAW).fill(SAY[kind])}: {_seen(look, members)}"
+            seen = counted(len(members), "log") if motion == PLANAR.name else _seen(look, members)
+            yield kind, entries, f"{DOFS.get(motion, YAW).fill(SAY[kind])}: {seen}"
 
     arm_m, arm = look.maps.given.defaults.get("arm_m"), "metres from the centre line to each thruster"
     drive = look.thrusters_drive
@@ -156,9 +157,9 @@ def _written(key: str, value: object, comment: str, ask: Ask | None) -> str:
     line, comment = toml_line(key, value), printable("? " * is_open + comment)
     if isinstance(value, list) and len(line) > WIDEST:
         line = f"{key} = [\n" + "".join(f"  {toml_value(entry)},\n" for entry in value) + "]"
-    if "\n" in line or len(line) + len(comment) > WIDEST:
-        return f"# {comment}\n{line}"
-    return f"{line}  # {comment}" if comment else line
+    if not comment:
+        return line
+    return f"# {comment}\n{line}" if "\n" in line or len(line) + len(comment) > WIDEST else f"{line}  # {comment}"
 
 
 def _answer(value: object, key: str, comment: str, ask: Ask | None) -> object:
