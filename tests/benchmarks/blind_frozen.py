@@ -7,7 +7,7 @@
 `write` makes FOLDER/campaign_000 and so on: one CSV a run (time_s on a clock that all runs share, heading_deg from 0 to
 360, the commanded moment tau or tau_Nm, surge_m_s where it was logged) and base.json, the inertia and drag that a user
 would bring, some tenths off. The order of campaigns tells nothing. KEY.json, which no tool may see, holds the
-answers. Forms are all, quick (40 of them), short (21 effects with manoeuvres, three pairs, nothing hidden), noisy (the
+answers. Forms are all, short (21 effects with manoeuvres, three pairs, nothing hidden), noisy (the
 same from 24 noisy steps) and clean (nothing hidden, in four kinds; two idle columns, lost rows).
 
 `answer` is how automarine answers; it may be stopped and goes on where it was. Any other tool writes the same:
@@ -25,11 +25,10 @@ anything.
 
 import json
 import sys
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
-from itertools import pairwise
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +43,10 @@ from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
-from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 
-CONFIDENT = (0.0, 0.5, 0.9, 1.0)
+CONFIDENT = (0.0, 0.5, 0.9, 1.001)
 DRIVEN = "driven"
 CLEAN: dict[str, dict[str, Any]] = {
     "72 runs": {"layout": "steps", "runs": 72, "scatter": 0.03, "noise": 1.0},
@@ -58,25 +56,17 @@ CLEAN: dict[str, dict[str, Any]] = {
 }
 
 
-def all_cases(seeds: int, quick: bool) -> list[Case]:
+def all_cases(seeds: int) -> list[Case]:
     """Every effect by size, layout and seed, none hidden, two, and strange ones."""
-
-    def layouts(number: int) -> tuple[str, ...]:
-        return (("full", "steps")[number % 2],) if quick else ("steps", "full")
-
-    cases = []
+    cases, layouts = [], ("steps", "full")
     for seed in range(seeds):
-        for number, law in enumerate(LAWS):
-            for size in ("large",) if quick else ("small", "large"):
-                cases += [Case((law,), size, layout, seed) for layout in layouts(number)]
-        for number, scatter in enumerate((0.0, 0.02, 0.03, 0.05)):
-            name = f"scatter-{scatter:g}"
-            cases += [Case((), name, layout, seed, scatter=scatter) for layout in layouts(number)]
-        cases += [Case(pair, "large", "full", seed) for pair in (PAIRS[:4] if quick else PAIRS)]
+        for law, size in product(LAWS, ("small", "large")):
+            cases += [Case((law,), size, layout, seed) for layout in layouts]
+        for scatter in (0.0, 0.02, 0.03, 0.05):
+            cases += [Case((), f"scatter-{scatter:g}", layout, seed, scatter=scatter) for layout in layouts]
+        cases += [Case(pair, "large", "full", seed) for pair in PAIRS]
         cases += [Case((law,), "large", "full", seed) for law in STRANGE]
-    if not quick:
-        cases += [Case((law,), "usual", "full", seed, runs=48) for seed in range(seeds) for law in LAWS]
-    return cases
+    return cases + [Case((law,), "usual", "full", seed, runs=48) for seed in range(seeds) for law in LAWS]
 
 
 def short_cases(seeds: int, noisy: bool) -> list[Case]:
@@ -93,8 +83,7 @@ def short_cases(seeds: int, noisy: bool) -> list[Case]:
 
 
 FORMS = {
-    "all": lambda seeds: all_cases(seeds, quick=False),
-    "quick": lambda seeds: all_cases(seeds, quick=True),
+    "all": all_cases,
     "short": lambda seeds: short_cases(seeds, noisy=False),
     "noisy": lambda seeds: short_cases(seeds, noisy=True),
     "clean": lambda seeds: [Case((), kind, seed=seed, **more) for seed in range(seeds) for kind, more in CLEAN.items()],
@@ -194,36 +183,35 @@ def answer_of(place: Path) -> dict[str, Any]:
 def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | None) -> None:
     """Print marks, confusion and calibration of a tool's answers."""
     unanswered = sorted(set(key) - set(answers))
-    outcomes: dict[str, Counter[str]] = {}
-    confusion: Counter[tuple[str, str]] = Counter()
-    sure: list[tuple[float, bool]] = []
-    for name, truth in key.items():
-        if name in unanswered:
-            continue
+    outcomes, confusion = list[tuple[str, str]](), list[tuple[str, str]]()
+    sure = list[tuple[float, bool]]()
+    for name, truth in ((name, truth) for name, truth in key.items() if name in answers):
         said, hidden, effects = answers[name], truth["hidden"], truth["effects"]
         named = {effect["name"]: list(effect.get("rivals", ())) for effect in said["effects"]}
         more = f" ({truth['size']})" if truth["size"] == "small" or not hidden else ""
-        mark = judge(hidden, said["verdict"], named)
-        outcomes.setdefault(kind_of(hidden, truth["layout"]) + more, Counter())[mark] += 1
+        outcomes.append((kind_of(hidden, truth["layout"]) + more, judge(hidden, said["verdict"], named)))
         for law in effects or [f"outside: {hidden[0]}" if hidden else "nothing"]:
-            confusion.update((law, got) for got in taken_for(law, said["verdict"], named))
+            confusion += [(law, got) for got in taken_for(law, said["verdict"], named)]
         if said["verdict"] == "named":
             outside = bool(hidden) and not effects
             sure += [
                 (effect.get("confidence", 1.0), effect["name"] in effects or (outside and is_curve(effect["name"])))
                 for effect in said["effects"]
             ]
-    words = sorted({word for counts in outcomes.values() for word in counts})
-    rows = [
-        {"hidden": kind, "campaigns": counts.total(), **{word: counts[word] for word in words}}
-        for kind, counts in sorted(outcomes.items())
-    ]
-    print(Table.of("Marks", rows).to_text())
-    print(calibration(sure).to_text())
+    print(counted(outcomes, "hidden", "mark").to_string())
+    by_confidence = pd.DataFrame(sure, columns=["said with", "right"], dtype=float)
+    bands = pd.cut(by_confidence["said with"], CONFIDENT, right=False)
+    print(by_confidence.groupby(bands, observed=False)["right"].agg(["size", "mean"]).to_string())
     some = f", {unanswered[0]} the first" if unanswered else ""
     print(f"Without an answer: {len(unanswered)} of {len(key)} campaigns{some}")
     if figure is not None:
-        draw(confusion, figure)
+        draw(counted(confusion, "hidden", "said"), figure)
+
+
+def counted(pairs: Sequence[tuple[str, str]], first: str, second: str) -> pd.DataFrame:
+    """How often each first comes with each second."""
+    table = pd.DataFrame(pairs, columns=[first, second])
+    return pd.crosstab(table[first], table[second])
 
 
 def kind_of(hidden: Sequence[str], layout: str) -> str:
@@ -266,29 +254,17 @@ def taken_for(hidden: str, verdict: str, named: Mapping[str, Sequence[str]]) -> 
     return [hidden] if hidden in named else ["learned" if is_curve(name) else name for name in named]
 
 
-def calibration(sure: Sequence[tuple[float, bool]]) -> Table:
-    """How often what was said with a confidence was right."""
-    rows = []
-    for low, high in pairwise(CONFIDENT):
-        inside = [right for said, right in sure if low <= said < high or said == high == 1.0]
-        right = f"{np.mean(inside):.0%}" if inside else "-"
-        rows.append({"said with": f"{low:.0%} to {high:.0%}", "names": len(inside), "right": right})
-    return Table.of("Confidence", rows)
-
-
-def draw(confusion: Mapping[tuple[str, str], int], path: Path) -> None:
+def draw(counts: pd.DataFrame, path: Path) -> None:
     """The confusion matrix: what was hidden by what was said, as shares of each row."""
-    hidden, got = (sorted({pair[i] for pair in confusion}) for i in (0, 1))
-    counts = np.array([[confusion.get((h, g), 0) for g in got] for h in hidden], dtype=float)
-    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    figure, axes = plt.subplots(figsize=(7.0, 0.19 * len(hidden) + 1.8), layout="constrained")
+    shares = counts.div(counts.sum(axis=1), axis=0).to_numpy()
+    figure, axes = plt.subplots(figsize=(7.0, 0.19 * len(counts) + 1.8), layout="constrained")
     image = axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    for (row, column), count in np.ndenumerate(counts):
+    for (row, column), count in np.ndenumerate(counts.to_numpy()):
         if count:
             dark = shares[row, column] > 0.6
             axes.text(column, row, f"{count:.0f}", ha="center", va="center", fontsize=6, color="w" if dark else "k")
-    axes.set_xticks(range(len(got)), got, rotation=90, fontsize=6.5)
-    axes.set_yticks(range(len(hidden)), hidden, fontsize=6.5)
+    axes.set_xticks(range(counts.shape[1]), counts.columns, rotation=90, fontsize=6.5)
+    axes.set_yticks(range(len(counts)), counts.index, fontsize=6.5)
     axes.set(xlabel="said", ylabel="hidden")
     figure.colorbar(image, ax=axes, label="share of campaigns", shrink=0.5)
     figure.savefig(path, dpi=200, metadata={"Software": None})

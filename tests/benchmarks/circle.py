@@ -4,7 +4,7 @@ The vehicle is one of tuning_truth.py, whose laws are not the library's; a first
 served by a process of its own, and reached only through a link that resets, stalls, forgets and crawls. Fails unless
 the logs are whole, the effect is named, and the vehicle settles with the gains.
 
-Usage: python tests/benchmarks/circle.py [--out DIR] [--seed N] [--speed N]
+Usage: python tests/benchmarks/circle.py [--out DIR]
 """
 
 import json
@@ -34,6 +34,7 @@ from automarine_cli.report.tables import Table, number
 TRUTH = Truth(inertia=0.85, quadratic=1.05, linear=0.0, hidden={"delay": 0.15, "propeller-lag": 0.12})
 WAYS = ("reset", "reset", "stall", "half-open", "slow", "none")
 """What becomes of a connection, drawn for each."""
+SEED, SPEED = 0, 200.0
 HEADER = "time_s,heading_deg,tau\n"
 
 
@@ -41,16 +42,12 @@ HEADER = "time_s,heading_deg,tau\n"
 class Hidden:
     """A vehicle whose laws nobody here knows, as `serve` drives it."""
 
-    seed: int
-    speed: float
-
     def refuse(self, campaign: LinkCampaign) -> None:
         """Everything can be driven."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         yield HEADER
-        pace = Pace(self.speed)
-        random = np.random.default_rng([self.seed, number])
+        pace, random = Pace(SPEED), np.random.default_rng([SEED, number])
         for since, heading, moment in driven(campaign.runs[number], campaign.rate_hz, campaign.rest_s, random):
             pace.until(since)
             if halted():
@@ -74,7 +71,7 @@ def driven(
             vehicle.advance(np.array([moment]))
 
 
-def serving(folder: Path, seed: int, speed: float, address: Any) -> None:
+def serving(folder: Path, address: Any) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
 
@@ -82,14 +79,14 @@ def serving(folder: Path, seed: int, speed: float, address: Any) -> None:
         if not isinstance(event, str):
             address.put((port, event.token))
 
-    serve(folder, Hidden(seed, speed), ("127.0.0.1", port), speed, ready)
+    serve(folder, Hidden(), ("127.0.0.1", port), SPEED, ready)
 
 
 class Circle:
     """The steps, each a sentence on what came of it; results are in the folder `out`."""
 
-    def __init__(self, out: Path, seed: int, speed: float) -> None:
-        self.out, self.seed, self.speed = out, seed, speed
+    def __init__(self, out: Path) -> None:
+        self.out = out
         self.analysis = out / "pool" / "analysis"
 
     def run(self, *line: object) -> str:
@@ -108,7 +105,7 @@ class Circle:
         (self.out / "first").mkdir(parents=True)
         for turn, moment in enumerate((0.3, -0.3, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)):
             step = PlannedRun(f"step_{moment:+g}", ((moment, 6.0),))
-            rows = driven(step, 10.0, 2.0, np.random.default_rng([self.seed, 100 + turn]))
+            rows = driven(step, 10.0, 2.0, np.random.default_rng([SEED, 100 + turn]))
             lines = [f"{since:.3f},{heading:.3f},{moment:g}\n" for since, heading, moment in rows]
             (self.out / "first" / f"{step.name}.csv").write_text("".join([HEADER, *lines]))
         self.run("fit-yaw", self.out / "first", "-o", self.out / "rough", "-q")
@@ -117,7 +114,7 @@ class Circle:
         return f"I_r {number(inertia['value'])} ± {number(inertia['stderr'], 1)}, truth {TRUTH.inertia:g}"
 
     def plan(self) -> str:
-        self.run("plan", self.out / "rough" / "yaw_model.json", "-o", self.out / "day", "--seed", self.seed, "-q")
+        self.run("plan", self.out / "rough" / "yaw_model.json", "-o", self.out / "day", "--seed", SEED, "-q")
         totals = self.read("day", "plan.json")["totals"]
         return f"{totals['runs']} runs, {totals['pool_min']:.0f} min"
 
@@ -125,11 +122,11 @@ class Circle:
         """The campaign driven by itself, its logs over a link that is cut, and their analysis."""
         context = multiprocessing.get_context("spawn")
         address = context.Queue()
-        vehicle = context.Process(target=serving, args=(self.out / "vehicle", self.seed, self.speed, address))
+        vehicle = context.Process(target=serving, args=(self.out / "vehicle", address))
         vehicle.start()
         try:
             port, token = address.get(timeout=60)
-            proxy = CuttingProxy(port, WAYS, 20_000, self.seed)
+            proxy = CuttingProxy(port, WAYS, 20_000, SEED)
             with proxy.running() as url:
                 collected = json.loads(self.run(
                     "collect", url, "--token", token, "-o", self.out / "pool", "--campaign", self.out / "day",
@@ -166,7 +163,7 @@ class Circle:
         tuned, target = self.read("tuning", "tuning.json"), get("ardusub")
         gains = dict(present_gains(target, self.out / "tuning" / "ardusub.param") or {})
         new, old = (
-            flown(TRUTH, target, dict(tried), tuned["flight_s"], np.random.default_rng([self.seed, 200]))
+            flown(TRUTH, target, dict(tried), tuned["flight_s"], np.random.default_rng([SEED, 200]))
             for tried in (gains, target.defaults)
         )
         if not new.settles[0]:
@@ -178,7 +175,7 @@ class Circle:
     def plan_again(self) -> str:
         self.run(
             "plan", self.analysis / "yaw" / "yaw_model.json", "--diagnosis",
-            self.analysis / "diagnosis" / "diagnosis.json", "-o", self.out / "next", "--seed", self.seed, "-q",
+            self.analysis / "diagnosis" / "diagnosis.json", "-o", self.out / "next", "--seed", SEED, "-q",
         )  # fmt: skip
         planned = self.read("next", "plan.json")
         return f"{planned['totals']['runs']} runs for {', '.join(planned['planned_for'][:4])}"
@@ -186,8 +183,7 @@ class Circle:
 
 def main() -> None:
     """Go round once and print what each step took."""
-    chosen = arguments.options(__doc__, out=Path("out/circle"), seed=0, speed=200.0)
-    circle = Circle(chosen.out / f"{chosen.seed:02d}", chosen.seed, chosen.speed)
+    circle = Circle(arguments.options(__doc__, out=Path("out/circle")).out)
     if circle.out.exists():
         sys.exit(f"{circle.out} is there already; remove it, or give another --out")
     rows, start = [], time.monotonic()

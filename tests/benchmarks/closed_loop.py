@@ -4,9 +4,9 @@ The campaigns come from closed_loop_truth.py and closed_loop_cases.py, which kno
 Outcomes where something is hidden: `right` names just that; `tie` names a look-alike instead and lists the right name
 among its rivals; `half` finds one of two; `extra` names all of it and something else; `wrong` names something else;
 `missed` names nothing; `unexplained`. Where nothing is hidden: `silent`, `false` (a claim) or `unexplained`. `failed`
-is a campaign that ended in an error. --kinds runs those that have one of these texts in their names.
+is a campaign that ended in an error. --kinds runs those that have one of these texts in their names, --gyro with one.
 
-Usage: python tests/benchmarks/closed_loop.py [--kinds TEXT,...] [--seeds N] [--gyro none|half|all] [--jobs N] [--out F]
+Usage: python tests/benchmarks/closed_loop.py [--kinds TEXT,...] [--seeds N] [--gyro] [--jobs N] [--out FILE]
 """
 
 import time
@@ -22,7 +22,6 @@ from closed_loop_cases import KINDS, LOOK_ALIKES, make
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.report.tables import Table
 
-GYROS = {"none": lambda i: False, "half": lambda i: i % 2 == 1, "all": lambda i: True}
 Row = dict[str, Any]
 
 
@@ -67,16 +66,6 @@ def judge(right: Sequence[str], verdict: str, named: Mapping[str, Sequence[str]]
     return "half" if missing else "tie" if others else "right"
 
 
-def line(row: Row) -> str:
-    """One campaign as it is printed when it ends."""
-    gap = f", {row['gap'][0]:.2f} -> {row['gap'][1]:.2f} deg" if row["gap"] else ""
-    named = "; ".join(f"{name} ({', '.join(rivals)})" if rivals else name for name, rivals in row["named"].items())
-    return (
-        f"{row['case']} ({row['base']}, disturbed {row['disturbed']:.0%}, unsteady {row['unsteady']:.0%}): "
-        f"{row['outcome']}{gap}, {row['seconds']:.0f} s; {named}"
-    )
-
-
 def marks(rows: Sequence[Row]) -> Table:
     """What was wanted, and what was got."""
     hidden, clean = ([row for row in rows if bool(KINDS[row["kind"]].right) is sought] for sought in (True, False))
@@ -101,19 +90,17 @@ def share(rows: Sequence[Row], *words: str) -> str:
 
 def main() -> None:
     """Run the cases asked for, print each as it ends and the marks, write every outcome."""
-    gyro, out = {"choices": GYROS, "default": "none"}, {"type": Path}
-    chosen = arguments.options(__doc__, kinds="", seeds=2, gyro=gyro, jobs=1, out=out)
+    chosen = arguments.options(__doc__, kinds="", seeds=2, gyro=False, jobs=1, out={"type": Path})
     kinds = [name for name in KINDS if any(part in name for part in chosen.kinds.split(","))]
     if not kinds:
         raise SystemExit(f"no kind has {chosen.kinds!r} in its name; there are {', '.join(KINDS)}")
-    has = GYROS[chosen.gyro]
-    cases = [(name, seed, has(i + seed)) for seed in range(chosen.seeds) for i, name in enumerate(kinds)]
+    cases = [(name, seed, chosen.gyro) for seed in range(chosen.seeds) for name in kinds]
     rows: dict[tuple[str, int, bool], Row] = {}
     with ProcessPoolExecutor(chosen.jobs) as pool:
         waiting = {pool.submit(run_case, *case): case for case in cases}
         for future in as_completed(waiting):
             row = rows[waiting[future]] = future.result()
-            print(line(row), flush=True)
+            print(f"{row['case']}: {row['outcome']}, {row['seconds']:.0f} s; {row['named']}", flush=True)
     every = [rows[case] for case in cases]
     table = marks(every)
     print(f"\n{table.to_text()}")

@@ -1,16 +1,12 @@
-"""Coverage: how often 95 % intervals hold the truth: of both estimators of a yaw model, with --effects of the sizes of
-effects planted in whole runs (the library's likelihood fits the base model with the effect, as a diagnosis does once it
-has named it), with --thrusters of the coefficients of equation 2 from bollard tests.
-
-Usage: python tests/benchmarks/interval_coverage.py [--effects | --thrusters] [--campaigns N] [--jobs N]
-"""
+"""Coverage: how often 95 % intervals hold the truth: of both estimators of a yaw model; of the sizes of effects planted
+in whole runs (the library's likelihood fits the base model with the effect, as a diagnosis does once it has named it);
+of the coefficients of equation 2 from bollard tests."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import arguments
 import numpy as np
 from campaigns import BOTH_SIDES, LARGE, make_campaign
 from made_runs import INERTIA, K_RR
@@ -19,7 +15,6 @@ from specified import make_runs, specified
 
 from automarine_cli import effects
 from automarine_cli.commands.fit_thrusters import fit_thrusters
-from automarine_cli.commands.terminal import terminal_progress
 from automarine_cli.diagnosis.diagnose import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
@@ -218,9 +213,3 @@ def summary(outcomes: Sequence[tuple[float, float, bool]]) -> dict[str, Any]:
         "bias %": 100 * errors.mean(), "sd %": spread,
         "stderr/sd": 100 * np.sqrt(np.mean(stderrs**2)) / spread if spread else None, "campaigns": len(holds),
     }  # fmt: skip
-
-
-if __name__ == "__main__":
-    chosen = arguments.options(__doc__, effects=False, thrusters=False, campaigns=300, jobs=1)
-    part = "effects" if chosen.effects else "thrusters" if chosen.thrusters else "coverage"
-    print(coverage(part, chosen.campaigns, chosen.jobs, terminal_progress())[0][0].to_text())

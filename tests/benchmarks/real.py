@@ -3,13 +3,12 @@
 A model is fitted to one half of the runs and predicts the other: from a state every second on, as the second before
 shows it, the position 2, 5 and 15 s ahead, and each run freely from its start. Beside it stand what least squares of
 the same structure, fitted to each of these horizons (real_baseline.py), a constant rate and a constant position miss
-by. Sets that were measured are diagnosed too (not with --quick): what is named. --only takes what has this text in
-SET/MOTION, as lake/yaw or enterprise/planar; --before a real.json of an earlier version, for its column in the table.
+by. Sets that were measured are diagnosed too: what is named. --only takes what has this text in SET/MOTION, as lake/yaw
+or enterprise/planar.
 
-Usage: python tests/benchmarks/real.py [--out DIR] [--only TEXT] [--quick] [--jobs N] [--before FILE]
+Usage: python tests/benchmarks/real.py [--out DIR] [--only TEXT] [--jobs N]
 """
 
-import json
 import math
 import sys
 import tempfile
@@ -37,9 +36,9 @@ AT = plain.HORIZONS.index(5.0)
 Row = dict[str, Any]
 
 
-def judged(item: tuple[RealSet, str, str, bool]) -> Row:
-    """The row of one half that is fitted: of a set, a motion, which half, and whether without a diagnosis."""
-    real_set, motion, half, quick = item
+def judged(item: tuple[RealSet, str, str]) -> Row:
+    """The row of one half that is fitted: of a set, a motion, which half."""
+    real_set, motion, half = item
     with tempfile.TemporaryDirectory() as scratch, np.errstate(over="ignore", invalid="ignore"):
         runs, aside = real_set.load(motion, Path(scratch))
         fitted, held_out = real_set.halved(runs)[:: 1 if half == "A" else -1]
@@ -58,7 +57,7 @@ def judged(item: tuple[RealSet, str, str, bool]) -> Row:
                 number: scored(models[number], held_out) for number in real_set.numbers if number in models
             }
             row["preferred"] = preferred
-            if real_set.measured and not quick:  # of who simulated a vehicle nobody here knows what is missing
+            if real_set.measured:  # of who simulated a vehicle nobody here knows what is missing
                 row["named"] = library.tool_diagnosis(models[preferred], fitted, held_out)
         except AutomarineError as refusal:
             row["refused"] = str(refusal)
@@ -103,23 +102,20 @@ def scored(fitted: library.Fitted, held_out: Sequence[Run]) -> Row:
         "parameters": dict(zip(fitted.model.parameter_names, fitted.model.theta.tolist())),
         "rmse": shown(dof, plain.by_horizon(errors)),
         "free_run": shown(dof, [library.tool_free_run(fitted, held_out)])[0],
-        "log_likelihood": library.tool_log_likelihood(fitted, held_out),
     }
 
 
-def main_table(rows: Sequence[Row], before: Sequence[Row]) -> Table:
+def main_table(rows: Sequence[Row]) -> Table:
     """One line a half: the preferred model and what it has to beat."""
-    earlier = {_key(row): row for row in before}
     lines = []
     for row in rows:
-        model, old = (r.get("models", {}).get(r.get("preferred")) for r in (row, earlier.get(_key(row), {})))
+        model = row["models"].get(row["preferred"])
         number = row["preferred"] or "3"
         same = row["least_squares"][number]["rmse"]
         lines.append({
             "data set": row["set"], "motion": row["motion"],
             "fitted half (runs)": f"{row['fitted']} ({len(row['runs'])})",
             "model": number, "unit": row["unit"],
-            "before": _three(old["rmse"]) if old else None,
             "now": _three(model["rmse"]) if model else "refused",
             "least squares": _three(same), "constant rate": _three(row["constant_rate"]),
             "constant position": _three(row["constant_position"]),
@@ -139,27 +135,9 @@ def use_of(error: float, row: Row, same: float) -> str:
     return "no worse than least squares" if error <= ALLOWED * same else "better than constant"
 
 
-def models_table(rows: Sequence[Row]) -> Table:
-    """Every model tried, 5 s ahead, with what least squares of its structure misses by."""
-    lines = []
-    for row in rows:
-        for number, squares in row["least_squares"].items():
-            model = row["models"].get(number)
-            values = model["parameters"].items() if model else ()
-            lines.append({
-                "data set": row["set"], "motion": row["motion"], "half": row["fitted"], "model": number,
-                "library": _three(model["rmse"]) if model else "refused", "least squares": _three(squares["rmse"]),
-                "library's values": ", ".join(f"{k.partition('.')[2]} {v:.4g}" for k, v in values) or None,
-                "least squares, 5 s: inertia, linear, quadratic, constant": ", ".join(
-                    f"{value:.4g}" for value in squares["parameters"][AT]
-                ),
-            })  # fmt: skip
-    return Table.of("Models", lines)
-
-
-def write(out: Path, rows: Sequence[Row], before: Sequence[Row], planar: Sequence[Row]) -> str:
+def write(out: Path, rows: Sequence[Row], planar: Sequence[Row]) -> str:
     """The tables of what is there so far, after writing real.md and real.json: some sets take minutes."""
-    tables = [main_table(rows, before), models_table(rows), real_planar.table(planar)]
+    tables = [main_table(rows), real_planar.table(planar)]
     text = "\n".join(table.to_markdown() for table in tables if table.rows)
     content = {"schema": "automarine/real/1", "horizons_s": plain.HORIZONS, "rows": rows}
     arguments.write_json(out / "real.json", content)
@@ -167,10 +145,6 @@ def write(out: Path, rows: Sequence[Row], before: Sequence[Row], planar: Sequenc
         arguments.write_json(out / "real_planar.json", planar)
     (out / "real.md").write_text(text)
     return text
-
-
-def _key(row: Row) -> tuple[str, ...]:
-    return row["set"], row["motion"], row["fitted"]
 
 
 def _three(values: Sequence[float]) -> str:
@@ -183,9 +157,8 @@ def _digits(value: float) -> str:
 
 def main() -> None:
     """All that is at hand, then the tables."""
-    chosen = arguments.options(__doc__, out=Path("out"), only="", quick=False, jobs=1, before={"type": Path})
-    before = json.loads(chosen.before.read_text())["rows"] if chosen.before else []
-    items = [(each, motion, half, chosen.quick) for each, motion in present(chosen.only) for half in "AB"]
+    chosen = arguments.options(__doc__, out=Path("out"), only="", jobs=1)
+    items = [(each, motion, half) for each, motion in present(chosen.only) for half in "AB"]
     planes = real_planar.planar_items(chosen.only)
     if not (items or planes):
         sys.exit(f"no data set with {chosen.only!r} in its name is at hand; AUTOMARINE_DATA names their folder")
@@ -195,8 +168,8 @@ def main() -> None:
         planar = every(real_planar.judged, planes)  # the dearest first: nobody waits
         for row in every(judged, items[::-1]):  # of one motion these stand last
             rows.insert(0, row)
-            write(chosen.out, rows, before, [])
-        print(write(chosen.out, rows, before, list(planar)))
+            write(chosen.out, rows, [])
+        print(write(chosen.out, rows, list(planar)))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,4 @@
-"""What `make real` asks of the library, one function a thing: fit, predict from known states, run freely, likelihood,
-diagnose."""
+"""What `make real` asks of the library, one function a thing: fit, predict from known states, run freely, diagnose."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -107,13 +106,6 @@ def tool_free_run(fitted: Fitted, runs: Sequence[Run]) -> float:
     """Root mean square error of the free runs from start to end [base unit]."""
     errors = np.concatenate([run.error for run in free_runs(fitted.model, runs, fitted.offset)])
     return float(np.sqrt(np.mean(errors**2)))
-
-
-def tool_log_likelihood(fitted: Fitted, runs: Sequence[Run]) -> float | None:
-    """Log density of runs that were not fitted, under the fit to the others; fits to whole runs have none."""
-    if fitted.driven is None:
-        return None
-    return float(fitted.on(runs)[0].follow(fitted.driven.phi[None]).log_density.sum())
 
 
 def tool_diagnosis(fitted: Fitted, runs: Sequence[Run], held_out: Sequence[Run]) -> str:

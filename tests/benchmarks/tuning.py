@@ -5,8 +5,7 @@ as long again), flown with ArduSub's defaults and with new gains: which settle, 
 `blind`, `late`, `driven`: vehicles of tuning_truth.py, identified and diagnosed from a simulated pool day and tuned;
 then the truth itself is flown with the gains: how often do the promised bands of 95 % hold, does every vehicle settle?
 
-Usage: python tests/benchmarks/tuning.py [corners|blind|late|driven ...] [--vehicles N] [--first NUMBER] [--beyond]
-       [--jobs N] [--out DIR]
+Usage: python tests/benchmarks/tuning.py [corners|blind|late|driven ...] [--vehicles N] [--jobs N] [--out DIR]
 """
 
 import json
@@ -90,12 +89,12 @@ def numbers_of(flight: design.Scores) -> dict[str, float]:
     }  # fmt: skip
 
 
-def corners(name: str, beyond: bool = False) -> list[dict[str, Any]]:
+def corners(name: str) -> list[dict[str, Any]]:
     """Old and new gains of one of the five in its corners."""
     full, begun = FIVE[name][2], time.process_time()
     with tempfile.TemporaryDirectory() as spare:
         path = model_file(Path(spare), name)
-        tuned = am.tune(path, target="ardusub", full=full, delay=0.5 * FIVE[name][5], beyond_range=beyond).to_json()
+        tuned = am.tune(path, target="ardusub", full=full, delay=0.5 * FIVE[name][5]).to_json()
     seconds = time.process_time() - begun
     target, vehicles = get("ardusub"), corners_of(name)
     rows = []
@@ -131,7 +130,7 @@ def identified(truth: Truth, seed: int, place: Path, steps: bool) -> Path:
     return diagnosis
 
 
-def blind(seed: int, out: Path, family: str = "blind") -> dict[str, Any]:
+def blind(seed: int, out: Path, family: str) -> dict[str, Any]:
     """One vehicle: a pool day, a fit, a diagnosis, gains, and the truth flown with them: which promises it kept."""
     truth, target = FAMILIES[family](seed), TARGETS[seed % len(TARGETS)] if family == "blind" else "ardusub"
     row = {"seed": seed, "target": target, "hidden": dict(truth.hidden), "named": [], "held": {}, "seconds": 0.0}
@@ -219,17 +218,16 @@ def blind_table(vehicles: list[dict[str, Any]], family: str) -> Table:
 
 def main() -> None:
     what = {"nargs": "*", "default": ["corners", *FAMILIES]}
-    chosen = arguments.options(__doc__, {"what": what}, vehicles=40, first=0, jobs=1, beyond=False, out=Path("out"))
+    chosen = arguments.options(__doc__, {"what": what}, vehicles=40, jobs=1, out=Path("out"))
     with ProcessPoolExecutor(chosen.jobs) as pool:
         if "corners" in chosen.what:
-            rows = [row for part in pool.map(corners, FIVE, [chosen.beyond] * len(FIVE)) for row in part]
+            rows = [row for part in pool.map(corners, FIVE) for row in part]
             arguments.write_json(chosen.out / "tuning_corners.json", rows)
             print(corners_table(rows).to_text())
         for family in [name for name in FAMILIES if name in chosen.what]:
             count = chosen.vehicles if family == "blind" else chosen.vehicles // 4
             vehicles = []
-            seeds = range(chosen.first, chosen.first + count)
-            for vehicle in pool.map(blind, seeds, [chosen.out] * count, [family] * count):
+            for vehicle in pool.map(blind, range(count), [chosen.out] * count, [family] * count):
                 vehicles.append(vehicle)
                 print(json.dumps(vehicle), flush=True)
             arguments.write_json(chosen.out / f"tuning_{family}.json", vehicles)
