@@ -115,7 +115,7 @@ def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Pat
         return folder, diagnose([logs], model=folder / "fit" / "yaw_model.json", out=folder / "diagnosis")
 
 
-@pytest.fixture(scope="module", params=["temperature", "rate", "depth", "product"])
+@pytest.fixture(scope="module", params=["temperature", "rate", "product"])
 def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
     """A law, and the diagnosis of a campaign with it."""
     if request.param == "temperature":

@@ -4,6 +4,7 @@ One reader a target and form: text -> `slope(rate, moment)`, the yaw acceleratio
 from the target's documentation and not from our exporter.
 """
 
+import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -69,32 +70,15 @@ def yaml_of(text: str) -> dict[str, object]:
     """The YAML that these files use: keys, numbers, lists in one line, lists of lists, one level of keys."""
     found: dict[str, object] = {}
     last = ""
-    for line in text.splitlines():
-        line = line.partition("#")[0].rstrip()
-        if not line:
-            continue
-        row = re.fullmatch(r"- \[(.*)\]", line)
-        if row:
-            matrix = found.setdefault(last, [])
-            if matrix is None:
-                matrix = found[last] = []
-            assert isinstance(matrix, list)
-            matrix.append([float(x) for x in row[1].split(",")])
-            continue
-        key, _, value = line.strip().partition(": ")
-        if line.startswith("  "):
-            if found[last] is None:
-                found[last] = {}
-            inner = found[last]
-            assert isinstance(inner, dict)
-            inner[key] = float(value)
-        elif value.startswith("["):
-            found[key] = [float(x) for x in value.strip("[]").split(",")]
-        elif not value:
-            last = key.rstrip(":")
-            found[last] = None
-        else:
-            found[key] = value == "true" if value in ("true", "false") else float(value)
+    for line in (line.partition("#")[0].rstrip() for line in text.splitlines()):
+        key, _, value = line.strip().partition(":")
+        content = json.loads(value or "null") if not line.startswith("-") else None
+        if line.startswith("- "):
+            found[last] = [*(found[last] or []), json.loads(line[2:])]  # type: ignore[misc]
+        elif line.startswith("  "):
+            found[last] = {**(found[last] or {}), key: content}  # type: ignore[dict-item]
+        elif line:
+            last, found[key] = key, content
     return found
 
 

@@ -160,16 +160,11 @@ levels = [-50, 50, 100]
 """
 
 
-def judge_log(path: Path) -> None:
-    """A log as `check` looks at it; a CSV file also beside the simple reader."""
-    json_text(check([path]).to_json())
+def judge_log(path: Path, columns: ColumnMap | None = None) -> None:
+    """A log or recording as `check` looks at it; a CSV file also beside the simple reader."""
+    json_text(check([path], columns=columns).to_json())
     if path.suffix in (".csv", ".gz"):
         agrees_with_simple_reader(path)
-
-
-def judge_thruster_test(path: Path) -> None:
-    """A thruster test as `check` looks at it."""
-    json_text(check([path]).to_json())
 
 
 def agrees_with_simple_reader(path: Path) -> None:
@@ -225,7 +220,7 @@ class Kind:
     good: Callable[[], bytes]
     suffix: str
     judge: Callable[[Path], None]
-    cases: int = 100  # in the tests; the benchmark takes more
+    cases: int = 100
 
 
 KINDS = {
@@ -233,33 +228,19 @@ KINDS = {
     "CSV, gzip": Kind(lambda: gzip.compress(_yaw_log(), mtime=0), ".csv.gz", judge_log),
     "CSV, torn before gzip": Kind(_yaw_log, ".csv.gz", judge_log),
     "Parquet": Kind(lambda: parquet_of(good_table().assign(run="r")), ".parquet", judge_log),
-    "Parquet, plain": Kind(
-        lambda: parquet_of(good_table(), compression="none", use_dictionary=False), ".parquet", judge_log
-    ),
-    "thruster test": Kind(_thruster_test, ".csv", judge_thruster_test),
+    "thruster test": Kind(_thruster_test, ".csv", judge_log),
     "yaw model": Kind(_yaw_model, ".json", judge_model),
     "thruster map": Kind(lambda: THRUSTER_MAP, ".json", judge_map),
     "column map": Kind(lambda: COLUMN_MAP, ".toml", judge_columns),
     "specification": Kind(lambda: SPECIFICATION, ".toml", judge_specification),
+    **{  # of vehicles whose libraries are installed, read with the names that their columns have
+        f"recording {suffix}": Kind(
+            cache(partial(recorder.write, dive())), suffix, partial(judge_log, columns=recorder.columns), 20
+        )
+        for suffix, recorder in RECORDERS.items()
+        if find_spec(recorder.package) is not None
+    },
 }
-
-
-def _of_vehicles() -> dict[str, Kind]:
-    """Recordings of vehicles whose libraries are installed, read with the names that their columns have."""
-    found = {}
-    for suffix, told in RECORDERS.items():
-        if find_spec(told.package) is not None:
-            good = cache(partial(told.write, dive()))
-            found[f"recording {suffix}"] = Kind(good, suffix, partial(judge_recording, columns=told.columns), 20)
-    return found
-
-
-def judge_recording(path: Path, columns: ColumnMap) -> None:
-    """A recording as `check` looks at it."""
-    json_text(check([path], columns=columns).to_json())
-
-
-KINDS |= _of_vehicles()
 
 
 def outcome(kind: Kind, path: Path) -> str:

@@ -32,7 +32,6 @@ COLUMNS = ("cpu_load", "current_A", "depth_below_m", "humidity", "pressure_hPa",
 LAWS: Mapping[str, tuple[str, str, Callable[[Floats], Floats]]] = {
     "temperature": ("water_temp_C", "gain", lambda x: 0.12 * np.sin(2.0 * np.pi * (x - 4.0) / 20.0)),
     "rate": ("yaw-rate", "moment", lambda x: -0.35 * np.abs(x) ** 1.5),
-    "depth": ("depth_below_m", "moment", lambda x: 0.03 * np.tanh(x - 2.0)),
     "product": ("depth_below_m", "drag", lambda x: 0.04 * x),
     "nothing": ("", "moment", lambda x: 0.0 * x),
 }

@@ -82,8 +82,6 @@ def _messages(types: Any, dive: Dive, start: float, one: bool) -> list[tuple[flo
         empty = np.zeros(0, np.float32)
         rows.append((t, "/battery", battery(header(t), volt, *[0.0] * 6, 0, 0, 0, True, empty, empty, "", "")))
     state = types["mavros_msgs/msg/State"]
-    for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5) if dive.modes else ():
-        mode = [mode for since, mode in dive.modes if since <= t][-1]
-        armed = [armed for since, armed in dive.arming if since <= t][-1]
+    for t, mode, armed in dive.states():
         rows.append((t + start, "/mavros/state", state(header(t + start), True, armed, False, True, MODES[mode], 0)))
     return rows

@@ -63,9 +63,7 @@ def _messages(dive: Dive, spelled: bool) -> list[tuple[float, tuple[int, int], s
     for t, name, value in dive.parameters:
         told = {"param_id": name if spelled else [*name.ljust(16, "\0")], "param_value": value}
         rows.append((t, vehicle, "PARAM_VALUE", told | {"param_type": {"type": "MAV_PARAM_TYPE_REAL32"}}))
-    for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5):
-        mode = [mode for since, mode in dive.modes if since <= t][-1]
-        armed = [armed for since, armed in dive.arming if since <= t][-1]
+    for t, mode, armed in dive.states():
         bits = (WORDS if armed else WORDS.partition(" | ")[2]) if spelled else {"bits": 1 + 128 * armed}
         beat = {"custom_mode": mode, "mavtype": {"type": "MAV_TYPE_SUBMARINE"}, "base_mode": bits}
         rows.append((t, vehicle, "HEARTBEAT", beat))

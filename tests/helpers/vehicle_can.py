@@ -4,7 +4,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from vehicle_logs import Dive
 
 DBC = Path(__file__).with_name("vehicle.dbc")
@@ -31,9 +30,7 @@ def frames(dive: Dive, without: tuple[str, ...] = ()) -> list[tuple[float, Any, 
         rows.append((t, "Thrusters", {"Port": port, "Stbd": stbd, "Depth": -0.5}))
     for t, volt in zip(dive.voltage_time, dive.voltage):
         rows += [(t, "Battery", {"Which": 0, "Volt": volt}), (t, "Battery", {"Which": 1, "Amps": -3.0})]
-    for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5) if dive.modes else ():
-        mode = [mode for since, mode in dive.modes if since <= t][-1]
-        armed = [armed for since, armed in dive.arming if since <= t][-1]
+    for t, mode, armed in dive.states():
         rows.append((t, "State", {"Mode": mode, "Armed": int(armed)}))
     rows = [row for row in rows if row[1] not in without]
     messages = {one.name: one for one in bus.messages}

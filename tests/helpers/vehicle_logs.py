@@ -1,6 +1,7 @@
 """Logs of vehicles as their own software writes them, made of one known truth: the writers of the format tests."""
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,11 @@ class Dive:
         none = np.zeros((5, len(self.port)))
         two = np.vstack([self.port, self.stbd, np.full(len(self.port), 1500.0), none])
         return (two if self.outputs is None else self.outputs).T.astype(int)
+
+    def states(self) -> Iterator[tuple[float, int, bool]]:
+        """Time, mode and arming, twice a second."""
+        for t in np.arange(self.modes[0][0], self.time[-1], 0.5) if self.modes else ():
+            yield t, *([state for since, state in told if since <= t][-1] for told in (self.modes, self.arming))
 
     def commands_at(self, time: Floats) -> tuple[Floats, Floats]:
         """What the two commands are at the given times: the last one sent."""
@@ -127,9 +133,7 @@ def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, d
     for t, volt in zip(dive.voltage_time, dive.voltage):
         status = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, round(volt * 1e3), -1, -1, 0, 0, 0, 0, 0, 0)
         rows.append((t, vehicle, status))
-    for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5):
-        mode = [mode for since, mode in dive.modes if since <= t][-1]
-        armed = [armed for since, armed in dive.arming if since <= t][-1]
+    for t, mode, armed in dive.states():
         rows.append((t, vehicle, mavlink.MAVLink_heartbeat_message(12, 3, 128 * armed, mode, 4, 3)))
         rows.append((t, station, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
     late = np.random.default_rng(1).uniform(0, delay, len(rows))

@@ -58,9 +58,7 @@ def ulog(
     for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
         rows.append((t, "actuator_outputs", (2, port, stbd, 0.0, 0.0)))
     rows += [(t, "battery_status", (volt,)) for t, volt in zip(dive.voltage_time, dive.voltage)]
-    for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5) if dive.modes else ():
-        mode = [mode for since, mode in dive.modes if since <= t][-1]
-        armed = [armed for since, armed in dive.arming if since <= t][-1]
+    for t, mode, armed in dive.states():
         rows.append((t, "vehicle_status", (STATES[mode], 2 if armed else 1)))
     rows += [(t, "dropout", (length,)) for t, length in dropouts]
     for t, name, values in sorted(rows, key=lambda row: row[0]):
