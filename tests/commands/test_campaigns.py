@@ -7,12 +7,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from figures import drawn
 
 from automarine_cli.commands.run import names_of, run_campaign
 from automarine_cli.commands.verify import verify
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline import parallel
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -53,47 +51,6 @@ def test_each_campaign_is_done_as_if_alone_and_a_refused_one_stops_nothing(small
     assert why.startswith("lost.toml: logs.steps: ") and "no such file" in why
     assert (results / "campaigns.csv").read_text(encoding="utf-8").count("\n") == 4
     assert verify([results], inputs=[results.parent]).whole
-
-
-@pytest.mark.slow
-def test_processes_give_the_same_bytes(season: Path, tmp_path: Path) -> None:
-    for jobs in (1, 2):
-        with drawn():
-            run_campaign(files(season), out=tmp_path / f"{jobs}", until="fit-thrusters", jobs=jobs)
-    assert tree(tmp_path / "1") == tree(tmp_path / "2")
-
-
-def test_a_cluster_gets_whole_paths_of_the_common_disk(
-    season: Path, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Workers have another working directory; one campaign alone goes there too."""
-    mapped = parallel.ordered_map
-
-    def elsewhere(function, tasks, jobs, *, cluster=None, **how):  # type: ignore[no-untyped-def]
-        if cluster is None:
-            return mapped(function, tasks, jobs, **how)
-        assert cluster == "tcp://there:1" and all(path.is_absolute() for task in tasks for path in task[1:])
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(tmp_path)
-            return mapped(function, tasks, 1)
-
-    monkeypatch.setattr(parallel, "ordered_map", elsewhere)
-    shutil.copytree(season, tmp_path / "season")
-    monkeypatch.chdir(tmp_path / "season")
-    run_campaign("monday/campaign.toml", out="out", until="check", cluster="tcp://there:1")
-    assert tree(tmp_path / "season" / "out" / "campaign" / "check") == tree(results / "monday" / "check")
-
-
-def test_what_is_done_is_kept_and_a_changed_log_is_not(season: Path, tmp_path: Path) -> None:
-    shutil.copytree(season, tmp_path / "season")
-    days = files(tmp_path / "season")[:2]
-    run_campaign(days, out=tmp_path / "out", until="check")
-    before = tree(tmp_path / "out")
-    next((tmp_path / "season" / "tuesday" / "steps").glob("*.csv")).unlink()
-    run_campaign(days, out=tmp_path / "out", until="check")
-    after = tree(tmp_path / "out")
-    changed = {name.split("/")[0] for name in before if before[name] != after[name]}
-    assert "tuesday" in changed and "monday" not in changed
 
 
 @pytest.mark.parametrize(

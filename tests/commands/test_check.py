@@ -9,11 +9,9 @@ import pandas as pd
 import pytest
 from click.testing import Result
 from made_runs import mirrored, step_run, written
-from repository import DATA
 
 from automarine_cli.commands.check import check
 from automarine_cli.errors import LogError, RunError
-from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.report.sections import sections
 
 
@@ -102,28 +100,3 @@ def test_what_runs_share_is_said_once(tmp_path: Path, run: Callable[..., Result]
     (line,) = (line for line in lines if "too short: " in line)
     assert line.startswith("a, b, c and 2 more: too short: the step of 0.5 nu has 6 samples")
     assert max(map(len, lines)) < 240
-
-
-@pytest.mark.real_data(DATA)
-def test_the_lake_runs() -> None:
-    """Ten closed-loop runs of a boat at 10 Hz: every one is read, none has a step from rest that serves; four begin at
-    full moment while the boat still turns the other way; the heading of run_11 jumps twice in its first seconds, of
-    which too little is left."""
-    rules = {
-        "heading_deg": ColumnRule("heading_deg", sign=-1), "tau_Nm": ColumnRule("tau_N_nominal_Nm", sign=-1),
-        "n_port": ColumnRule("port_cmd"), "n_stbd": ColumnRule("stbd_cmd"),
-    }  # fmt: skip
-    result = check([DATA / "yaw" / "kingfisher_lake"], columns=ColumnMap(rules))
-    names = [f"run_{i:02d}" for i in (1, 3, 5, 11, 15, 19, 21, 23, 25, 29)]
-    assert [run.run for run in result.runs] == [name.replace("11", "11.3") for name in names]
-    assert [run.samples for run in result.runs] == [901, 901, 901, 537, 601, 601, 601, 1201, 901, 601]
-    assert {round(run.rate_hz, 6) for run in result.runs} == {10.0}
-    assert all(run.half_turn is None and run.extent < 0.5 for run in result.runs)
-    assert all(sum(run.counts.values()) == run.samples for run in result.runs if "." not in run.run)
-    moving = [run.run for run in result.runs if run.why is not None and run.why.startswith("not from rest")]
-    assert moving == ["run_01", "run_03", "run_21", "run_29"]
-    *pieces, other = sorted(result.set_aside, key=lambda aside: aside.run)
-    assert [piece.run for piece in pieces] == ["run_11.1", "run_11.2"]
-    assert all("beside a jump of the heading" in piece.why for piece in pieces)
-    assert other.run == "thrust_curve_static_bollard"
-    assert other.why.startswith("no control signal and force; found the columns command, mean_force_N;")

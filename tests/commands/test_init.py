@@ -65,15 +65,10 @@ ROTATIONS: dict[str, tuple[dict[str, Column], dict[str, Any], tuple[str, ...], t
         {"T (ms)": lambda run: 1000 * run.time, "Yaw (rad)": RADIANS, "tau_Nm": MOMENT["tau"]},
         {"time_ms": "T (ms)", "heading_rad": "Yaw (rad)"}, (), ("wraps at 2 pi", "100 from sample to sample"),
     ),
-    "plain numbers called time": ({"time": TIME["time_s"]} | HEADING | MOMENT, {"time_s": "time"}, (), ()),
     "a unit that contradicts its range": (
         CANONICAL | {"heading_deg": lambda run: run.position % (2 * np.pi)},
         {"heading_deg": {"from": "heading_deg", "unit": "?"}}, ("columns.heading_deg.unit",),
         ("# ? the name says deg, the range says rad; seen: 0",),
-    ),
-    "a heading that hardly moves": (
-        CANONICAL | {"heading_deg": lambda run: run.position - run.position[0]},
-        {"heading_deg": {"from": "heading_deg", "unit": "?"}}, ("columns.heading_deg.unit",), (),
     ),
     "a sign that contradicts the moment": (
         CANONICAL | {"heading_deg": lambda run: np.rad2deg(-run.position) % 360},

@@ -1,10 +1,6 @@
 """`automarine init` on whole folders, of other people too: it is sure only where it can be, and its campaign runs."""
 
 import json
-import os
-import pty
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +9,6 @@ import numpy as np
 import pytest
 from click.testing import Result
 from made_campaigns import campaign
-from repository import ROOT
 from small_campaign import make_small_campaign
 from test_init import AHEAD, ASTERN, CANONICAL, FORCE, HEADING, PULSES, PWM, TIME, Column, answer, started, write_table
 from test_init import write_logs as write_four
@@ -151,28 +146,6 @@ def test_a_mixed_folder_has_a_map_for_each_kind_of_file_and_runs(tmp_path: Path)
     assert inertia(done) == pytest.approx(1.018, rel=0.05)  # the truth; the scatter of six runs
 
 
-def test_a_run_of_which_every_step_is_refused_names_no_report(tmp_path: Path, run: Callable[..., Result]) -> None:
-    mixed(tmp_path)
-    started(tmp_path)
-    file = answer(tmp_path, {"arm_m": str(ARM), "per_test": "1"})
-    text = file.read_text(encoding="utf-8").replace('"yaw"', '"nope"').replace('"PWM_us"', '"nope"')
-    file.write_text(text, encoding="utf-8")
-    result = run("run", file, "-o", tmp_path / "out")
-    assert result.exit_code == 1
-    assert "report.html" not in result.stdout and "no step has a result to show" in result.stdout
-    assert not (tmp_path / "out" / "report.html").exists()
-
-
-def test_normalised_commands_do_not_fit_a_map_of_pulses(tmp_path: Path) -> None:
-    """The commands beside a logged moment are read, and named where they do not fit the tests."""
-    write_table(tmp_path / "bollard" / "a.csv", {"PWM_us": PWM, "force_N": FORCE})
-    share = {"port_cmd": lambda run: PORT(run) / 400, "stbd_cmd": lambda run: STBD(run) / 400}
-    write_logs(tmp_path / "runs", CANONICAL | share)
-    result, data = started(tmp_path)
-    assert (data["columns"]["n_port"], data["yaw"]["moment"]) == ("port_cmd", "logged")
-    assert "they look normalised (-1 to 1)" in result.survey.misfit
-
-
 def pairs(folder: Path, nav: str, cmd: str) -> None:
     """Navigation and commands of each run in files that are named so, on one clock."""
     for i, run in enumerate(campaign(MOMENTS, noise_deg=0.3, period=0.05)):
@@ -213,38 +186,3 @@ def test_what_is_joined_is_fitted_and_an_input_too(tmp_path: Path) -> None:
     changed = tmp_path / "cmd_0.csv"
     changed.write_text(changed.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     assert run_campaign(file, out=out, until="check").steps[0].did == "done"
-
-
-def test_navigation_beside_wrenches_is_one_log(tmp_path: Path) -> None:
-    """The wrench files have no word for yaw or command but their names, and no heading: alone they are no runs."""
-    for run in campaign(MOMENTS, noise_deg=0.3):
-        heading = np.round(run.position % (2 * np.pi), 4)
-        write_table(tmp_path / f"{run.name}_nav.csv", {"time_s": run.time, "heading_rad": heading})
-        wrench = {"force_x": 0.0, "force_y": 0.0, "torque_z": run.command}
-        write_table(tmp_path / f"{run.name}_wrench.csv", {"time_s": run.time} | wrench)
-    result, data = started(tmp_path)
-    (join,) = data["logs"]["join"]
-    assert (join["logs"], join["with"]) == ("*_nav.csv", "*_wrench.csv")
-    assert "wrench" not in str({kind: data["logs"][kind] for kind in ("thrusters", "steps", "manoeuvres")})
-    assert 'tau = "?"' in result.text and "torque_z" in result.text
-
-
-def test_answers_on_a_terminal(tmp_path: Path) -> None:
-    """Each question is put with its evidence; Enter leaves it open."""
-    mixed(tmp_path)
-    ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "automarine_cli", "init", str(tmp_path)]
-    process = subprocess.Popen(command, cwd=ROOT, stdin=theirs, stdout=theirs, stderr=theirs)
-    os.close(theirs)
-    os.write(ours, b"0.2\n\n")
-    printed = b""
-    while True:
-        try:
-            printed += os.read(ours, 65536)
-        except OSError:
-            break
-    os.close(ours)
-    assert process.wait(timeout=600) == 0
-    assert b"metres from the centre line to each thruster" in printed and b"arm_m (Enter: later)" in printed
-    data = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
-    assert data["vehicle"]["arm_m"] == 0.2 and data["thrusters"]["per_test"] == "?"

@@ -4,6 +4,7 @@ import ast
 import re
 from collections.abc import Iterator
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -17,13 +18,8 @@ DATA = {"LogError", "RunError", "FitError", "OutputError", "Unclear"}
 WRITTEN = {"SettingError", "ModelError", "UsageError", "Refusal"}
 """About what a person wrote, an option or a key: what is expected in its place says what to do."""
 OF_A_COLUMN_MAP = "logs/columns.py"  # a file that a person wrote, too
-PASSED_ON = (
-    "{str(problem)}", "{problem}", "{problem.message}", "{problem.format_message()}",  # with the place in front
-    "{printable(str(data.get('error')))[:600]}", "{why}", "{self.silenced}", "{misfit.sentence}",
-    "{table.origin.why_not}", "{what}", "{another_pilot(heard)}", "{_cannot(target, left_out, origin)}",
-    "{' or '.join(stack.motions)}", "{mend}", "{reasons}{more}", "{_meant_for(table, lacking)}",
-)  # fmt: skip
-"""Ends of refusals whose sentence was made elsewhere, by a refusal that is read here or a table."""
+ELSEWHERE = "{}"
+"""A value at the end of a refusal, whose sentence was made elsewhere: by a refusal that is read here, or a table."""
 VERBS = (
     "add allow analyse ask call check choose close compare complete copy correct cut delete drop export fit free give "
     "hold install keep leave log look make map measure name plan pull rename report run save say send set shorten sort "
@@ -31,75 +27,40 @@ VERBS = (
 )
 CLAUSE = re.compile(rf"(?:^|[.;:,}}] ?|[(]|\b(?:or|and|so|please) )(?:{VERBS.replace(' ', '|')})\b", re.IGNORECASE)
 WANTED = re.compile(r"\b(?:expected|known are|takes|it has|there are|did you mean|go(?:es)? (?:with|together))\b")
-DEEPEST = 4  # names that are followed in turn
 
 
-@cache
-def trees() -> dict[str, ast.AST]:
-    return {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
-
-
-@cache
-def bindings(tree: ast.AST) -> dict[str, list[ast.expr]]:
-    """What each name of a piece of the package stands for: what is assigned, else what calls pass for a parameter."""
-    assigned: dict[str, list[ast.expr]] = {}
-    passed: dict[str, list[ast.expr]] = {}
-    functions = {node.name: node.args.args for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Assign | ast.NamedExpr):
-            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
-                assigned.setdefault(getattr(target, "id", ""), []).append(node.value)
-        elif isinstance(node, ast.Call):
-            for parameter, value in zip(functions.get(getattr(node.func, "id", ""), ()), node.args):
-                passed.setdefault(parameter.arg, []).append(value)
-    return passed | assigned
-
-
-def sentences(node: ast.expr, scope: tuple[ast.AST, ...], deep: int = 0) -> Iterator[str]:
-    """What an expression may say, with {...} for values; a name stands for what its function, its module or, as a
-    constant, any module makes it."""
-    if isinstance(node, ast.IfExp | ast.BoolOp):
-        for part in (node.body, node.orelse) if isinstance(node, ast.IfExp) else node.values:
-            yield from sentences(part, scope, deep)
+def sentences(node: ast.expr) -> Iterator[str]:
+    """What an expression may say, with {} for values."""
+    if isinstance(node, ast.IfExp):
+        yield from (*sentences(node.body), *sentences(node.orelse))
     elif isinstance(node, ast.BinOp):
-        yield from (a + b for a in sentences(node.left, scope, deep) for b in sentences(node.right, scope, deep))
-    elif isinstance(node, ast.Constant):
-        yield str(node.value)
+        yield from (a + b for a, b in product(sentences(node.left), sentences(node.right)))
     elif isinstance(node, ast.JoinedStr):
-        *front, last = node.values
-        begin = "".join(str(piece.value) if isinstance(piece, ast.Constant) else "{}" for piece in front)
-        end = last.value if isinstance(last, ast.FormattedValue) else last
-        yield from (begin + text for text in sentences(end, scope, deep))
-    elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "format":
-        yield from sentences(node.func.value, scope, deep)  # type: ignore[attr-defined]
+        yield from map("".join, product(*map(sentences, node.values)))
+    elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") in ("format", "fill"):
+        yield from sentences(node.args[0] if node.func.attr == "fill" else node.func.value)  # type: ignore[attr-defined]
+    elif isinstance(node, ast.FormattedValue) and isinstance(node.value, ast.IfExp):
+        yield from sentences(node.value)
     else:
-        name = getattr(node, "id", getattr(node, "attr", ""))
-        pieces = (*scope, *trees().values()) if name.isupper() else scope if isinstance(node, ast.Name) else ()
-        values = next((values for piece in pieces if (values := bindings(piece).get(name))), [])
-        for value in values if deep < DEEPEST else ():
-            yield from sentences(value, scope, deep + 1)
-        if not values or deep == DEEPEST:
-            yield f"{{{ast.unparse(node)}}}"
+        yield str(node.value) if isinstance(node, ast.Constant) else ELSEWHERE
 
 
 @cache
 def refusals() -> list[tuple[str, str, str]]:
     """Place, class and sentence of every error of the house, and of usage, that the package makes."""
     listed = []
-    for place, tree in trees().items():
-        functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-        inside = {node: function for function in functions for node in ast.walk(function)}
-        for node in inside:
-            kind = getattr(getattr(node, "func", None), "attr", getattr(getattr(node, "func", None), "id", ""))
-            if kind in DATA | WRITTEN and node.args:  # type: ignore[attr-defined]
-                texts = sentences(node.args[0], (inside[node], tree))  # type: ignore[attr-defined]
-                listed += [(f"{place}:{node.lineno}", kind, text) for text in texts]  # type: ignore[attr-defined]
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and node.args:
+                kind = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                place = f"{path.relative_to(PACKAGE).as_posix()}:{node.lineno}"
+                listed += [(place, kind, text) for text in sentences(node.args[0]) if kind in DATA | WRITTEN]
     return listed
 
 
 def says_what_to_do(sentence: str, kind: str, place: str) -> bool:
     """Whether a sentence has a clause that begins with a verb; where a person wrote the value, or what is expected."""
-    if sentence.endswith(PASSED_ON) or CLAUSE.search(sentence):
+    if sentence.endswith(ELSEWHERE) or CLAUSE.search(sentence):
         return True
     return bool((kind in WRITTEN or place.startswith(OF_A_COLUMN_MAP)) and WANTED.search(sentence))
 

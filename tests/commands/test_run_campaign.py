@@ -173,13 +173,6 @@ def test_too_few_runs_for_a_diagnosis_are_no_refusal(place: Path, run: Callable[
     assert "| diagnose | skipped: " in (place / "out" / "report.md").read_text(encoding="utf-8")
 
 
-def test_moments_of_the_thrusters_need_their_commands(place: Path) -> None:
-    edit(place, "[thrusters]", '[vehicle]\narm_m = 0.1\n[yaw]\nmoment = "thrusters"\n[thrusters]')
-    result = again(place)
-    assert fates(result)["fit-yaw"] == "refused"
-    assert "no thruster command n_port or n_stbd" in reasons(result)["fit-yaw"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [

@@ -59,11 +59,3 @@ def test_without_any_voltage_nothing_is_said(tmp_path: Path) -> None:
     log = tmp_path / "pool" / "bollard.csv"
     log.write_text("\n".join(line.rpartition(",")[0] for line in log.read_text().splitlines()) + "\n")
     assert run_campaign(file, out=out).content.cautions == ()
-
-
-@pytest.mark.parametrize("supply", ["-12.0", '"twelve"', "nan"])
-def test_a_supply_that_is_none_is_refused(tmp_path: Path, run: Callable[..., Result], supply: str) -> None:
-    result = run("run", campaign(tmp_path / "pool", (12.0,), f"supply_V = {supply}"), "-o", tmp_path / "out")
-    assert (result.exit_code, result.stdout) == (1, "")
-    assert "vehicle" in result.stderr and "supply_V" in result.stderr and "expected" in result.stderr
-    assert not (tmp_path / "out").exists()

@@ -55,13 +55,6 @@ def test_a_command_right_after_another_is_told_apart(tmp_path: Path) -> None:
     assert "2 of 4 begin while another command moves" in repr(am.slice_log(tmp_path / "day.csv", by="moment"))
 
 
-def test_two_thrusters_change_together_or_alone(tmp_path: Path) -> None:
-    frame = day([(0.0, 90)]).drop(columns="tau")
-    frame["n_port"] = [0.0] * 20 + [0.3] * 70
-    frame["n_stbd"] = [0.0] * 20 + [-0.3] * 40 + [0.3] * 30
-    assert slices(table(tmp_path, frame), "moment", lead=0)[0] == [(20, 60, "+0.3_-0.3"), (60, 90, "+0.3_+0.3")]
-
-
 def test_modes_and_arming_of_a_table(tmp_path: Path) -> None:
     mode = ["MANUAL"] * 40 + ["STABILIZE"] * 30 + ["MANUAL"] * 30
     log = table(tmp_path, day([(0.4, 100)], mode=mode, armed=[0] * 20 + [1] * 60 + [0] * 20))
@@ -115,19 +108,6 @@ def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
     assert back.states["mode"].names == ("A",)
 
 
-def test_a_log_of_another_motion_is_cut_by_its_force(tmp_path: Path) -> None:
-    force = np.array([0.0] * 30 + [4.0] * 40)
-    frame = pd.DataFrame({"time_s": np.arange(70) / 10, "depth_m": np.linspace(1, 3, 70), "force_Z_N": force})
-    frame.to_csv(tmp_path / "dive.csv", index=False)
-    result = am.slice_log(tmp_path / "dive.csv", by="moment", out=tmp_path / "out")
-    assert [(cut.rows, cut.state) for cut in result.cuts] == [((12, 71), "+4")]
-    (file,) = find_logs([tmp_path / "out/runs"])
-    back = read_log(file, dof=None)
-    np.testing.assert_array_equal(back.columns["depth"], frame.depth_m[10:])
-    np.testing.assert_array_equal(back.columns["force_Z"], force[10:])
-    assert file.path.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N"
-
-
 def test_a_log_that_does_not_tell_is_refused(tmp_path: Path, run: Callable[..., Result]) -> None:
     log = table(tmp_path, day([(0.5, 60)]))
     with pytest.raises(LogError, match=r'no mode; found the columns time_s, heading_deg, tau; .* mode = "NAME"'):
@@ -141,12 +121,3 @@ def test_a_log_that_does_not_tell_is_refused(tmp_path: Path, run: Callable[..., 
     mixed = json.loads(run("slice", tmp_path, "--by", "moment", "--json").stdout)
     assert mixed["runs"]["used"] == 1 and "no time" in mixed["runs"]["set_aside"][0]["why"]
     assert run("slice", tmp_path, "--by", "moment", "--strict").exit_code == 1
-
-
-def test_slices_are_runs(tmp_path: Path) -> None:
-    levels = [(sign * size, 90) for size in (0.3, 0.5, 0.8) for sign in (1, -1)]
-    table(tmp_path, day([part for level in levels for part in ((0, 30), level)], mode=["M"] * 720))
-    result = am.slice_log(tmp_path / "day.csv", by="moment", out=tmp_path / "out")
-    assert len(result.cuts) == len(result.to_frame()) == 6 and "+0.3" in repr(result)
-    checked = am.check(tmp_path / "out/runs")
-    assert len(checked.runs) == 6 and not checked.set_aside

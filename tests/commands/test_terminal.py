@@ -1,7 +1,5 @@
 """What a person sees on a terminal, and a program in a pipe: widths, colours, bars, a piped file."""
 
-import os
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -49,22 +47,6 @@ def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
     lines = refused.removeprefix(head).splitlines()
     assert len(lines) > 1 and max(map(len, lines)) <= 80
     assert "no logs in this directory; give files that end in" in " ".join(" ".join(lines).split())
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
-def test_a_column_map_that_comes_out_of_a_pipe_is_read_once_and_for_all(tmp_path: Path, run: Run) -> None:
-    pipe, file, text = tmp_path / "pipe", tmp_path / "columns.toml", "[defaults]\nthrusters_per_test = 2\n"
-    os.mkfifo(pipe)
-    file.write_text(text)
-    writer = threading.Thread(target=pipe.write_text, args=(text,))
-    writer.start()
-    for columns in (pipe, file):
-        out = tmp_path / f"out_{columns.stem}"
-        result = run("fit-thrusters", SAMPLE_RUNS / "thrusters", "--columns", columns, "-o", out)
-        assert result.exit_code == 0, result.output
-    writer.join()
-    for name in ("thrusters.json", "manifest.json"):
-        assert (tmp_path / "out_pipe" / name).read_bytes() == (tmp_path / "out_columns" / name).read_bytes()
 
 
 CELLS = st.text(alphabet="abc 0.[]", max_size=30).map(lambda cell: " ".join(cell.split()))

@@ -115,13 +115,3 @@ def test_a_folder_without_a_sound_manifest_is_refused(pool: Path, run: Run, text
         manifest.write_text(text)
     result = run("verify", "out/one")
     assert result.exit_code == 1 and result.stderr.startswith(sentence) and result.stderr.count("\n") == 1
-
-
-def test_an_unreadable_input_is_recorded_without_a_hash(tmp_path: Path) -> None:
-    """A log that was set aside because nobody could open it."""
-    (tmp_path / "lost.csv").symlink_to("nowhere")
-    inputs = [Input("lost.csv", tmp_path / "lost.csv")]
-    with result_folder(tmp_path / "out", command="c", options={}, inputs=inputs, seed=None, overwrite=False) as folder:
-        folder.write("a", "1")
-    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert manifest["inputs"] == [{"file": "lost.csv", "role": "log", "sha256": None}]

@@ -7,17 +7,8 @@ import pytest
 from effect_contract import base_for, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 
-from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import base_estimates, diagnose_runs
-from automarine_cli.diagnosis.scores import law_of
-from automarine_cli.diagnosis.search import (
-    STANDS,
-    CandidateFit,
-    add_effect,
-    candidate_fit,
-    drag_right,
-    without_idle_drag,
-)
+from automarine_cli.diagnosis.search import CandidateFit, candidate_fit, drag_right, without_idle_drag
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import verdict_sentence
@@ -91,21 +82,3 @@ def test_runs_held_out_place_an_edge_that_no_fitted_command_lies_near() -> None:
     assert found.held_out_gap is not None and found.held_out_gap.after < 1.1 * found.held_out_gap.floor
     assert 0.2 < found.effects[0].parameters["width"].value < 0.3
     assert "runs held out" in found.conclusion.remainder and not np.isnan(found.gap.after)
-
-
-@pytest.mark.slow
-def test_a_fit_that_stopped_in_a_valley_is_begun_from_many_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    truth = base_for("").with_effect("water-swirl", [0.5, 4.0, 2.0, 1.2, 1.0])
-    plans = [[(side * size, 8.0), (0.0, 4.0)] for size in (0.3, 1.0) for side in (1.0, -1.0) for _ in range(2)]
-    runs = measured(truth, [unmeasured(plan, i) for i, plan in enumerate(plans)], seed=3)
-    study = study_of(runs, base_for(""), driven=False)
-    base = trial(study, study.base)
-    stopped = add_effect(study, base, ("water-swirl", np.array([0.02, 150.0, 0.0, 1.2, 1.0])), iterations=4)
-    assert stopped is not None and stopped.fit.noise > STANDS * study.sensor_floor
-    done = {law_of("water-swirl", stopped.model.terms[-1].values): stopped}
-    monkeypatch.setattr(search, "VALLEY", 0.5 * (base.evidence - stopped.evidence))
-    found = search._from_many_starts(study, base, done, lambda f, work, label="": [f(one) for one in work])
-    best = min(found.values(), key=lambda fit: fit.evidence)
-    assert best.fit.noise < 1.05 * study.sensor_floor and best.model.terms[-1].values[2] == 2.0
-    monkeypatch.setattr(search, "VALLEY", 2.0 * (base.evidence - stopped.evidence))
-    assert search._from_many_starts(study, base, done, lambda f, work, label="": []) == {}

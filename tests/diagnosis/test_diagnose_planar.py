@@ -1,21 +1,16 @@
 """diagnose of planar models on campaigns of an independent solver: what is hidden is named, nothing is not."""
 
-import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from made_planar import HIDDEN, campaign, log
+from made_planar import HIDDEN, campaign
 
-from automarine_cli.commands import automarine
 from automarine_cli.diagnosis.planar import (
     FittedCandidate,
-    PlanarDiagnosis,
     PlanarSearch,
     base_of,
     find_missing,
@@ -25,14 +20,11 @@ from automarine_cli.diagnosis.planar import (
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
-from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.store import StoredPlanar, load_planar_model, planar_json
+from automarine_cli.models.store import StoredPlanar
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.diagnosis_report import planar_verdict
-from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure
-from automarine_cli.report.sections import sections
-from automarine_cli.thrusters.map import load_planar
+from automarine_cli.report.figures.diagnosis import where_figure
 
 GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
 """About the bare craft, as somebody would write it down."""
@@ -111,49 +103,3 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
         assert region.p_value < 0.05 and set(region.runs) <= set(where.names)
     panel = where_figure(where, "nothing added").axes[0]
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "missing yaw moment [N m]")
-
-
-@pytest.mark.parametrize("kind", ["N_v", pytest.param("current", marks=pytest.mark.slow)])
-def test_before_and_after_are_drawn_beside_what_was_measured(kind: str) -> None:
-    found = searched(kind)
-    figure = before_after_figure(found)
-    errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
-    assert errors and len({axes.get_ylim() for axes in errors}) == 1
-    tracks = [axes for axes in figure.axes if axes.get_xlabel() == "East [m]"]
-    assert len(tracks) == (len(errors) if kind == "current" else 0)  # where places are logged
-    for axes in tracks:
-        measured, before, after = axes.lines
-        assert len(measured.get_xdata()) > 0 and len(before.get_xdata()) == len(after.get_xdata()) > 0
-        (low, high), east = axes.get_xlim(), np.asarray(measured.get_xdata())
-        assert low < east.min() and east.max() < high and high - low < 2.0 * np.ptp(east) + 1.0
-    (bars,) = sections(PlanarDiagnosis(found, (), "")).figures["why"]().axes
-    assert len(bars.patches) == len(found.rounds[0].promised) > 8
-    if kind == "N_v":
-        assert bars.get_yticklabels()[-1].get_text() == "cross-coupling N_v"
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("drawn_figures")
-def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
-    for run in campaign(HIDDEN["Y_r"], 1, 5, 8.0, SPEEDS):
-        log(run, tmp_path)
-    model, out = tmp_path / "given.json", tmp_path / "out"
-    model.write_text(json.dumps(planar_json(GIVEN)))
-    done = CliRunner().invoke(automarine, ["diagnose", str(tmp_path), "--model", str(model), "-o", str(out)])
-    assert done.exit_code == 0, done.output
-    assert done.output.startswith("Named: cross-coupling Y_r; the error of headings predicted 5 s ahead of the runs")
-    names = {"diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png"}
-    assert {path.name for path in out.iterdir()} == {*names, "manifest.json"}
-    result = json.loads((out / "diagnosis.json").read_text())
-    (effect,), gap, prediction = result["effects"], result["gap"], result["prediction"]
-    assert effect["name"] == "cross-coupling"
-    assert effect["parameters"]["sway.Y_r"]["value"] == pytest.approx(4.0, rel=0.1)
-    for ahead in (gap["held_out_runs"], *prediction["held_out_runs"]["horizons"]):
-        assert ahead["after_deg"] < ahead["before_deg"]
-    fitted, floor = gap["fitted_runs"], gap["fitted_runs"]["noise_floor_deg"]
-    assert max(fitted["before_deg"], fitted["after_deg"]) < 1.5 * floor  # a side force hardly moves the heading
-    for which in ("fitted_runs", "held_out_runs"):
-        assert prediction[which]["log_density_gain"] > 10.0 and prediction[which]["horizon_s"] == 5.0
-    extended, runs = load_planar_model(out / "extended_model.json"), list(load_planar([tmp_path], ColumnMap()).runs)
-    again = find_missing(extended, runs[:4], runs[4:], observed(runs))
-    assert again.verdict == "nothing-missing" and set(extended.random) == set(again.after.random)

@@ -23,7 +23,6 @@ STRONG = 3.0
 pytestmark = pytest.mark.slow
 VARYING = [name for name in effects.names() if effects.get(name).per_run and effects.get(name).acts_in(YAW)]
 assert VARYING
-MIRROR = "[columns]\nheading_deg = { from = 'heading_deg', sign = -1 }\ntau = { from = 'tau', sign = -1 }\n"
 
 
 def hidden(name: str) -> dict[str, object]:
@@ -65,7 +64,6 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
         "runs": [{"kind": "step", "moments": {"from": -1.0, "to": 1.0, "step": 0.2}, "duration_s": 12.0}],
     }  # fmt: skip
     (folder / "made.toml").write_text(toml_text(specification))
-    (folder / "mirror.toml").write_text(MIRROR)
     simulate(folder / "made.toml", out=folder / "logs")
     fit_yaw([folder / "logs"], fit_to="whole-runs", out=folder / "yaw")
     diagnosed(folder / "diagnosis", folder / "logs", "--model", folder / "yaw" / "yaw_model.json")
@@ -91,17 +89,6 @@ def test_it_is_named_and_its_share_is_its_own(campaign: tuple[str, Path], tmp_pa
     result = diagnosed(tmp_path / "out", *fitted, "--model", folder / "yaw" / "yaw_model.json", *options)
     assert result["verdict"] == "named" and [effect["name"] for effect in result["effects"]] == [name]
     assert len(result["held_out"]) == len(logs[::4])
-
-
-def test_mirrored_it_is_the_same(campaign: tuple[str, Path], tmp_path: Path) -> None:
-    (name, folder), there = campaign, result_in(campaign[1])
-    model, mirror = folder / "yaw" / "yaw_model.json", folder / "mirror.toml"
-    back = diagnosed(tmp_path / "out", folder / "logs", "--model", model, "--columns", mirror)
-    effect, other = there["effects"][0], back["effects"][0]
-    assert back["verdict"] == "named" and other["name"] == effect["name"] == name
-    for parameter, estimate in effect["parameters"].items():
-        assert abs(other["parameters"][parameter]["value"]) == pytest.approx(abs(estimate["value"]), rel=1e-4)
-    assert back["gap"]["fitted_runs"] == pytest.approx(there["gap"]["fitted_runs"], rel=1e-4)
 
 
 def test_a_model_that_has_it_is_diagnosed_again(campaign: tuple[str, Path], tmp_path: Path) -> None:

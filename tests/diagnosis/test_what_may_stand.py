@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
-from automarine_cli.diagnosis.diagnose import ForecastGain, apart
+from automarine_cli.diagnosis.diagnose import ForecastGain
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.scores import drag_drives
 from automarine_cli.diagnosis.search import CandidateFit, is_admissible, may_be_nothing, obstacle
@@ -117,16 +117,6 @@ def test_over_a_few_runs_no_curve_runs_over_what_only_stands_for_time() -> None:
     assert many - few == {"campaign-clock", "row"} and "water_temp_C" in few
 
 
-def test_only_runs_that_turn_back_by_half_a_turn_show_moving_water() -> None:
-    ways = ([0.0, 4.0, 0.5], [0.0, -4.0, 1.0, 1.5], [0.0, 8.0], [0.0, 2.0, 0.0, 2.0])
-    runs = in_water(4)
-    runs = [
-        replace(run, position=np.interp(np.linspace(0.0, 1.0, len(run)), np.linspace(0.0, 1.0, len(way)), way))
-        for run, way in zip(runs, ways)
-    ]
-    assert DiagnosisProblem(tuple(runs), BASE, True, ()).turns_back.tolist() == [True, True, False, False]
-
-
 def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
     def outlook(after: float) -> ForecastGain:
         errors = {2.0: after, 5.0: after, 15.0: 0.2}
@@ -134,10 +124,6 @@ def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
         return ForecastGain(tuple((first, last) for first, last in pairs), 3.0)
 
     assert "5 s ahead" in outlook(0.101).doubt(YAW) and outlook(0.099).doubt(YAW) == ""
-
-
-def test_two_numbers_are_written_so_that_they_differ() -> None:
-    assert (apart(2.04, 2.01), apart(17.6, 0.99)) == (("2.04", "2.01"), ("18", "0.99"))
 
 
 # Drag that drives is refused, either way round, and every drag that brakes is let through

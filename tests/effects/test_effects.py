@@ -30,11 +30,8 @@ from effect_contract import (
     unmeasured,
     with_planted,
 )  # fmt: skip
-from repository import SAMPLE_RUNS
 
 from automarine_cli import effects
-from automarine_cli.commands.fit_motion import fit_yaw
-from automarine_cli.commands.validate import validate
 from automarine_cli.diagnosis.diagnose import parameter_estimates
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
@@ -46,7 +43,6 @@ from automarine_cli.errors import ModelError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -398,15 +394,6 @@ def test_a_registered_effect_is_of_the_library() -> None:
             effects.register(type("Again", (Push,), {"name": name}))
 
 
-@pytest.mark.usefixtures("registered")
-def test_manifests_list_its_file(tmp_path: Path) -> None:
-    logs = sorted((SAMPLE_RUNS / "steps").glob("*_a.csv"))
-    fit_yaw(logs, out=tmp_path / "fit")
-    validate(logs[:2], model=tmp_path / "fit" / "yaw_model.json", out=tmp_path / "out", figures=False)
-    entries = read_manifest(tmp_path / "out" / "manifest.json").inputs
-    assert [entry.file for entry in entries if entry.role == "own_effect"] == [Path(__file__).name]
-
-
 @pytest.mark.usefixtures("forgotten")
 @pytest.mark.parametrize(
     ("old", "new", "error"),
@@ -414,7 +401,6 @@ def test_manifests_list_its_file(tmp_path: Path) -> None:
         ("", "", ""),
         ('"push"\n    place', '"pull"\n    place', "expected a subclass of Effect of that name"),
         ("class Push(Effect)", "class Push(", "SyntaxError"),
-        ("class Push(Effect)", "class Other(Effect)", "AttributeError"),
     ],
 )
 def test_a_package_brings_one(

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from effect_contract import Floats, base_for, long_plans, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
-from specified import make_runs
 
 from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
@@ -19,7 +18,6 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.simulation.specification import specification_from
 
 SECOND_LAWS = {"water-swirl": (0.4, 9.0, 1.0), "dead-band": (0.17, 1.0)}
 BY_LAW = pytest.mark.parametrize("name", SECOND_LAWS)
@@ -284,21 +282,6 @@ def test_such_waves_are_named() -> None:
     assert found.verdict == "named" and [one.name for one in found.effects] == ["periodic-disturbance"]
     assert found.effects[0].parameters["phase"].value == 1.0
     assert np.rad2deg(found.gap.after) == pytest.approx(0.5, rel=0.1)
-
-
-def test_simulated_campaigns_draw_a_phase_for_every_run() -> None:
-    plain = {
-        "schema": "automarine/simulation/1",
-        "vehicle": {"I_r": 0.3, "k_rr": 1.0},
-        "logger": {"noise_deg": 0.0},
-        "runs": [{"kind": "step", "moments": [-0.8, -0.6, -0.4, 0.4, 0.6, 0.8], "duration_s": 12.0}],
-    }
-    waves = {"name": "periodic-disturbance", "A": 0.05, "B": 0.0, "T": 3.0, "phase": 1.0}
-    still = make_runs(specification_from(plain), seed=1)
-    runs = make_runs(specification_from({**plain, "effects": [waves]}), seed=1)
-    added = [run.position - flat.position for run, flat in zip(runs, still)]
-    assert len(added) == 6 and all(np.ptp(one) > 0.01 for one in added)
-    assert all(np.abs(a - b).max() > 3e-3 for i, a in enumerate(added) for b in added[:i])
 
 
 def test_friction_near_rest_ends_alike_from_every_start() -> None:

@@ -89,27 +89,6 @@ def test_numbers_that_are_none(ask: Ask, name: str, path: str) -> None:
         say(ask(name, changed(GOOD[name], where, value)), f"{name}: {place}: {expected}")
 
 
-SPECIFICATIONS = {
-    ("simulation/1", "simulation/2"): 'schema: found "automarine/simulation/2", expected the line schema = '
-    '"automarine/simulation/1"',
-    ("rate_hz = 10", "rate_hz = nan"): "logger.rate_hz: found NaN, expected 0 or a size of 1e-12 to 1e+12",
-    ("levels = [-50, 50, 100]", "levels = [-50, 1e99]"): "bollard.levels[1]: found 1e+99, expected 0 or a size of ",
-    ("seed = 4", "seed = 0x" + "f" * 400): "seed: found a number of more than 300 digits, expected a smaller one",
-    ("I_r = 1.018", "I_r = [1]"): "vehicle.I_r: found a list of 1, expected a number",
-    ("[logger]", "[loger]"): 'unknown key "loger"; did you mean "logger"?',
-    ("seed = 4", 'seed = 4\n"\\u001b[31m" = 1'): 'unknown key "\\u001b[31m"; known are schema, vehicle, seed, ',
-    ("repeats = 2", "repeats = 1_000_000_000"): "more than 1000000 runs would be made; ask for fewer",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("old", "new"), SPECIFICATIONS, ids=lambda text: text[:25])
-def test_a_specification(ask: Ask, tmp_path: Path, old: str, new: str) -> None:
-    assert SPECIFICATION.count(old.encode()) == 1
-    content = SPECIFICATION.replace(old.encode(), new.encode())
-    say(ask("spec.toml", content), f"spec.toml: {SPECIFICATIONS[old, new]}")
-    assert not (tmp_path / "out").exists()
-
-
 def test_what_has_no_end_is_not_read_to_the_end(run: Callable[..., Result], tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes(csv_of(good_table()))
     say([run("validate", tmp_path / "log.csv", "--model", "/dev/zero")], "zero: more than 16000000 bytes; expected")

@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 from tolerances import assert_close
 
 from automarine_cli.models.yaw_model import inertia_from_velocity_error, response, steady_rate, velocity_error
@@ -95,20 +94,3 @@ def test_the_papers_velocity_error_and_its_inertias() -> None:
     assert inertias[0] == pytest.approx(5.57, abs=0.005) and inertias[-1] == pytest.approx(0.464, abs=5e-4)
     assert inertias[taus >= 0.5].mean() == pytest.approx(0.710, abs=5e-4)
     assert_close(inertia_from_velocity_error(eps, taus, 0.0, K_RR), np.full(12, INERTIA), "same arithmetic")
-
-
-@pytest.mark.parametrize(("tau", "seconds", "constants"), [(0.1, 13.1, 45), (1.2, 3.79, 4.7)])
-def test_how_far_half_a_turn_goes(tau: float, seconds: float, constants: float) -> None:
-    def heading(t: float) -> float:
-        return float(response(t, tau, INERTIA, 0.0, K_RR)[0])
-
-    half = brentq(lambda t: heading(t) - np.pi, 0.1, 30)
-    assert half == pytest.approx(seconds, rel=0.004)
-    assert half * np.sqrt(tau * K_RR) / INERTIA == pytest.approx(4.572, abs=5e-4)
-    final = float(steady_rate(tau, 0.0, K_RR))
-    for share, degrees in ((0.5, 6.7), (0.9, 38.5), (0.95, 54), (0.99, 91), (0.999, 144)):
-        t = brentq(lambda t, share=share: float(response(t, tau, INERTIA, 0.0, K_RR)[1]) - share * final, 0, 30)
-        assert np.rad2deg(heading(t)) == pytest.approx(degrees, rel=0.01)
-    # in time constants of model 1; PHYSICS 4.6 uses Table 2's inertia of that
-    half = brentq(lambda t: float(response(t, tau, 0.7058, K_R, 0.0)[0]) - np.pi, 0.1, 90)
-    assert half * K_R / 0.7058 == pytest.approx(constants, rel=0.03)

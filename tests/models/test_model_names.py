@@ -1,35 +1,22 @@
 """Parameters are addressed by name, in the letters of their motion; what people named themselves is left alone."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from effect_contract import strange_to
-from identified import identify
-from repository import SAMPLE_RUNS
 
-from automarine_cli.diagnosis.residual_regions import columns
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
-from automarine_cli.errors import FitError, ModelError
-from automarine_cli.estimate import Estimate
-from automarine_cli.fits.half_turns import step_data
-from automarine_cli.fits.identify import YawFit, design_cautions, fit_warnings
-from automarine_cli.fits.paper import fit_velocity_error
-from automarine_cli.fits.whole_runs import OutputErrorFit
+from automarine_cli.errors import ModelError
+from automarine_cli.fits.identify import design_cautions
 from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import general_advice
-from automarine_cli.runs.half_turn import Trim
-from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 
 EVERY_MOTION = pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
-THEIRS = "heading turns to port/moment yaw.csv"
-"""What somebody may call a run."""
 
 
 def model_of(dof: Dof, number: str = "2") -> YawModel:
@@ -103,53 +90,6 @@ def test_a_key_of_another_motion_is_unknown_and_answered_with_the_own_one(dof: D
 
 
 @EVERY_MOTION
-def test_refusals_speak_of_their_motion(dof: Dof) -> None:
-    """Of a model file, and of the paper's method; what drives or has no mass is told so."""
-    own, good = dof.symbols, model_3(dof)
-    for entry in ({**good, own.inertia: -1.0}, {**good, own.quadratic: -1.0}, {**good, own.linear: 1.0}, {}):
-        with pytest.raises(ModelError) as refusal:
-            file_and_models(content_of(dof, entry), THEIRS)
-        rest = str(refusal.value).removeprefix(THEIRS)
-        assert rest != str(refusal.value) and not strange_to(dof, rest.replace("fit-", " ")), rest
-    time, moments = np.linspace(0.0, 4.0, 60), [0.5, -0.5, 1.0, -1.0]
-    ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * time) for m in moments]
-    for few in (1, 4):
-        data = step_data([str(m) for m in moments[:few]], [time] * few, ahead[:few], moments[:few], [0.1] * few, dof)
-        with pytest.raises(FitError) as refused:
-            fit_velocity_error(data, np.zeros(few))
-        assert not strange_to(dof, str(refused.value).replace("runs ahead of", "")), refused.value
-
-
-@pytest.fixture(scope="module")
-def surge() -> YawFit:
-    runs = load_runs([SAMPLE_RUNS / "surge"], dof=SURGE).runs
-    return identify([replace(run, name=f"{THEIRS} {i}") for i, run in enumerate(runs)], trim=Trim(3.0))
-
-
-def test_warnings_leave_the_names_of_runs_alone(surge: YawFit) -> None:
-    fit, names = surge.output_error["3"], [turn.name for turn in surge.turns]
-    left = fit.mixed.left_out.copy()
-    left[3, 0] += 5.0
-
-    def warnings(changed: OutputErrorFit, **noise: float) -> list[str]:
-        return fit_warnings({**surge.output_error, "3": changed}, replace(surge.preference, number="3"), names, **noise)
-
-    wild = replace(fit, gain_scatter=Estimate(0.5, 0.1, (0.3, 0.7), "1"))
-    decided = replace(fit, mixed=replace(fit.mixed, left_out=left))
-    far = replace(fit, inertial_turn_angle=Estimate(50.0, 1.0, (48.0, 52.0), "m"))
-    loud = replace(fit, mixed=replace(fit.mixed, noises=10.0 * fit.mixed.noises))
-    for changed in (wild, decided, far, loud):
-        sentences = warnings(changed, position_noise=1e-3)
-        assert sentences and not any(strange_to(SURGE, one.replace(THEIRS, "")) for one in sentences), sentences
-    assert any(f"{THEIRS} " in each and each.endswith("check its force and its unit.") for each in warnings(wild))
-    first = warnings(decided)[0]
-    assert first.startswith(f"{THEIRS} 3 alone changes m_u of model 3 from ")
-    assert first.endswith("whether its distance jumps.")
-    text = json.dumps(surge.to_json()).replace(json.dumps(THEIRS)[1:-1], "")
-    assert not {"moment", "heading", "k_rr", "I_r", "yaw", "deg", "rad"} & set(text.replace('"', " ").split())
-
-
-@EVERY_MOTION
 def test_cautions_and_advice_speak_of_the_motion(dof: Dof) -> None:
     designs = [[0.5, 0.5], [0.5, -0.5], [0.2, -1.0], [-0.2, -0.5, -1.0]]
     cautions = [one.sentence for levels in designs for one in design_cautions(levels, "nu", dof)]
@@ -163,19 +103,3 @@ def test_cautions_and_advice_speak_of_the_motion(dof: Dof) -> None:
     assert any("other headings" in sentence for sentence in advice) == dof.wraps
     for sentence in (*cautions, *advice):
         assert "{" not in sentence and not strange_to(dof, sentence.replace("in one direction", "")), sentence
-
-
-def test_columns_that_people_named_stay_and_ours_are_the_motions() -> None:
-    loaded = load_runs([SAMPLE_RUNS / "hidden_surge"], dof=SURGE).runs[:4]
-    own = ("port", "turns", "heading_deg", "moment_size", "yaw")
-    runs = [
-        replace(run, extras={**run.extras, **{name: np.linspace(0.0, 1.0 + i, len(run)) for i, name in enumerate(own)}})
-        for run in loaded
-    ]  # fmt: skip
-    study = study_of(runs, YawModel.base("3", 17.0, [24.0], "N", SURGE))
-    found = [column.name for column in columns(study, study.batch.position)]
-    assert set(own) <= set(found)
-    ours = [name for name in found if name not in own]
-    assert {"distance", "force", "force-size", "surge-speed", "distance-covered", "start-distance"} <= set(ours)
-    for name in ours:
-        assert not strange_to(SURGE, name.replace("-", " ")), name

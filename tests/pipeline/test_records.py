@@ -93,19 +93,15 @@ def test_toml_reads_back_the_same(data: dict[str, Any]) -> None:
         (POOL, Pool, {"name": "a", "levls": []}, 'unknown key "levls"; did you mean "levels"?'),
         (POOL, Pool, {"name": "a", "levels": [{"tau": 1}, {"tua": 1}]}, 'levels[1]: unknown key "tua"; did you mean'),
         (POOL, Pool, {}, 'key "name" is missing; expected a text in quotes'),
-        (POOL, Pool, {"name": 3}, "name: found 3, expected a text in quotes"),
         (POOL, Pool, {"name": "a", "noisy": 1}, "noisy: found 1, expected true or false"),
         (POOL, Pool, {"name": "a", "rest_s": True}, "rest_s: found true, expected a number"),
         (POOL, Pool, {"name": "a", "rest_s": float("nan")}, "rest_s: found NaN, expected a finite number"),
-        (POOL, Pool, {"name": "a", "levels": {"tau": 1}}, "levels: found a table, expected a list, each entry a table"),
         (POOL, Pool, {"name": "a", "first": {"tau": 1, "repeats": 1.5}}, "first.repeats: found 1.5, expected a whole"),
         (POOL, Pool, {"name": "a", "span": [1.0]}, "span: found a list of 1, expected a list of 2 values"),
         (POOL, Pool, {"name": "a", "span": [1, 0]}, "span must rise"),
         (POOL, Pool, {"name": "a", "columns": {"t": {"sign": 2}}}, "columns.t: found a table, expected a table or a"),
-        (POOL, Pool, {"name": "a", "first": 1}, "first: found 1, expected a table of settings"),
         (POOL, Pool, [1], "found a list of 1, expected a table of settings"),
         (SENSOR, Sensor, {"noise": 1}, 'unknown key "noise"; known are heading_noise_deg, rate_hz'),
-        (SENSOR, Sensor, {}, 'key "heading_noise_deg" is missing; expected a number'),
         (SENSOR, Sensor, {"heading_noise_deg": -1}, "heading_noise_deg is below 0"),
         (
             GAP,
@@ -113,7 +109,6 @@ def test_toml_reads_back_the_same(data: dict[str, Any]) -> None:
             {"gap": {"heading": 2}},
             'gap.heading: key "after" is missing; give a file as `automarine diagnose`',
         ),
-        (GAP, Gap, {"gap": {"after_N": "a"}}, 'gap.after_N: found "a", expected a number'),
     ],
 )
 def test_refusals_name_the_key(codec: Codec, record: type, data: object, message: str) -> None:
