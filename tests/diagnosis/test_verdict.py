@@ -48,10 +48,9 @@ def campaign(*names: str, seed: int = 1, wave: tuple[float, float] = (0.0, 0.0))
 
 
 @pytest.fixture
-def diagnosed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Judge]:
+def diagnosed() -> Iterator[Judge]:
     """Judged against few candidates, to be quick, and without curves, which explain what no law does."""
-    monkeypatch.setattr(diagnose, "learn", lambda study, found, *rest: found)
-    with few_candidates({NAME, SMALL}):
+    with few_candidates({NAME, SMALL}, curves=False):
         yield lambda runs, hold_out=(): diagnose_runs(runs, base_for(NAME), hold_out=hold_out)
 
 

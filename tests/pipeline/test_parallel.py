@@ -3,7 +3,6 @@ end."""
 
 import multiprocessing
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +10,6 @@ import time
 from pathlib import Path
 
 import pytest
-from repository import ROOT, SAMPLE_RUNS
 
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import lasting_map, ordered_map
@@ -89,33 +87,3 @@ def test_interrupt_and_kill_end_every_process(tmp_path: Path, how: int, wait_s: 
     _, errors = parent.communicate(timeout=600)  # returns when the last process that holds the pipes has gone
     if how == signal.SIGINT:  # by the signal itself where it struck during an import
         assert parent.returncode in (130, -signal.SIGINT) and errors == b""
-
-
-COMMANDS = {
-    "thrusters": "fit-thrusters pool/thrusters --thrusters-per-test 2",
-    "yaw": "fit-yaw pool/steps --fit-to half-turns",
-    "validation": "validate pool/validation --model out/yaw/yaw_model.json",
-}
-
-
-def made_in(place: Path, jobs: str, **environment: str) -> dict[str, bytes]:
-    """Every file that the commands write, run in processes of their own in a folder with that environment."""
-    for name in ("thrusters", "steps", "validation"):
-        shutil.copytree(SAMPLE_RUNS / name, place / "pool" / name, copy_function=shutil.copyfile)
-    variables = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"} | environment
-    for name, command in COMMANDS.items():
-        options = [*command.split(), "-o", f"out/{name}", "--jobs", jobs, "-q"]
-        subprocess.run([sys.executable, "-m", "automarine_cli", *options], cwd=place, env=variables, check=True)
-    return {path.relative_to(place).as_posix(): path.read_bytes() for path in place.rglob("out/**/*.*")}
-
-
-@pytest.mark.slow
-def test_parallel_elsewhere_is_serial_here_to_the_byte(tmp_path: Path) -> None:
-    first = made_in(tmp_path / "here", "1", LC_ALL="C", TZ="UTC", PYTHONHASHSEED="0")
-    there = tmp_path / "far" / "away"
-    second = made_in(there, "2", LC_ALL="C.UTF-8", TZ="Pacific/Kiritimati", PYTHONHASHSEED="42")
-    assert first.keys() == second.keys() and len(first) > 20
-    assert [name for name in first if first[name] != second[name]] == []
-    assert [name for name, data in first.items() if str(tmp_path).encode() in data] == []
-    words = (b"tIME", b"Creation Time", b"Software", b"creation_date")
-    assert [name for name, data in first.items() if name.endswith(".png") and any(word in data for word in words)] == []
