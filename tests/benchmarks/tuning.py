@@ -18,6 +18,7 @@ from typing import Any
 
 import arguments
 import numpy as np
+import pandas as pd
 from tuning_truth import STEP, Floats, Truth, Vehicle, write_logs
 
 import automarine_cli as am
@@ -28,7 +29,6 @@ from automarine_cli.control.vehicles import Vehicles
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.tables import Table, number
 
 FIVE = {
     "small, 0.03 s lag, 0.02 s delay": (0.59, 1.5, 30.0, "N m", 0.03, 0.02),
@@ -189,33 +189,6 @@ def flown(
     return design.scores(design.ClosedLoopRun(clock, position, 0.0 * position), np.pi / 2, np.deg2rad(2.0))
 
 
-def corners_table(rows: list[dict[str, Any]]) -> Table:
-    """Old against new, the worst corner of each."""
-    columns = {
-        "disk margin": "disk_margin", "overshoot [%]": "overshoot_percent", "settles after [s]": "settling_s",
-        "rms after [deg]": "rms_after_deg", "10 % load [deg]": "load_error_deg", "left of it [deg]": "left_deg",
-    }  # fmt: skip
-    lines = [
-        {"vehicle": row["vehicle"], "gains": row["gains"], "settled": f"{row['settled']} of 12",
-         **{column: number(row[key], 3) for column, key in columns.items()}, "tuned in [s]": f"{row['seconds']:.0f}"}
-        for row in rows
-    ]  # fmt: skip
-    return Table.of("Worst of twelve corners", lines)
-
-
-def blind_table(vehicles: list[dict[str, Any]], family: str) -> Table:
-    """How often what was promised held."""
-    tuned = [vehicle for vehicle in vehicles if vehicle["verdict"] == "gains"]
-    held = {"settled": [vehicle["settled"] for vehicle in tuned]}
-    held |= {key: [vehicle["held"][key] for vehicle in tuned] for key in (tuned[0]["held"] if tuned else ())}
-    held["all promises"] = [value for vehicle in tuned for value in vehicle["held"].values()]
-    rows = [(key, f"{sum(values)} of {len(values)}") for key, values in held.items()]
-    verdicts = [vehicle["verdict"] for vehicle in vehicles]
-    rows += [(f"verdict {name}", str(verdicts.count(name))) for name in sorted(set(verdicts))]
-    rows.append(("time per tuning [s], most", f"{max(vehicle['seconds'] for vehicle in vehicles):.0f}"))
-    return Table(f"Vehicles: {family}", ("what", "held"), tuple(rows))
-
-
 def main() -> None:
     what = {"nargs": "*", "default": ["corners", *FAMILIES]}
     chosen = arguments.options(__doc__, {"what": what}, vehicles=40, jobs=1, out=Path("out"))
@@ -223,7 +196,7 @@ def main() -> None:
         if "corners" in chosen.what:
             rows = [row for part in pool.map(corners, FIVE) for row in part]
             arguments.write_json(chosen.out / "tuning_corners.json", rows)
-            print(corners_table(rows).to_text())
+            print(pd.DataFrame(rows).drop(columns="values").to_string(float_format="%.3g"))
         for family in [name for name in FAMILIES if name in chosen.what]:
             count = chosen.vehicles if family == "blind" else chosen.vehicles // 4
             vehicles = []
@@ -231,7 +204,10 @@ def main() -> None:
                 vehicles.append(vehicle)
                 print(json.dumps(vehicle), flush=True)
             arguments.write_json(chosen.out / f"tuning_{family}.json", vehicles)
-            print(blind_table(vehicles, family).to_text())
+            tuned = [vehicle for vehicle in vehicles if vehicle["verdict"] == "gains"]
+            held = pd.DataFrame([{"settled": vehicle["settled"], **vehicle["held"]} for vehicle in tuned])
+            print(f"{family}, shares of promises that held:\n{held.mean().to_string()}")
+            print(pd.DataFrame(vehicles).groupby("verdict")["seconds"].agg(["size", "max"]).to_string())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """The command line: start-up, exit statuses, one-line refusals, interrupts, help texts and their examples."""
 
-import json
 import os
 import shlex
 import signal
@@ -222,18 +221,6 @@ def say(*flags: str) -> Result:
         echo.echo_result(Outcome(), as_json=as_json, out=out, tables=(table, "One.", "Two."), files=("a.json",))
 
     return CliRunner().invoke(trial, list(flags))
-
-
-def test_results_are_tables_and_places_of_files_or_json_or_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)  # a folder `out` of a demo would count
-    table = "Drag\n\nmodel    k\n----------\n1      1.5\n"
-    assert say("-o", "out").stdout == f"{table}\nOne.\nTwo.\n\nResults are in out: a.json\n"
-    assert say().stdout.endswith("\nNo files were written; use -o DIR to save the results.\n")
-    for flags in (("--json",), ("--json", "-q"), ("--json", "-v", "-o", "out")):
-        assert json.loads(say(*flags).stdout) == Outcome().to_json()
-    assert (say("-q").stdout, say("-q").stderr) == ("", "")
 
 
 def test_runs_set_aside_are_counted_and_named() -> None:

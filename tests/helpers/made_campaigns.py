@@ -96,14 +96,12 @@ def shifted(runs: Sequence[Run], seconds: float) -> list[Run]:
     return [replace(run, time=run.time + seconds) for run in runs]
 
 
-def moving_run(
-    seed: int, *, vehicle: Vehicle = PAPER, length: float = 25.0, period: float = 0.2, noise_deg: float = 0.5
-) -> tuple[Run, float, float]:
+def moving_run(seed: int, *, length: float = 25.0) -> tuple[Run, float, float]:
     """A run of piecewise constant moments that begins while the vehicle turns: run, true start heading and rate.
 
     Solved by scipy, not by the package. Commands change in the middle between two samples.
     """
-    rng = np.random.default_rng(seed)
+    rng, period = np.random.default_rng(seed), 0.2
     edges = np.cumsum(rng.uniform(1.0, 3.0, int(length)))
     edges = period * (np.round(edges / period) + 0.5)
     levels = rng.uniform(-1.2, 1.2, len(edges) + 1)
@@ -111,11 +109,10 @@ def moving_run(
 
     def slope(t: float, state: Floats) -> list[float]:
         r = state[1]
-        drag = vehicle.k_r * r + vehicle.k_rr * abs(r) * r
-        return [r, (levels[np.searchsorted(edges, t, side="right")] - drag) / vehicle.inertia]
+        return [r, (levels[np.searchsorted(edges, t, side="right")] - K_RR * abs(r) * r) / INERTIA]
 
     time = np.arange(0.0, length, period)
     solved = integrate.solve_ivp(slope, (0.0, length), [start, rate], t_eval=time, max_step=0.05, rtol=1e-8, atol=1e-9)
-    heading = solved.y[0] + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
+    heading = solved.y[0] + np.deg2rad(0.5) * rng.standard_normal(len(time))
     command = levels[np.searchsorted(edges, time, side="right")]
     return (Run(f"moving_{seed}", "moving.csv", 50.0 * seed + time, heading, command, "nu", dof=YAW), start, rate)

@@ -32,7 +32,7 @@ def mixed(wished: Mapping[str, Floats], frame: int, directions: Sequence[int] = 
     return out
 
 
-def sub_parameters(frame: int, directions: Sequence[int] = DIRECTIONS, at: float = 0.6) -> dict[str, float]:
+def sub_parameters(frame: int, directions: Sequence[int] = DIRECTIONS) -> dict[str, float]:
     """The parameters of ArduSub that have a part in it."""
     count = len(FRAMES.get(frame, FRAMES[2])[1])
     told = {"FRAME_CONFIG": float(frame)}
@@ -51,11 +51,11 @@ def sub_dive(wished: Mapping[str, Floats], frame: int = 2, **changed: float) -> 
     return replace(first, outputs=mixed(wished, frame), parameters=told(sub_parameters(frame) | changed))
 
 
-def stepped(seed: int, mirrored: bool = False, k_rr: float = 1.2, I_r: float = 0.8) -> tuple[Dive, Floats]:
+def stepped(seed: int, mirrored: bool = False) -> tuple[Dive, Floats]:
     """Steps to both sides over four minutes by a known yaw model, and the commanded moment; wishes beside it."""
     draw = np.random.default_rng(seed)
     levels = draw.permutation([0.15, -0.15, 0.25, -0.25, 0.35, -0.35, 0.45, -0.45]) * (-1 if mirrored else 1)
-    time = np.arange(0, 240, 0.1)
+    time, k_rr, I_r = np.arange(0, 240, 0.1), 1.2, 0.8
     tau = np.where(time % 30 < 20, levels[(time // 30).astype(int)], 0.0)
     tau = np.trunc(400 * tau) / 400
     rate = np.zeros(len(time))
