@@ -172,14 +172,6 @@ class Circle:
         before = f"settled in {old.settling[0]:.1f} s" if old.settles[0] else "did not settle"
         return f"settles in {new.settling[0]:.1f} s, {held} promised; with ArduSub's defaults {before}"
 
-    def plan_again(self) -> str:
-        self.run(
-            "plan", self.analysis / "yaw" / "yaw_model.json", "--diagnosis",
-            self.analysis / "diagnosis" / "diagnosis.json", "-o", self.out / "next", "--seed", SEED, "-q",
-        )  # fmt: skip
-        planned = self.read("next", "plan.json")
-        return f"{planned['totals']['runs']} runs for {', '.join(planned['planned_for'][:4])}"
-
 
 def main() -> None:
     """Go round once and print what each step took."""
@@ -187,7 +179,7 @@ def main() -> None:
     if circle.out.exists():
         sys.exit(f"{circle.out} is there already; remove it, or give another --out")
     rows, start = [], time.monotonic()
-    for step in (circle.fit_yaw, circle.plan, circle.collect, circle.tune, circle.fly, circle.plan_again):
+    for step in (circle.fit_yaw, circle.plan, circle.collect, circle.tune, circle.fly):
         begun = time.monotonic()
         result = step()
         rows.append({"step": step.__name__, "s": f"{time.monotonic() - begun:.1f}", "what came of it": result})
