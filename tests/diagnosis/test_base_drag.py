@@ -25,9 +25,9 @@ def campaign(*names: str) -> list[Run]:
 
 @pytest.mark.slow
 def test_an_effect_beside_a_wrong_drag_is_named_and_the_drag_counts_for_nothing() -> None:
-    with few_candidates({"tether-spring", "quadratic-drag", "battery-sag"}):
+    with few_candidates({"tether-spring", "quadratic-drag", "battery-sag"}, curves=False):
         found = diagnose_runs(campaign("tether-spring"), LINEAR, hold_out=[])
-    with few_candidates({"quadratic-drag", "cubic-drag"}):  # a drag that is missing alone has its name
+    with few_candidates({"quadratic-drag", "cubic-drag"}, curves=False):  # a drag missing alone has its name
         alone = diagnose_runs(campaign(), LINEAR, hold_out=[])
     assert found.verdict == "named"
     assert {effect.name for effect in found.effects} == {"tether-spring", "quadratic-drag"}
@@ -76,7 +76,7 @@ def test_runs_held_out_place_an_edge_that_no_fitted_command_lies_near() -> None:
     between = [[(side * 0.2, 8.0), (side * 0.8, 6.0)] for side in (1.0, -1.0)] * 2
     kept = measured(truth, [unmeasured(plan, i) for i, plan in enumerate(between)], seed=4)
     kept = [replace(run, name=f"kept {run.name}") for run in kept]
-    with few_candidates({"dead-band", "coulomb-drag"}):
+    with few_candidates({"dead-band", "coulomb-drag"}, curves=False):
         found = diagnose_runs(runs, base_for(""), hold_out=kept)
     assert found.verdict == "named" and [one.name for one in found.effects] == ["dead-band"]
     assert found.held_out_gap is not None and found.held_out_gap.after < 1.1 * found.held_out_gap.floor
