@@ -9,6 +9,7 @@ import pytest
 from effect_contract import Floats, base_for, long_plans, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 
+from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
 from automarine_cli.diagnosis.search import CandidateFit, add_effect, candidate_fit
@@ -226,7 +227,8 @@ def test_the_likelihood_knows_the_law(name: str) -> None:
 def test_a_diagnosis_names_the_effect_and_its_law(name: str) -> None:
     plans = short_plans() if name == "dead-band" else long_plans()
     runs = measured(BASE.with_effect(name, SECOND_LAWS[name]), [unmeasured(p, i) for i, p in enumerate(plans)], seed=5)
-    found = diagnose_runs(runs, BASE, hold_out=[])
+    with few_candidates(effects.names(), curves=False):
+        found = diagnose_runs(runs, BASE, hold_out=[])
     assert found.verdict == "named"
     assert [one.name for one in found.effects] == [name]
     assert found.effects[0].parameters["law"].value == 1.0
@@ -277,7 +279,7 @@ def test_such_waves_are_named() -> None:
     """Among what they are mistaken for: `make blind` has them among all."""
     among = {"periodic-disturbance", "heading-moment", "dead-band", "bias-moment"}
     assert fitted_parameters("periodic-disturbance", (0.0, 0.0, 3.0, 1.0)) == 2
-    with few_candidates(among):
+    with few_candidates(among, curves=False):
         found = diagnose_runs(wavy(4), BASE, hold_out=[])
     assert found.verdict == "named" and [one.name for one in found.effects] == ["periodic-disturbance"]
     assert found.effects[0].parameters["phase"].value == 1.0
