@@ -11,12 +11,11 @@ from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, NamedEffect
 from automarine_cli.diagnosis.planar import PlanarDiagnosis, PlanarSearch
-from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region
+from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region, ResidualRegions
 from automarine_cli.diagnosis.search import LEVEL
-from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem
+from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
-from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
@@ -32,55 +31,51 @@ MORE = {"p_value": "p", "cv_rmse_N": "cross-validated error [N]"}  # of candidat
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of learned curves in words
 PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
 NOWHERE = "The error depends on no variable beyond chance."
-FALLS = 0.02  # share of the noise by which a gap has to fall for that to be told
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
-MOST_REGIONS, MOST_NAMED_RUNS, MOST_FAULTS, MOST_CANDIDATES = 8, 5, 8, 5
+MOST_NAMED_RUNS, MOST_CANDIDATES = 5, 5
 
 
 def _sections(
     result: MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], subject: Any,
-    title: str, words: str, verdict: str, effects: Sequence[NamedEffect], regions: Sequence[Region],
-    where: partial[Any] | None, *, notes: tuple[str, str], unit: str = "deg", key: str = "deg",
-    force: str = "moment", dof: Dof | None = None,
-    above: Sequence[str] = (), below: Sequence[str] = (), fitted: str = "", why: str = "",
-    appendix: Sequence[Table | str] = (),
+    title: str, words: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions | None, *,
+    notes: tuple[str, str], unit: str = "deg", key: str = "deg", force: str = "moment", dof: Dof | None = None,
+    above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (),
 ) -> Sections:  # fmt: skip
     """Lay out a diagnosis of any kind, whose JSON has one shape: `above` and `below` the verdict stand lines, `notes`
-    explain gap and threshold; `fitted`, `why` and `appendix` are on the page alone; figures are of the `subject`."""
+    explain gap and threshold; `appendix` is on the page alone; the figure of before and after is of the `subject`."""
     data: dict[str, Any] = result.to_json()
     lines, rows, page = [*above, verdict], list[dict[str, Any]](), list[Table | str]()
     for effect in effects:
         lines += [f"{effect.name}: {effect.says}", *_rivals(effect)]
         parameters = list(parameter_rows(effect, dof))
         page += _effect(effect, dof, parameters)
-        sure = {"confidence": f"{effect.confidence:.0%}"}
-        rows += [
-            {"effect": effect.name} | {k: v for k, v in row.items() if k != "meaning"} | sure for row in parameters
-        ]
-    effect_tables = [Table.of("Effects", rows)] if rows else []
-    tried = candidates(data, effects)
+        for row in parameters:
+            columns = {head: value for head, value in row.items() if head != "meaning"}
+            rows.append({"effect": effect.name, **columns, "confidence": f"{effect.confidence:.0%}"})
+    tried, gaps = candidates(data, effects), gap_tables(data, unit, key, notes[0])
     table = Table.of("Candidates", [row for row in tried if row["is"] != "not fitted"][:MOST_CANDIDATES], [
         f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}",
     ], header=("effect", "evidence gained", "is"))  # fmt: skip
-    gaps = gap_tables(data, unit, key, notes[0])
-    more, drawn = len(regions) - MOST_REGIONS, where is not None
-    text = document(
-        f"# {title}", escape(verdict + fitted), *map(escape, below), *page,
-        "## Where the gap is", regions_table(regions, unit, force) if regions else NOWHERE,
-        f"{more} more regions are in diagnosis.json." if more > 0 else "", "![Where the gap is](where.png)" * drawn,
-        "## Why", table, why, "![Why](why.png)",
-        "## The gap before and after", *gaps, "![Before and after](before_after.png)" * drawn,
-        *(_moves(data, dof or YAW) if "base" in data else ()), *appendix,
-    )  # fmt: skip
     line = f"threshold{notes[1].partition('.')[0]}"
     drawings = {"why": partial(figures.why_figure, tried, data["threshold"], line, words)}
     if where is not None:
-        drawings = {"where": where, **drawings, "before_after": partial(figures.before_after_figure, subject)}
+        drawings = {
+            "where": partial(figures.where_figure, where, words), **drawings,
+            "before_after": partial(figures.before_after_figure, subject),
+        }  # fmt: skip
     for effect in effects:
         if effect.learned is not None:
-            drawings["learned"] = partial(figures.learned_figure, subject, effect.learned)
+            drawings["learned"] = partial(figures.learned_figure, effect.learned, dof or YAW)
+    text = document(
+        f"# {title}", escape(verdict), *map(escape, below), *page,
+        "## Where the gap is", regions_table(where.regions, unit, force) if where and where.regions else NOWHERE,
+        "![Where the gap is](where.png)" * ("where" in drawings),
+        "## Why", table, "![Why](why.png)",
+        "## The gap before and after", *gaps, "![Before and after](before_after.png)" * ("where" in drawings),
+        *(_moves(data, dof or YAW) if "base" in data else ()), *appendix,
+    )  # fmt: skip
     return Sections(
-        [*lines, *below, *effect_tables, *gaps, table],
+        [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
         {"diagnosis.json": data, "extended_model.json": extended, "diagnosis.md": text}, drawings,
         rows=[
             {"effect": effect.name, "confidence": effect.confidence, "parameter": name, **cells(value)}
@@ -100,15 +95,12 @@ def _rivals(effect: NamedEffect) -> list[str]:
 
 def _effect(effect: NamedEffect, dof: Dof | None, parameters: Sequence[Mapping[str, Any]]) -> Iterator[Table | str]:
     """Give an effect's part of the page, with its law where it is one of a motion."""
-    yield from (f"## {effect.name}", effect.says)
     law = dof and library.get(effect.name).law_at([estimate.value for estimate in effect.parameters.values()])
+    yield from (f"## {effect.name}", effect.says)
     if dof and law:
         yield f"`{dof.fill(law.equation)}`"
     yield Table.of("", parameters)
-    chance = f" Chance alone would gain as much in {100 * effect.p_value:.2g} of 100 campaigns like this one or fewer."
-    alone = " No other effect of the library fits nearly as well." * (not effect.rivals)
-    sure = f"Confidence that it is this effect: {effect.confidence:.0%}."
-    yield f"{sure}{chance if np.isfinite(effect.p_value) else ''}{alone}"
+    yield f"Confidence that it is this effect: {effect.confidence:.0%}."
     yield bullets(map(escape, _rivals(effect)))
     if effect.learned is not None:
         yield "![What was learned](learned.png)\n\nThe curve as a table is in diagnosis.json, under `learned`."
@@ -181,13 +173,13 @@ def regions_table(regions: Sequence[Region], unit: str, force: str) -> Table:
     """Lay out the regions that stand out, the most significant first; gaps in `unit`, `force` as people call it."""
     kinds = {force: f"missing {force}", THRUST: "each run's own thrust", SIZE: "size of each run's gap"}
     rows = []
-    for region in regions[:MOST_REGIONS]:
-        some, more = ", ".join(region.runs[:MOST_NAMED_RUNS]), len(region.runs) - MOST_NAMED_RUNS
+    for region in regions:
+        runs, more = ", ".join(region.runs[:MOST_NAMED_RUNS]), len(region.runs) - MOST_NAMED_RUNS
         rows.append({
             "variable": region.variable, "from": number(region.low, 3), "to": number(region.high, 3),
             "unit": region.unit or MISSING, f"gap [{unit}]": number(region.gap, 3),
             "share of the gap": f"{region.share:.0%}", "seen in": kinds.get(region.seen_in, region.seen_in),
-            "p": number(region.p_value, 2), "runs": f"{some} and {more} more" if more > 0 else some or MISSING,
+            "p": number(region.p_value, 2), "runs": f"{runs} and {more} more" if more > 0 else runs or MISSING,
         })  # fmt: skip
     return Table.of("", rows, [
         "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one gap."
@@ -201,17 +193,19 @@ def _shown(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> list[str]:
 
 def _verdict(
     word: str, names: str, why: str, quantity: str, sizes: Sequence[str], unit: str, reference: str,
-    data: str = "runs could show", falls: str = "", remaining: str = "",
+    data: str = "runs could show", remaining: str = "",
 ) -> str:  # fmt: skip
-    """The verdict in one sentence, of motions, the plane and maps alike; `what` has these `sizes`, before and after."""
+    """The verdict in one sentence, of motions, the plane and maps alike; the `quantity` has these `sizes`, before and
+    after."""
     before, after = sizes
-    falls = falls or f"the {quantity} falls from {before} to {after} {unit} ({reference})"
+    gap = f"the {quantity} is {before} {unit} ({reference})."
+    falls = f"the {quantity} falls from {before} to {after} {unit} ({reference})."
     return {
-        diagnose.NAMED: f"Named: {names}; {falls}. {remaining}".rstrip(),
+        diagnose.NAMED: f"Named: {names}; {falls} {remaining}",
         diagnose.SUSPECTED: f"Suspected, not named: {names}. {why}",
-        diagnose.UNEXPLAINED: f"Unexplained: the {quantity} is {before} {unit} ({reference}). {why}",
-        diagnose.NOTHING: f"Nothing missing that these {data}: the {quantity} is {before} {unit} ({reference}).",
-    }[word]
+        diagnose.UNEXPLAINED: f"Unexplained: {gap} {why}",
+        diagnose.NOTHING: f"Nothing missing that these {data}: {gap}",
+    }[word].rstrip()
 
 
 def _misses(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> str:
@@ -220,50 +214,27 @@ def _misses(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> str:
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    dof, verdict, driven, counted = (
-        diagnosis.study.base.dof, diagnosis.conclusion, diagnosis.study.driven, diagnosis.result.final.counted,
-    )  # fmt: skip
-    gap, outlook, of = diagnosis.gap, diagnosis.outlook, ""
+    study, verdict, counted = diagnosis.study, diagnosis.conclusion, diagnosis.result.final.counted
+    dof, gap, outlook, of = study.base.dof, diagnosis.gap, diagnosis.outlook, ""
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
-        gap, outlook, held_out = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
-        of = f" of the {held_out} run{'s' * (held_out > 1)} held out"
-    sizes, judged = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)], outlook and outlook.judged
+        gap, outlook, count = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
+        of = f" of the {count} run{'s' * (count > 1)} held out"
+    sizes = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)]
     level = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
-    if judged:
+    if judged := outlook and outlook.judged:
         sizes, level = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {level}"
-    names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
+    names = " and ".join(effect.name for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    error = (f"error of predictions {HORIZON:g} s ahead" if driven else "gap") + of
-    data, falls = "runs could show" + " beside their disturbances" * driven, _gains_instead(diagnosis)
-    return _verdict(
-        verdict.word, names, verdict.why, error, sizes, dof.units.shown, level, data, falls, verdict.remainder
-    )
-
-
-def _or_rivals(effect: NamedEffect) -> str:
-    """An effect's name; of one that is less likely than its rivals together those too."""
-    rivals = effect.few_rivals if effect.confidence < diagnose.EVEN else ()
-    return " or ".join([effect.name, *(rival.name for rival in rivals)])
-
-
-def _gains_instead(diagnosis: Diagnosis) -> str:
-    """What was gained where no gap could fall because each run's own gain had followed what was missing: the scatter of
-    the thrust; empty elsewhere."""
-    gap, search, dof = diagnosis.gap, diagnosis.result, diagnosis.study.base.dof
-    before, after = (100.0 * trial.fit.factor(GAIN) for trial in (search.base, search.final))
-    if diagnosis.study.driven or gap.before - gap.after > FALLS * gap.floor or after > 0.7 * before:
-        return ""
-    return (
-        f"thrust differs from run to run by {after:.1f} % instead of {before:.1f} % (the gap stays at "
-        f"{dof.shown(gap.after):.2f} {dof.units.shown}, which is noise)"
-    )
+    error = (f"error of predictions {HORIZON:g} s ahead" if study.driven else "gap") + of
+    data = "runs could show" + " beside their disturbances" * study.driven
+    return _verdict(verdict.word, names, verdict.why, error, sizes, dof.units.shown, level, data, verdict.remainder)
 
 
 @sections.register
 def _(result: MotionDiagnosis) -> Sections:
     diagnosis, dof = result.diagnosis, result.stored.dof
-    study, search, where = diagnosis.study, diagnosis.result, diagnosis.where
+    study, search = diagnosis.study, diagnosis.result
     below = [PLANNED] * any(effect.rivals for effect in diagnosis.effects)
     below += [study.cycle.sentence(dof)] if study.cycle is not None else []
     before, after = (100.0 * trial.fit.factor(GAIN) for trial in (search.base, search.final))
@@ -275,20 +246,20 @@ def _(result: MotionDiagnosis) -> Sections:
     how = "the innovations of a filter, disturbances with it" if study.driven else "simulating whole runs"
     chance = (
         f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns. Each candidate was fitted together with the "
-        f"base model by {how}."
-    )
-    held_out = "" if diagnosis.held_out is None else f" and {len(diagnosis.held_out.runs)} held out"
-    appendix: list[Table | str] = ["## What to run next", _next(diagnosis)]
+        f"base model by {how}. {search.crowd}"
+    ).rstrip()
+    reveals = {effect.name: library.get(effect.name).card(dof).reveals for effect in diagnosis.effects}
+    better = bullets(f"To see {name} better: {runs}." for name, runs in reveals.items())
+    appendix: list[Table | str] = ["## What to run next", better] if better else []
     if diagnosis.verdict != diagnose.NAMED:
         appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
     return _sections(
         result, result.extended_model(), diagnosis, f"Diagnosis of the {dof.name} model", diagnosis.words,
-        verdict_sentence(diagnosis), diagnosis.effects, where.regions,
-        partial(figures.where_figure, where, diagnosis.words), notes=(gap, chance), unit=dof.units.shown,
+        verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where, notes=(gap, chance), unit=dof.units.shown,
         key=dof.units.key, force=dof.words.force, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
         below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
-        fitted=f" {len(study.runs)} runs were fitted{held_out}.", why=search.crowd or "", appendix=appendix,
+        appendix=appendix,
     )  # fmt: skip
 
 
@@ -300,49 +271,16 @@ def _moves(data: Mapping[str, Any], dof: Dof) -> list[Table | str]:
         old, new = (Estimate(**sizes[key]) for key in ("before", "after"))
         row = {"parameter": names.get(name, name), "base model": old}
         if is_named:
-            change = (new.value - old.value) / old.value if abs(old.value) > 1e-6 * abs(new.value) else float("nan")
-            percent = f"{change:+.1%}" if np.isfinite(change) else MISSING
-            row |= {"with what was missing": new, "change": percent}
+            change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
+            row |= {"with what was missing": new, "change": change}
         rows.append({**row, "unit": new.unit})
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
             moved.append(names.get(name, name))
-    sentence = "No base parameter moved by more than its uncertainty." if is_named else "Nothing was added."
+    sentence = f"The base model is fitted anew to these {data['runs']['used']} runs: it is not quite that of the file."
     if moved:
         absorbed = "the base model had absorbed part of what is missing"
-        sentence = f"{' and '.join(moved)} moved by more than the uncertainty: {absorbed}."
-    anew = f"The base model is fitted anew to these {data['runs']['used']} runs: it is not quite that of the file."
-    return ["## What it does to the model", Table.of("", rows), f"{sentence} {anew}"]
-
-
-def _next(diagnosis: Diagnosis) -> str:
-    dof = diagnosis.study.base.dof
-    reveals = {effect.name: library.get(effect.name).card(dof).reveals for effect in diagnosis.effects}
-    better = (f"To see {name} better: {runs}." for name, runs in reveals.items())
-    return bullets((*better, *general_advice(diagnosis.study)))
-
-
-def general_advice(study: DiagnosisProblem) -> tuple[str, ...]:
-    pushes = [(run, np.sign(run.command), np.flatnonzero(run.command)) for run in study.runs if np.any(run.command)]
-    coasts = sum(
-        bool(np.any(push[at[0] :] == 0) and len(run) - at[-1] > 3.0 / run.sample_period) for run, push, at in pushes
-    )
-    reversals = sum(bool(np.any(push[at] != push[at[0]])) for _, push, at in pushes)
-    sides = {float(np.sign(run.command[at].mean())) for run, _, at in pushes} - {0.0}
-    even = float(np.abs(np.exp(1j * np.array([run.position[0] for run in study.runs])).mean()))
-    words = study.base.dof.words
-    advice = (
-        (coasts < 2, "Add two coast-downs: they separate a dead-band from Coulomb drag and show thrust loss."),
-        (reversals < 2, f"Add two reversals at full {words.force}: lags, delay and swirl show most there."),
-        (even > 0.7 and study.base.dof.wraps, f"Start runs from other {words.position}s: a {words.sensor} and a "
-         f"current show only against {words.position}."),
-        (len(sides) < 2, f"{words.move.capitalize()} {words.both_ways}: asymmetry and bias need the other sign."),
-        (len(pushes) == len(study.runs),
-         f"Add one rest record of a minute: bias, current and {words.rate_sensor} drift show without any model."),
-        (not set(study.signals) - set(PARTS),
-         "Log the supply voltage: without it a sag can hardly be separated from drag."),
-    )  # fmt: skip
-    enough = "The campaign has every kind of run; more runs of the same kinds narrow the intervals."
-    return tuple(sentence for lacks, sentence in advice if lacks) or (enough,)
+        sentence = f"{' and '.join(moved)} moved by more than the uncertainty: {absorbed}. {sentence}"
+    return ["## What it does to the model", Table.of("", rows), sentence]
 
 
 def detectable_table(diagnosis: Diagnosis) -> Table:
@@ -360,11 +298,10 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 
 @sections.register
 def _(result: PlanarDiagnosis) -> Sections:
-    search, where = result.search, result.search.where
+    search = result.search
     return _sections(
         result, result.extended_model(), search, "Diagnosis of the planar model", search.words, planar_verdict(search),
-        _planar_effects(result), where.regions if where else (),
-        None if where is None else partial(figures.where_figure, where, search.words, "stretches of runs"),
+        _planar_effects(result), search.where,
         notes=("", (
             " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than "
             "others, or less than the threshold."
@@ -399,11 +336,6 @@ def planar_verdict(search: PlanarSearch) -> str:
 @sections.register
 def _(result: ThrusterDiagnosis) -> Sections:
     words = diagnose.in_few_words(result.verdict, [effect.name for effect in result.effects])
-    faults = [fault.says for fault in result.faults[:MOST_FAULTS]]
-    if len(result.faults) > MOST_FAULTS:
-        faults.append(f"And {len(result.faults) - MOST_FAULTS} more stretches, see diagnosis.json.")
-    if faults:
-        faults.append("Measure the faulty readings again; they have little weight in these fits.")
     gap = (
         f"Root mean square errors over levels. Before: the map's form refitted; as given it is "
         f"{number(result.given_rmse, 3)} N off on the fitted levels. The noise is read from {result.floor_from}."
@@ -414,8 +346,8 @@ def _(result: ThrusterDiagnosis) -> Sections:
     )
     return _sections(
         result, result.extended_map, result, "Diagnosis of a thruster map", words, map_verdict(result), result.effects,
-        result.where.regions, partial(figures.where_figure, result.where, words, "points"), notes=(gap, chance),
-        unit="N", key="N", force="thrust", below=faults,
+        result.where, notes=(gap, chance), unit="N", key="N", force="thrust",
+        below=[fault.says for fault in result.faults],
     )  # fmt: skip
 
 

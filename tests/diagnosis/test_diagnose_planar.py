@@ -102,4 +102,4 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(told)
         assert region.p_value < 0.05 and set(region.runs) <= set(where.names)
     panel = where_figure(where, "nothing added").axes[0]
-    assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "missing yaw moment [N m]")
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "gap in yaw moment [N m]")

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans
 from few_candidates import few_candidates
+from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.report import diagnosis_report  # noqa: F401  registers what a diagnosis shows
-from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure
+from automarine_cli.report.figures.diagnosis import AFTER, before_after_figure, where_figure
 from automarine_cli.report.sections import Sections, sections
 
 BASE = base_for("")
@@ -82,8 +83,9 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
     lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
     trials = lag.result.rounds[0].trials
     assert lengths == sorted(lengths) and len(lengths) == len(trials)
-    bold = {label.get_text() for label in bars.get_yticklabels() if label.get_fontweight() == "bold"}
-    assert bold == set(lag.result.final.added) & {trial.added[-1] for trial in trials}
+    labels = [label.get_text() for label in bars.get_yticklabels()]
+    blue = {name for name, bar in zip(labels, bars.patches) if bar.get_facecolor() == to_rgba(AFTER)}
+    assert blue == set(lag.result.final.added) & {trial.added[-1] for trial in trials}
 
 
 def test_before_and_after_share_their_axes_and_do_without_held_out_runs(lag: Diagnosis) -> None:

@@ -23,7 +23,6 @@ from automarine_cli.diagnosis.search import CandidateFit, candidate_fit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.diagnosis_report import general_advice
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -160,12 +159,3 @@ def test_the_side_is_that_of_the_last_moment_that_pushed() -> None:
     assert np.all(np.abs(side) == 1.0)
     assert side[3, 0] == 1.0 and side[3, -1] == -1.0  # a reversal
     assert np.all(side[2] == -1.0)  # a coast-down keeps its side
-
-
-def test_advice_asks_for_what_the_campaign_lacks() -> None:
-    runs = campaign(TRUTH, 9, runs=16)
-    steps = [replace(run, moment=np.abs(run.command[50]) * (run.command != 0)) for run in runs[::4]]
-    said = " ".join(general_advice(study_of(steps, TRUTH)))
-    assert "coast-down" in said and "reversal" in said and "both sides" in said
-    said = " ".join(general_advice(study_of(runs, TRUTH)))
-    assert "two coast-downs" not in said and "two reversals" not in said and "both sides" not in said

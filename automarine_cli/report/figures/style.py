@@ -105,16 +105,17 @@ def panels(count: int, columns: int, row_in: float, beyond_in: float, **subplots
     return figure, axes
 
 
-def span(figure: Figure, axes: NDArray[Any], *columns: slice) -> list[Axes]:
-    """Put wide axes in place of a row of axes, one for each slice of its columns."""
-    grid = axes[0].get_subplotspec()
+def widened(figure: Figure, axes: NDArray[Any]) -> Axes:
+    """Put wide axes in place of a row of axes."""
     for ax in axes:
         ax.remove()
-    return [figure.add_subplot(grid.get_gridspec()[grid.rowspan.start, column]) for column in columns]
+    place = axes[0].get_subplotspec()
+    return figure.add_subplot(place.get_gridspec()[place.rowspan.start, :])
 
 
 def shortened(name: str, most: int) -> str:
-    return name if len(name) <= most else f"{name[: most - 1]}…"
+    """Cut a long name of a run at its begin: they differ at their end."""
+    return name if len(name) <= most else f"…{name[1 - most :]}"
 
 
 def limit(axes: Axes, low: float, high: float, reach: float, lines: Sequence[NDArray[Any]]) -> None:
