@@ -1,14 +1,14 @@
-"""What `compare` says: parameters side by side, differences with intervals, and each in a sentence."""
+"""What `compare` says: parameters side by side, and differences with intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, Side
+from automarine_cli.comparison.side_by_side import DIFFERS, MAY_DIFFER, Difference, Side
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.sections import Content, Sections, document, numbers, sections
-from automarine_cli.report.tables import Table, number
+from automarine_cli.report.tables import Table, escape, number
 
 NOTE = (
     "Each result less the first. “differs”: significant after Holm's correction for the number of comparisons; "
@@ -35,7 +35,7 @@ class ResultComparison(Shown):
                  "facts": dict(side.facts), "runs": side.runs}
                 for side in self.sides
             ],
-            "differences": [apart.to_json() | {"says": sentence(apart)} for apart in self.differences],
+            "differences": [apart.to_json() for apart in self.differences],
             "summary": summary(self.differences),
             "notes": list(self.notes),
         }  # fmt: skip
@@ -43,20 +43,18 @@ class ResultComparison(Shown):
 
 @sections.register
 def _(result: ResultComparison) -> Sections:
-    words = [summary(result.differences), *map(sentence, result.differences), *result.notes]
+    words = [summary(result.differences), *result.notes]
     tables = parameter_table(result.sides), difference_table(result.differences)
     files: dict[str, Content] = {
         "comparison.json": result.to_json(), "parameters.csv": tables[0].to_csv(),
-        "differences.csv": tables[1].to_csv(),
-        "comparison.md": document(Table.of("", [{"in words": line} for line in words]), *tables),
+        "differences.csv": tables[1].to_csv(), "comparison.md": document(*map(escape, words), *tables),
     }  # fmt: skip
     rows = [
         {"parameter": apart.parameter, "of": apart.of, "less": apart.base, **numbers(apart.difference),
          "p_value": apart.p_value, "verdict": apart.verdict}
         for apart in result.differences
     ]  # fmt: skip
-    figures = {"comparison": partial(compare_figure, result.sides)}
-    return Sections([*tables, *words], files, figures, rows=rows)
+    return Sections([*tables, *words], files, {"comparison": partial(compare_figure, result.sides)}, rows=rows)
 
 
 def parameter_table(sides: Sequence[Side]) -> Table:
@@ -87,26 +85,7 @@ def difference_table(differences: Sequence[Difference]) -> Table:
     return Table.of(f"Against {differences[0].base}", rows, [NOTE])
 
 
-def sentence(apart: Difference) -> str:
-    if apart.relative is not None:
-        percent, low, high = apart.relative
-        size, ends = f"{abs(percent):.1f} %", f"{low:+.1f} to {high:+.1f} %"
-    else:
-        unit = "" if apart.difference.unit in ("", "1") else f" {apart.difference.unit}"
-        size = number(abs(apart.difference.value), 3) + unit
-        ends = " to ".join(number(end, 3) for end in apart.difference.ci95) + unit
-    if apart.verdict == ALIKE:
-        return f"{apart.parameter}: {ALIKE} between {apart.of} and {apart.base} (95 % interval {ends})."
-    way = "larger" if apart.difference.value > 0 else "smaller"
-    sure = "is" if apart.verdict == DIFFERS else "may be"
-    return f"{apart.parameter} {sure} {size} {way} in {apart.of} than in {apart.base} (95 % interval {ends})."
-
-
 def summary(differences: Sequence[Difference]) -> str:
     verdicts = [apart.verdict for apart in differences]
-    count, doubtful = verdicts.count(DIFFERS), sum(verdict not in (DIFFERS, ALIKE) for verdict in verdicts)
-    compared = f"{len(verdicts)} parameter{'s' * (len(verdicts) != 1)} compared"
-    if not count and not doubtful:
-        return f"No difference shown in {compared}."
-    differ = f"Of {compared} {count or 'none'} differ{'s' * (count <= 1)} beyond chance"
-    return f"{differ}, {doubtful} may." if doubtful else f"{differ}."
+    differ, may = verdicts.count(DIFFERS), verdicts.count(MAY_DIFFER)
+    return f"Parameters compared: {len(verdicts)}; {differ} differ beyond chance, {may} may differ."

@@ -11,7 +11,7 @@ from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, NamedEffect
 from automarine_cli.diagnosis.planar import PlanarDiagnosis, PlanarSearch
-from automarine_cli.diagnosis.residual_regions import SIZE, THRUST, Region, ResidualRegions
+from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
@@ -38,7 +38,7 @@ MOST_NAMED_RUNS, MOST_CANDIDATES = 5, 5
 def _sections(
     result: MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], subject: Any,
     title: str, words: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions | None, *,
-    notes: tuple[str, str], unit: str = "deg", key: str = "deg", force: str = "moment", dof: Dof | None = None,
+    notes: tuple[str, str], unit: str = "deg", key: str = "deg", dof: Dof | None = None,
     above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (),
 ) -> Sections:  # fmt: skip
     """Lay out a diagnosis of any kind, whose JSON has one shape: `above` and `below` the verdict stand lines, `notes`
@@ -68,11 +68,11 @@ def _sections(
             drawings["learned"] = partial(figures.learned_figure, effect.learned, dof or YAW)
     text = document(
         f"# {title}", escape(verdict), *map(escape, below), *page,
-        "## Where the gap is", regions_table(where.regions, unit, force) if where and where.regions else NOWHERE,
+        "## Where the gap is", regions_table(where.regions, unit) if where and where.regions else NOWHERE,
         "![Where the gap is](where.png)" * ("where" in drawings),
         "## Why", table, "![Why](why.png)",
         "## The gap before and after", *gaps, "![Before and after](before_after.png)" * ("where" in drawings),
-        *(_moves(data, dof or YAW) if "base" in data else ()), *appendix,
+        *(_moves(data) if "base" in data else ()), *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
@@ -169,16 +169,15 @@ def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[
     return [Table.of("", rows, [note])] if rows else []
 
 
-def regions_table(regions: Sequence[Region], unit: str, force: str) -> Table:
-    """Lay out the regions that stand out, the most significant first; gaps in `unit`, `force` as people call it."""
-    kinds = {force: f"missing {force}", THRUST: "each run's own thrust", SIZE: "size of each run's gap"}
+def regions_table(regions: Sequence[Region], unit: str) -> Table:
+    """Lay out the regions that stand out, the most significant first; gaps in `unit`."""
     rows = []
     for region in regions:
         runs, more = ", ".join(region.runs[:MOST_NAMED_RUNS]), len(region.runs) - MOST_NAMED_RUNS
         rows.append({
             "variable": region.variable, "from": number(region.low, 3), "to": number(region.high, 3),
             "unit": region.unit or MISSING, f"gap [{unit}]": number(region.gap, 3),
-            "share of the gap": f"{region.share:.0%}", "seen in": kinds.get(region.seen_in, region.seen_in),
+            "share of the gap": f"{region.share:.0%}", "seen in": region.seen_in,
             "p": number(region.p_value, 2), "runs": f"{runs} and {more} more" if more > 0 else runs or MISSING,
         })  # fmt: skip
     return Table.of("", rows, [
@@ -243,11 +242,7 @@ def _(result: MotionDiagnosis) -> Sections:
         f"{dof.words.position}, thrust and switch instants. Thrust differs from run to run by {before:.1f} % before "
         f"and {after:.1f} % after."
     )
-    how = "the innovations of a filter, disturbances with it" if study.driven else "simulating whole runs"
-    chance = (
-        f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns. Each candidate was fitted together with the "
-        f"base model by {how}. {search.crowd}"
-    ).rstrip()
+    chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns. {search.crowd}".rstrip()
     reveals = {effect.name: library.get(effect.name).card(dof).reveals for effect in diagnosis.effects}
     better = bullets(f"To see {name} better: {runs}." for name, runs in reveals.items())
     appendix: list[Table | str] = ["## What to run next", better] if better else []
@@ -256,26 +251,25 @@ def _(result: MotionDiagnosis) -> Sections:
     return _sections(
         result, result.extended_model(), diagnosis, f"Diagnosis of the {dof.name} model", diagnosis.words,
         verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where, notes=(gap, chance), unit=dof.units.shown,
-        key=dof.units.key, force=dof.words.force, dof=dof,
+        key=dof.units.key, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
         below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
         appendix=appendix,
     )  # fmt: skip
 
 
-def _moves(data: Mapping[str, Any], dof: Dof) -> list[Table | str]:
+def _moves(data: Mapping[str, Any]) -> list[Table | str]:
     """Lay out the parameters of the base model of a `diagnosis.json` before and after, and say which moved."""
     is_named, rows, moved = data["verdict"] == diagnose.NAMED, [], list[str]()
-    names = {dof.symbols.constant: "constant force", dof.symbols.difference: "half the difference of drag"}
     for name, sizes in data["base"].items():
         old, new = (Estimate(**sizes[key]) for key in ("before", "after"))
-        row = {"parameter": names.get(name, name), "base model": old}
+        row = {"parameter": name, "base model": old}
         if is_named:
             change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
             row |= {"with what was missing": new, "change": change}
         rows.append({**row, "unit": new.unit})
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
-            moved.append(names.get(name, name))
+            moved.append(name)
     sentence = f"The base model is fitted anew to these {data['runs']['used']} runs: it is not quite that of the file."
     if moved:
         absorbed = "the base model had absorbed part of what is missing"
@@ -346,7 +340,7 @@ def _(result: ThrusterDiagnosis) -> Sections:
     )
     return _sections(
         result, result.extended_map, result, "Diagnosis of a thruster map", words, map_verdict(result), result.effects,
-        result.where, notes=(gap, chance), unit="N", key="N", force="thrust",
+        result.where, notes=(gap, chance), unit="N", key="N",
         below=[fault.says for fault in result.faults],
     )  # fmt: skip
 

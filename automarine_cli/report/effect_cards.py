@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects import Effect
-from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table, number
 
@@ -14,11 +13,6 @@ ACTS_ON = {
     "moment": "{force}: one more {force} on the vehicle",
     "water": "water: the water that the drag acts through",
     "sensor": "sensor: the {position} that is read for the true one",
-}
-MIRRORED = {
-    EVEN: "even: a mirrored campaign has the same parameters",
-    ODD: "odd: a mirrored campaign has all parameters negated",
-    MIXED: "mixed: a mirrored campaign has some parameters negated",
 }
 FITTED_AGAINST = {
     "moment": "the largest {force} of the logs",
@@ -29,10 +23,10 @@ FITTED_AGAINST = {
 
 @dataclass(frozen=True)
 class EffectCards:
-    """Cards of effects in a motion; `whole` where one was asked for by name, `every` where no motion was."""
+    """Cards of effects in a motion; `in_full` where one was asked for by name, `every` where no motion was."""
 
     cards: tuple[Effect, ...]
-    whole: bool
+    in_full: bool
     dof: Dof
     every: bool
 
@@ -47,7 +41,7 @@ class EffectCards:
 
 @sections.register
 def _(result: EffectCards) -> Sections:
-    if result.whole:
+    if result.in_full:
         return Sections(_card(result.cards[0], result.dof, result.every))
     rows = [
         {"name": effect.name, "place": result.dof.fill(ACTS_ON[effect.place.value]).partition(":")[0],
@@ -69,7 +63,6 @@ def _card(effect: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
         "revealed by": card.reveals,
         "mistaken for": ", ".join(effect.mistaken_for),
         "told apart by": card.separated_by,
-        "parity": MIRRORED[effect.parity],
         "source": effect.source,
     }
     texts = [f"{label:<14}  {text}" for label, text in lines.items() if text or label != "only in"]
@@ -79,20 +72,15 @@ def _card(effect: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
         sentences += f"\n\nlaw: {word}\n  {equation}\n  mistaken for {', '.join(law.mistaken_for)}; {law.source}"
     rows = [
         {
-            "symbol": p.name, "meaning": p.meaning, "unit": p.unit, "bounds": f"{_bound(p.lower)} to {_bound(p.upper)}",
-            "start": number(p.start), "off": "any" if shape else _bound(p.off),
+            "symbol": p.name, "meaning": p.meaning, "unit": p.unit, "bounds": f"{number(p.lower)} to {number(p.upper)}",
+            "start": number(p.start), "off": "any" if shape else number(p.off),
             "reference or choices": " or ".join(p.choices) or dof.fill(FITTED_AGAINST.get(p.reference, "")),
         }
         for p, shape in zip(card.parameters, effect.shapes)
     ]  # fmt: skip
     note = f"Starts are for a largest {dof.words.force} of one. A parameter with a reference is taken from the logs, "
     note += "not fitted; one with choices is 0 for the first and so on, and a diagnosis tries each."
-    header = ("symbol", "meaning", "unit", "bounds", "start", "off", "reference or choices")
-    return (sentences, Table.of("Parameters", rows, [note], header=header))
-
-
-def _bound(value: float) -> str:
-    return number(value) if math.isfinite(value) else "∞" if value > 0 else "-∞"
+    return (sentences, Table.of("Parameters", rows, [note]))
 
 
 def _card_json(effect: Effect, dof: Dof) -> dict[str, object]:

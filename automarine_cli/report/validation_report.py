@@ -3,7 +3,6 @@
 from functools import partial
 
 from automarine_cli.comparison.validation import Ahead, Overall, Validation
-from automarine_cli.dofs import Dof
 from automarine_cli.fits.innovations import measured_noises, sensors_of, sentences_of
 from automarine_cli.models.store import StoredPlanar
 from automarine_cli.report.figures.runs import planar_figure, validation_figure
@@ -32,10 +31,8 @@ def _(result: Validation) -> Sections:
     tables = [*([] if ahead is None else [ahead_table(ahead)]), overall_table(result), run_table(result)]
     sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
     figures = {name: partial(validation_figure, *of_run) for name, of_run in zip(names, zip(free, result.floors))}
-    files |= forms_of("validation", *tables) | {
-        "validation.csv": score_table(result).to_csv(),
-        "validation.md": document(*headline, *tables, *sensors),
-    }
+    files |= forms_of("validation", *tables)
+    files |= {"validation.csv": score_table(result).to_csv(), "validation.md": document(*headline, *tables, *sensors)}
     warnings = (f"Warning: {warning}" for warning in command_warnings(runs))
     return Sections([*warnings, *headline, *tables, *sensors], files, figures, LISTED, score_rows(result))
 
@@ -75,6 +72,7 @@ def overall_table(result: Validation) -> Table:
 
 def run_table(result: Validation) -> Table:
     rows, dof = list[dict[str, str]](), result.dof
+    starts = next(iter(result.models.values())).free
     for i, (run, floor, restarts) in enumerate(zip(result.runs, result.floors, result.restarts)):
         scores = {model: scored.values[i] for model, scored in result.models.items()}
         rows.append({
@@ -84,15 +82,11 @@ def run_table(result: Validation) -> Table:
             **{f"model {m}": DIVERGED if of["rmse"] is None else number(of["rmse"], 3) for m, of in scores.items()},
             **{f"{m} restarted": number(of["restarted_rmse"], 3) for m, of in scores.items()},
             "horizon s": number(restarts.horizon, 3),
-            "start": _starts(result)[i].split(":")[0],
+            "start": starts[i].start.how.split(":")[0],
         })  # fmt: skip
     return Table.of(
         f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted", rows
     )
-
-
-def _starts(result: Validation) -> list[str]:
-    return [free.start.how for free in next(iter(result.models.values())).free]
 
 
 def ahead_table(ahead: Ahead) -> Table:
@@ -124,14 +118,11 @@ def score_rows(result: Validation) -> list[dict[str, object]]:
             rows.append({"run": run.name, "model": model, **scores})
             if result.restarts:
                 rows[-1] |= {
-                    _noise_key(result): result.floors[i], "restarted_horizon_s": result.restarts[i].horizon,
-                    "restarted_at": result.restarts[i].rule, "start": scored.free[i].start.how,
+                    f"noise_floor_{result.dof.units.key}": result.floors[i],
+                    "restarted_horizon_s": result.restarts[i].horizon, "restarted_at": result.restarts[i].rule,
+                    "start": scored.free[i].start.how,
                 }  # fmt: skip
     return rows
-
-
-def _noise_key(result: Validation) -> str:
-    return f"noise_floor_{result.dof.units.key}"
 
 
 def score_table(result: Validation) -> Table:
@@ -139,8 +130,8 @@ def score_table(result: Validation) -> Table:
     rows = score_rows(result)
     for model, scored in result.models.items():
         scores = {result.key(name): score.value for name, score in scored.overall.items()}
-        overall = {"run": "all runs", "model": model, **scores, _noise_key(result): result.floor}
-        rows.append(dict.fromkeys(rows[0]) | overall)
+        noise = {f"noise_floor_{result.dof.units.key}": result.floor}
+        rows.append(dict.fromkeys(rows[0]) | {"run": "all runs", "model": model, **scores, **noise})
     cells = [{key: number(x, 6) if isinstance(x, float) else x for key, x in row.items()} for row in rows]
     return Table.of("Scores", cells)
 
@@ -155,25 +146,11 @@ def _cell(name: str, score: Overall) -> str:
 
 def _notes(result: Validation) -> list[str]:
     """Say what each score means: its horizon, its start state, and what no model can undercut."""
-    runs, dof = result.runs, result.dof
-    *rules, last = dict.fromkeys(restarts.rule for restarts in result.restarts)
-    logged = sum(dof.velocity in run.extras for run in runs)
-    rate = f"the log in {logged} runs, else " if logged else ""
-    measured = f"from {rate}the smoothed {dof.position}" if logged < len(runs) else "from the logs"
+    dof, rules = result.dof, dict.fromkeys(restarts.rule for restarts in result.restarts)
     return [
-        "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "
-        + _how_started([how.startswith("from rest") for how in _starts(result)], dof),
-        f"Restarted {'; '.join([*rules, f'or {last}']) if rules else last}; {dof.position} and {dof.words.speed} "
-        "smoothed there, whose own error even a perfect model shows.",
-        f"Measured {dof.words.rate} {measured}.",
+        "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone.",
+        f"Restarted {'; or '.join(rules)}; {dof.position} and {dof.words.speed} smoothed there, whose own error even a "
+        "perfect model shows.",
         f"Noise level of the {dof.position}, estimated without a model: {number(result.floor, 3)} {dof.units.shown}.",
-        *(["In brackets: 95 % intervals, runs resampled."] if len(runs) >= 3 else []),
+        *(["In brackets: 95 % intervals, runs resampled."] if len(result.runs) >= 3 else []),
     ]
-
-
-def _how_started(at_rest: list[bool], dof: Dof) -> str:
-    idle = f"start from rest, at the mean {dof.position} of the rest"
-    moving = f"with the {dof.position} and {dof.words.speed} that follow their first second best"
-    if all(at_rest):
-        return f"All {idle}."
-    return f"{sum(at_rest)} of {len(at_rest)} {idle}; the others {moving}." if any(at_rest) else f"All start {moving}."

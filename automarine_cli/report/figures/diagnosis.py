@@ -28,7 +28,6 @@ STATUS = {"named": AFTER, "suspected": AFTER, "rival": RIVAL, "not needed": "0.6
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
 MOST_VARIABLES, COLUMNS = 12, 4
 TIME_BINS, RUN_TICKS = 60, 8  # of the heat map
-MOST_RUNS_SHOWN = 4
 LONGEST_NAME, LONGEST_LINE = 26, 104  # letters that have room above a panel and in the title
 
 
@@ -62,7 +61,7 @@ def _bins(axes: Axes, variable: Variable) -> None:
     """Draw the most telling row of one variable as steps with a band; bins that stand out are shaded."""
     row, edges, out = variable.telling, variable.edges, bool(variable.stands_out.any())
     for begin, end in zip(edges[:-1][variable.stands_out], edges[1:][variable.stands_out]):
-        axes.axvspan(begin, end, color=MARK, alpha=0.45, lw=1.5, zorder=0)  # its edge shows where it is too narrow
+        axes.axvspan(begin, end, color=MARK, alpha=0.45, lw=0.8, zorder=0)  # its edge shows where it is too narrow
     have = np.isfinite(row.mean)
     x, mean, error, colour = variable.middle[have], row.mean[have], row.error[have], BEFORE if out else "0.45"
     axes.axhline(0.0, color="0.3", lw=0.6, zorder=1)
@@ -82,11 +81,8 @@ def _heat_map(figure: Figure, axes: Axes, where: Where) -> None:
     """Draw the mean gap in bins of time, a line a run, in the order of the runs' mean commands."""
     dof = where.dof
     order, end = np.argsort(where.mean_moment, kind="stable"), float(where.time[where.observed].max())
-    image = [
-        binned_statistic(where.time[i][seen], dof.shown(where.residual[i][seen]), bins=TIME_BINS, range=(0, end))[0]
-        for i in order
-        for seen in [where.observed[i]]
-    ]
+    runs = zip(where.time[order], dof.shown(where.residual[order]), where.observed[order])
+    image = [binned_statistic(time[has], gap[has], bins=TIME_BINS, range=(0, end))[0] for time, gap, has in runs]
     most = max(float(np.nanquantile(np.abs(image), 0.99)), float(dof.shown(where.floor)))
     extent = (0.0, end, -0.5, len(order) - 0.5)
     mesh = axes.imshow(image, cmap="PuOr", vmin=-most, vmax=most, origin="lower", aspect="auto", extent=extent)
@@ -122,8 +118,6 @@ def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str, w
 
 
 Line = tuple[Floats, Floats]
-Sizes = tuple[str, Floats, Floats]
-"""Which runs, and the gap of each before and after."""
 
 
 @dataclass(frozen=True)
@@ -140,20 +134,18 @@ class Case:
 
 @singledispatch
 def before_after_figure(result: Any) -> Figure:
-    """Draw telling cases of a diagnosis with both models, their errors on equal axes and, of runs, the gap of each."""
+    """Draw telling cases of a diagnosis with both models, and their errors on equal axes."""
     raise TypeError(f"no figure of a {type(result).__name__} is drawn before and after")
 
 
 @style.house_style
 def _before_after(
     cases: Sequence[Case], title: str, measures: str, names: tuple[str, str], unit: str, floor: float,
-    x_label: str = "time [s]", sizes: Sequence[Sizes] = (),
+    x_label: str = "time [s]",
 ) -> Figure:  # fmt: skip
-    heights = [1.5, 1.2] + [1.4] * bool(sizes)
-    size = style.PAGE_IN, 5.0 + 1.4 * bool(sizes)
-    figure, grid = style.new_figure(len(heights), max(len(cases), 1), *size, height_ratios=heights)
+    figure, grid = style.new_figure(2, max(len(cases), 1), style.PAGE_IN, 4.5)
     most = 1.08 * max((float(np.abs(error).max(initial=0.0)) for case in cases for _, error in case.errors), default=0)
-    for case, top, bottom in zip(cases, *grid[:2]):
+    for case, top, bottom in zip(cases, *grid):
         top.plot(case.x, case.measured, "o", color=style.MEASURED, ms=3.0 if case.curves else 1.6, label="measured")
         bottom.axhspan(-2 * floor, 2 * floor, color="0.9", lw=0, label="± 2 × noise")
         bottom.axhline(0.0, color="0.3", lw=0.6)
@@ -163,31 +155,16 @@ def _before_after(
             top.plot(*curve, color=colour, lw=1.0, ls=dashes, label=label)
             bottom.plot(*error, "o" if case.curves else "-", color=colour, lw=0.7, ms=3.0, mfc=fill)
         low, high = float(case.measured.min()), float(case.measured.max())
-        style.limit(top, low, high, 0.5 * (high - low), [y[np.isfinite(y)] for _, y in curves])
+        style.limit(top, low, high, 0.5 * (high - low) + 1e-6)
         top.set_title(case.title, fontsize=6.5, parse_math=False)
         bottom.sharex(top)
         bottom.set_ylim(-(most or 1.0), most or 1.0)
         bottom.set_xlabel(x_label, labelpad=1)
-    for axes in grid[1, 1:]:
-        axes.set_yticklabels([])
     grid[0, 0].set_ylabel(f"{measures} [{unit}]")
     grid[1, 0].set_ylabel(f"measured − modelled [{unit}]")
-    if sizes:
-        _sizes(style.widened(figure, grid[-1]), sizes, unit, floor)
     style.legend_below(figure, grid[0, 0], grid[1, 0], ncols=5)
     figure.suptitle("\n".join(textwrap.fill(line, LONGEST_LINE) for line in title.split("\n")))
     return figure
-
-
-def _sizes(axes: Axes, groups: Sequence[Sizes], unit: str, floor: float) -> None:
-    """Draw the gap of every run before against after, on equal axes."""
-    for (word, before, after), marker, fill in zip(groups, "os", (AFTER, "none")):
-        axes.plot(before, after, marker, color=AFTER, mfc=fill, ms=3.5, label=f"runs {word}")
-    top = 1.05 * max((float(np.nanmax(gaps)) for _, *pair in groups for gaps in pair if len(gaps)), default=1.0)
-    axes.plot([0, top], [0, top], color="0.4", lw=0.7, ls=":")
-    axes.axhline(floor, color="0.5", lw=0.8, ls="--", label="noise")
-    axes.set(xlim=(0.0, top), ylim=(0.0, top), xlabel=f"gap before [{unit}]", ylabel=f"gap after [{unit}]")
-    axes.legend(loc="upper left", fontsize=6.5)
 
 
 def _titled(name: str, word: str) -> str:
@@ -203,16 +180,14 @@ def _largest_and_middle(size: Floats) -> list[int]:
 @before_after_figure.register
 def _(diagnosis: Diagnosis) -> Figure:
     driven, dof = diagnosis.study.driven, diagnosis.study.base.dof
-    cases, sizes, gaps = list[Case](), list[Sizes](), list[str]()
+    cases, gaps = list[Case](), list[str]()
     held_out = diagnosis.held_out, diagnosis.held_out_gap, "held out"
     for study, gap, word in ((diagnosis.study, diagnosis.gap, "fitted"), held_out):
         if study is None or gap is None:
             continue
         gaps.append(f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}")
         residuals = [np.asarray(dof.shown(residual)) for residual in (gap.residuals_before, gap.residuals_after)]
-        before, after = (np.sqrt((residual**2).sum(axis=1) / study.batch.seen.sum(axis=1)) for residual in residuals)
-        sizes.append((word, before, after))
-        for i in _largest_and_middle(before):
+        for i in _largest_and_middle((residuals[0] ** 2).sum(axis=1) / study.batch.seen.sum(axis=1)):
             run = study.runs[i]
             time, off = run.time - run.time[0], [residual[i, : len(run)] for residual in residuals]
             # of driven runs nothing is predicted before the first filtered state
@@ -220,11 +195,9 @@ def _(diagnosis: Diagnosis) -> Figure:
             cases.append(Case(_titled(run.name, word), time, dof.shown(run.position - run.position[0]), errors))
     floor, ahead = float(dof.shown(diagnosis.gap.floor)), f", {HORIZON:g} s ahead" * driven
     first = f"Predictions {HORIZON:g} s ahead from filtered states" if driven else "Gap"
-    word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
-    names = f"{word}: {' and '.join(diagnosis.result.final.added)}" if diagnosis.result.final.added else "Nothing added"
+    title = f"{first}: {', '.join(gaps)} (noise {floor:.2f} {dof.units.shown}). Verdict: {diagnosis.words}"
     return _before_after(
-        cases[:MOST_RUNS_SHOWN], f"{first}: {', '.join(gaps)} (noise {floor:.2f} {dof.units.shown}). {names}",
-        dof.words.moved, (f"base model{ahead}", f"after{ahead}"), dof.units.shown, floor, sizes=sizes,
+        cases, title, dof.words.moved, (f"base model{ahead}", f"after{ahead}"), dof.units.shown, floor,
     )  # fmt: skip
 
 
@@ -233,21 +206,18 @@ def _(search: PlanarSearch) -> Figure:
     """The heading as both models predict it some seconds ahead."""
     runs, time = search.every.runs, search.every.course.time
     ahead = [judged(forecast[YAW.position]) for forecast in search.forecasts]
-    before, after = (np.asarray(YAW.shown(np.sqrt(each.by_run(each.error, len(runs))))) for each in ahead)
-    cases, sizes = list[Case](), list[Sizes]()
-    for word, part in (("fitted", slice(search.fitted)), ("held out", slice(search.fitted, None))):
-        sizes.append((word, before[part], after[part]))
-        for i in _largest_and_middle(before[part]):
-            r = i + (part.start or 0)
+    gaps, cases = ahead[0].by_run(ahead[0].error, len(runs)), list[Case]()
+    for word, first, part in (("fitted", 0, gaps[: search.fitted]), ("held out", search.fitted, gaps[search.fitted :])):
+        for r in (first + i for i in _largest_and_middle(part)):
             errors = [(time[r, p.target[p.run == r]], np.asarray(YAW.shown(p.error[p.run == r]))) for p in ahead]
             heading = np.asarray(YAW.shown(runs[r].position))
             cases.append(Case(_titled(runs[r].name, word), runs[r].time - runs[r].time[0], heading, errors))
     return _before_after(
         cases,
         f"Predictions {ahead[0].horizon:g} s ahead, from filtered states, by the commands as they were logged.\n"
-        f"Added: {search.words if search.named else 'nothing'}",
+        f"Verdict: {search.words}",
         r"heading $\psi$", ("predicted, before", "predicted, after"), YAW.units.shown,
-        float(YAW.shown(search.after.noises[YAW.position])), sizes=sizes,
+        float(YAW.shown(search.after.noises[YAW.position])),
     )  # fmt: skip
 
 

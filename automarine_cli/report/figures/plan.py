@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from automarine_cli.dofs import Dof
 from automarine_cli.planning.campaign import Plan
@@ -19,8 +18,6 @@ if TYPE_CHECKING:  # a plan needs no controllers
     from automarine_cli.control.tuning import FlownStep
 
 MOST_PANELS = 4
-NARROW = 5.0  # highest over lowest value up to which even ticks suit a logarithmic axis
-TICKS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
 FEWEST_RUNS = 3  # below which a curve is not drawn: nothing is known yet
 LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
 MOST_STEPS = 4
@@ -30,25 +27,14 @@ FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 @house_style
 def plan_figure(plan: Plan) -> Figure:
     """Draw a panel for each parameter: the plan run by run, and the paper's grid."""
-    names, dof = list(plan.plan.stderr_percent)[:MOST_PANELS], plan.fitting.model.dof
-    sym, length = dof.symbols, dof.words.inertial_length
-    math = {sym.quadratic: sym.quadratic_math, sym.linear: sym.linear, sym.inertia: sym.inertia}
-    math[length] = f"{sym.inertia}/{sym.quadratic_math}"
-    figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6, sharex=True)
+    names = list(plan.plan.stderr_percent)[:MOST_PANELS]
+    figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
     for ax, name in zip(axes.flat, names):
         for curve, colour, line in ((plan.plan, "blue", "-"), (plan.grid, "orange", (0, (5, 1.5)))):
             minutes, percent = curve.minutes[FEWEST_RUNS - 1 :], curve.stderr_percent[name][FEWEST_RUNS - 1 :]
             ax.plot(minutes, percent, color=COLOURS[colour], ls=line, marker=".", ms=3, label=curve.campaign)
-        ax.set_yscale("log")
-        low, high = ax.get_ylim()
-        ax.yaxis.set_major_locator(MaxNLocator(5) if high < NARROW * low else LogLocator(subs=TICKS))
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
-        ax.set_title(f"${math[name]}$" if name in math else name.replace("_", " "), loc="left")
-        ax.set_ylabel("standard error [%]")
-    for ax in axes.flat[max(0, len(names) - axes.shape[1]) : len(names)]:
-        ax.set_xlabel("minutes in the pool")
-        ax.tick_params(labelbottom=True)
+        ax.set_title(name, loc="left", parse_math=False)
+        ax.set(xlabel="minutes in the pool", ylabel="standard error [%]")
     legend_below(figure, axes.flat[0], ncols=4)
     return figure
 
@@ -74,7 +60,6 @@ def tuning_figure(designed: "Designed") -> Figure:
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
     last.axvline(task.margin, color="0.4", lw=0.6, ls=":")
     last.set(xlabel="Disk margin", ylabel="Settles after [s]", ylim=(0.0, 1.12 * task.seconds))
-    last.set_yticks([*last.get_yticks()[:-1]])
     last.text(0.98, 0.97, "top: never", transform=last.transAxes, ha="right", va="top", fontsize=6)
     axes[0, 0].legend(loc="lower right")
     return figure
@@ -84,7 +69,7 @@ def tuning_figure(designed: "Designed") -> Figure:
 def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
     """Draw the first steps of a log as flown, and the bands that were promised."""
     drawn = steps[:MOST_STEPS]
-    figure, axes = new_figure(1, len(drawn), PAGE_IN if len(drawn) > 1 else PAGE_IN / 2, 2.6)
+    figure, axes = new_figure(1, len(drawn), PAGE_IN, 2.6)
     for ax, step in zip(axes[0], drawn):
         low, high = dof.shown(step.low), dof.shown(step.high)
         ax.fill_between(step.time, low, high, color=COLOURS["sky"], alpha=0.6, lw=1.0, label="promised, 95 %")

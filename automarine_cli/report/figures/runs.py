@@ -4,7 +4,6 @@ simulated (Fig. 10), and beside predictions."""
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -12,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
-from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.filters.kalman import shown_channel
 from automarine_cli.fits.driven import JUDGED, Use
 from automarine_cli.fits.half_turns import StepData
@@ -20,7 +19,6 @@ from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_fit import PlanarFit, PlanarUse
 from automarine_cli.fits.planar_structure import PLACES
-from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.yaw_model import response, steady_rate
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures import style
@@ -31,10 +29,7 @@ from automarine_cli.runs.run import Run
 
 DEGREES = 180.0 / np.pi
 LONGEST_TITLE = 90
-CROWD = 400  # more samples than this are drawn smaller
 MOST_WHOLE, MOST_DRIVEN = 24, 10  # runs that are drawn
-MOST_COLLAPSED = 2000  # whose samples are drawn one by one
-FREE: dict[str, Any] = {"color": style.COLOURS["blue"], "lw": 0.9, "ls": (0, (4, 1.5))}
 QUANTITIES = {
     "heading": (r"Heading $\psi$ [deg]", DEGREES), "surge": ("Surge $u$ [m/s]", 1.0), "sway": ("Sway $v$ [m/s]", 1.0),
     "yaw_rate": ("Yaw rate $r$ [deg/s]", DEGREES),
@@ -52,17 +47,16 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     time, off = (run.time - run.time[0], {m: dof.shown(sim.error) for m, sim in free.items() if not sim.diverged})
     labels = {m: f"model {m}: rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}" for m, error in off.items()}
     lines = {m: (labels[m], dof.shown(free[m].position)) for m in off}
-    _measured_and_simulated(positions, run, dof.shown(run.position), lines, 2.0, least=1.0)
-    for model, error in off.items():
-        errors.plot(*_with_gaps(run, error), lw=1.0, **_style(model))
-    for model in [model for model in free if model not in off]:
-        positions.plot([], [], label=f"model {model} diverges", **_style(model))
-    most = max(3 * floor, 0.5)
-    style.limit(errors, -most, most, 2.0 * max(float(np.ptp(dof.shown(run.position))), 1.0), [*off.values()])
+    _measured_and_simulated(positions, run, dof.shown(run.position), lines, least=1.0)
+    for model in free:
+        if model in off:
+            errors.plot(*_with_gaps(run, off[model]), lw=1.0, **_style(model))
+        else:
+            positions.plot([], [], label=f"model {model} diverges", **_style(model))
+    style.limit(errors, 0.0, 0.0, 3 * floor + 2.0 * max(float(np.ptp(dof.shown(run.position))), 1.0))
     errors.axhline(0.0, color="0.4", lw=0.7, zorder=1)
-    if floor > 0:
-        band = f"± 2 × noise level of {number(floor, 2)} {unit}"
-        errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
+    band = f"± 2 × noise level of {number(floor, 2)} {unit}"
+    errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
     command.axhline(0.0, color="0.4", lw=0.7, zorder=1)
     command.plot(*_with_gaps(run, run.command), color=style.COLOURS["green"], drawstyle="steps-mid")
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
@@ -77,17 +71,16 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
 
 
 def _measured_and_simulated(
-    axes: Axes, run: Run, measured: Floats | None, lines: Mapping[str, tuple[str, Floats]], reach: float, least: float
+    axes: Axes, run: Run, measured: Floats | None, lines: Mapping[str, tuple[str, Floats]], least: float
 ) -> None:
-    """Draw what was measured and the labelled lines of models; within `reach` times its span, `least` at least."""
+    """Draw what was measured and the labelled lines of models, within twice its span, `least` at least."""
     if measured is not None:
-        size = 3.0 if len(run) <= CROWD else 1.5
-        axes.plot(run.time - run.time[0], measured, "o", color=style.MEASURED, ms=size, label="measured", zorder=2)
+        axes.plot(run.time - run.time[0], measured, "o", color=style.MEASURED, ms=1.5, label="measured", zorder=2)
     for model, (label, line) in lines.items():
         axes.plot(*_with_gaps(run, line), label=label, **_style(model))
     if measured is not None and np.isfinite(measured).any():
         low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
-        style.limit(axes, low, high, reach * max(high - low, least), [line for _, line in lines.values()])
+        style.limit(axes, low, high, 2.0 * max(high - low, least))
 
 
 def _style(model: str) -> dict[str, Any]:
@@ -110,12 +103,15 @@ def planar_figure(free: FreeRun) -> Figure:
         reading = run.channel(channel)
         measured = None if free.error_of(channel) is None or reading is None else factor * reading
         lines = {"3": ("simulated, free run", factor * simulated[channel])} if channel in simulated else {}
-        _measured_and_simulated(panel, run, measured, lines, 2.0, least=1e-3)
+        _measured_and_simulated(panel, run, measured, lines, least=1e-3)
         panel.set(ylabel=label, xlabel=TIME)
-    track(places, run if free.distance is not None else None, 2.5 if len(run) <= CROWD else 1.2)
+    north, east = (run.channel(name) for name in PLACES)
+    if free.distance is not None and north is not None and east is not None:
+        places.plot(east, north, "o", mew=0.0, color=style.MEASURED, ms=1.5, zorder=2)
     if set(PLACES) <= simulated.keys():
         places.plot(simulated["east"], simulated["north"], **_style("3"))
-    places.set_xlabel("East [m]")
+    places.set_aspect("equal", adjustable="datalim")
+    places.set(xlabel="East [m]", ylabel="North [m]")
     for dof, colour in ((SURGE, "black"), (SWAY, "green"), (YAW, "orange")):
         label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
         look = {"color": style.COLOURS[colour], "drawstyle": "steps-mid", "label": label}
@@ -125,15 +121,6 @@ def planar_figure(free: FreeRun) -> Figure:
     figure.suptitle(f"{style.shortened(run.name, LONGEST_TITLE)}{diverges}", parse_math=False)
     style.legend_below(figure, axes[0, 0], commands)
     return figure
-
-
-def track(axes: Axes, run: Run | None, size: float) -> None:
-    if run is not None:
-        north, east = (run.channel(name) for name in PLACES)
-        if north is not None and east is not None:
-            axes.plot(east, north, "o", mew=0.0, color=style.MEASURED, ms=size, zorder=2)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_ylabel("North [m]")
 
 
 @style.house_style
@@ -155,67 +142,39 @@ def whole_runs_figure(fit: YawFit) -> Figure:
         ax.plot(time, free[i], lw=1.1, label=f"model {model} by the commands alone", **_style(model))
         rms = f"{size[i]:.3g} {dof.units.shown} rms" if np.isfinite(size[i]) else "diverges"
         ax.set_title(f"{run.name}: {rms}", parse_math=False)  # a name may hold dollar signs
-    for ax in axes[-1]:
-        ax.set_xlabel("Time in the run [s]")
-    for ax in axes[:, 0]:
-        ax.set_ylabel(f"Measured less\nsimulated [{dof.units.shown}]")
+        ax.set(xlabel="Time in the run [s]", ylabel=f"Measured less\nsimulated [{dof.units.shown}]")
     style.legend_below(figure, axes[0, 0])
-    how_many = f"the worst {len(order)} of {len(free)} runs" if len(order) < len(free) else f"all {len(free)} runs"
-    figure.suptitle(f"What is left of {how_many}, the worst first")
+    figure.suptitle(f"What is left of {len(order)} of {len(free)} runs, the worst first")
     return figure
 
 
 @style.house_style
 def driven_runs_figure(fit: YawFit | PlanarFit, use: Use | PlanarUse) -> Figure:
-    """Draw of each run its position with predictions of the model fitted to the other runs and the free run of the
-    model; beside it the disturbance and the command, or in the plane the track where positions are logged."""
-    dof, drawn, of_motion = fit.runs[0].dof, fit.runs[:MOST_DRIVEN], isinstance(use, Use)
-    placed = isinstance(use, PlanarUse) and set(PLACES) <= use.free.keys()
-    ratios = [2.0, 1.0] if of_motion or placed else [1.0]
-    size = style.PAGE_IN, 1.3 + 1.6 * len(drawn)
-    figure, axes = style.new_figure(len(drawn), len(ratios), *size, width_ratios=ratios)
-    for i, (run, (positions, *right)) in enumerate(zip(drawn, axes)):
-        _predicted(positions, run, dof, use, i)
-        positions.set_ylabel(f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]")
-        for ax in right:
-            if isinstance(use, Use):
-                commanded = {"color": "0.6", "lw": 0.6, "label": f"{dof.words.force} commanded"}
-                ax.step(run.time - run.time[0], run.command, where="post", **commanded)
-                push = {"color": style.COLOURS["green"], "lw": 1.0, "label": "disturbance that was needed"}
-                end = int((use.course.length[i] > 0).sum()) + 1
-                ax.plot(use.course.time[i, :end], use.disturbance[i, :end], **push)
-                ax.set_ylabel(f"{dof.words.force.capitalize()} [{run.moment_unit}]")
-            elif isinstance(use, PlanarUse):
-                track(ax, run, 1.5)
-                ax.plot(use.free["east"][i], use.free["north"][i], **FREE)
-    for ax, label in zip(axes[-1], ("Time in the run [s]", "Time in the run [s]" if of_motion else "East [m]")):
-        ax.set_xlabel(label)
-    style.legend_below(figure, *axes[0])
-    some = "" if len(drawn) == len(fit.runs) else f"The first {len(drawn)} of {len(fit.runs)} runs. "
-    figure.suptitle(
-        f"{some}Predictions and free runs start from filtered states, which know the readings until then;\n"
-        f"after that they follow the commands alone{'. Disturbances are no measurement' * of_motion}",
-        fontsize=7.5,
-    )
+    """Draw of each run its position, predictions from filtered states by the model fitted to the other runs, and the
+    free run of the model, which may leave the picture."""
+    dof, runs = fit.runs[0].dof, fit.runs[:MOST_DRIVEN]
+    names = [channel.quantity for channel in use.course.channels]
+    values = shown_channel(use.course, names.index(dof.position) if isinstance(use, PlanarUse) else 0).values
+    free = use.free[dof.position] if isinstance(use, PlanarUse) else use.free
+    figure, axes = style.panels(len(runs), 2, 1.6, 1.3)
+    for i, (run, ax) in enumerate(zip(runs, axes.flat)):
+        measured, time = dof.shown(run.position), use.course.time[i]
+        ax.plot(run.time - run.time[0], measured, color=style.MEASURED, lw=2.2, label="measured")
+        for ahead in use.predictions:
+            if ahead.horizon == JUDGED:
+                target, error = ahead.target[ahead.run == i], ahead.error[ahead.run == i]
+                label = f"predicted {JUDGED:g} s ahead{', run left out of the fit' * (use.runs > 1)}"
+                look = {"color": style.COLOURS["vermilion"], "ms": 2.2, "label": label}
+                ax.plot(time[target], dof.shown(values[i][target] - error), ".", **look)
+        ax.plot(time, dof.shown(free[i]), color=style.COLOURS["blue"], lw=0.9, ls="--", label="free run of the model")
+        low, high = float(measured.min()), float(measured.max())
+        style.limit(ax, low, high, 0.5 * (high - low) + 1e-6)
+        ax.set_title(run.name, parse_math=False)
+        position = f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]"
+        ax.set(xlabel="Time in the run [s]", ylabel=position)
+    style.legend_below(figure, axes.flat[0])
+    figure.suptitle(f"{len(runs)} of {len(fit.runs)} runs; predictions and free runs start from filtered states")
     return figure
-
-
-def _predicted(axes: Axes, run: Run, dof: Dof, use: Use | PlanarUse, i: int) -> None:
-    """Draw what was measured, predicted from filtered states, and the free run, which may leave the picture."""
-    measured, time = dof.shown(run.position), use.course.time[i]
-    free = use.free[dof.position][i] if isinstance(use, PlanarUse) else use.free[i]
-    quantities = [channel.quantity for channel in use.course.channels]
-    values = shown_channel(use.course, quantities.index(dof.position) if isinstance(use, PlanarUse) else 0).values[i]
-    axes.plot(run.time - run.time[0], measured, color=style.MEASURED, lw=2.2, label="measured")
-    if (ahead := next((ahead for ahead in use.predictions if ahead.horizon == JUDGED), None)) is not None:
-        target, error = ahead.target[ahead.run == i], ahead.error[ahead.run == i]
-        label = f"predicted {JUDGED:g} s ahead{', run left out of the fit' * (use.runs > 1)}"
-        predicted = dof.shown(values[target] - error)
-        axes.plot(time[target], predicted, ".", color=style.COLOURS["vermilion"], ms=2.2, label=label)
-    axes.plot(time, dof.shown(free), label="free run of the model", **FREE)
-    reach = 0.5 * float(np.ptp(measured)) + 1e-6
-    axes.set_ylim(float(measured.min()) - reach, float(measured.max()) + reach)
-    axes.set_title(run.name, parse_math=False)
 
 
 @style.house_style
@@ -223,24 +182,21 @@ def half_turns_figure(fit: YawFit) -> Figure:
     """Draw the position of every step over time: the part that was fitted coloured by its force, the rest in grey."""
     dof, words = fit.dof, fit.dof.words
     figure, axes = style.new_figure(1, 2, style.PAGE_IN, 3.2, sharey=True)
-    scale, colours = _moment_scale(np.array([turn.moment for turn in fit.turns]))
+    sizes = np.abs([turn.moment for turn in fit.turns])
+    norm = Normalize(sizes.min(), sizes.max())
     for ax, sign, way, side in zip(axes[0], (-1, 1), words.to_ways[::-1], ("negative", "positive")):
         turns = [turn for turn in fit.turns if np.sign(turn.moment) == sign]
-        ends = [(t, slice(t.looked_at[0], t.kept.start + 1), slice(t.kept.stop - 1, t.looked_at[1])) for t in turns]
-        cut = [_position(turn, part) for turn, *parts in ends for part in parts]
-        _lines(ax, cut, colors="0.82", linewidths=0.7, zorder=1)
-        sizes = np.array([abs(turn.moment) for turn in turns])
-        _lines(ax, [_position(turn, turn.kept) for turn in turns], colors=colours(sizes), linewidths=0.9, zorder=2)
+        looked_at = [_position(turn, slice(*turn.looked_at)) for turn in turns]
+        _lines(ax, looked_at, colors="0.82", linewidths=0.7, zorder=1, label="rest, and what was cut")
+        fitted, array = [_position(turn, turn.kept) for turn in turns], [abs(turn.moment) for turn in turns]
+        drawn = _lines(ax, fitted, array=array, norm=norm, cmap="cividis", linewidths=0.9, zorder=2)
         if dof.wraps:
-            ax.axhline(sign * 180.0, color=style.COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
+            ax.axhline(sign * 180.0, color=style.COLOURS["vermilion"], lw=0.9, ls="--", zorder=3, label=words.reach)
         ax.set(title=f"{way} ({side} {words.force}s)", xlabel="Time since the step [s]")
     x = dof.symbols.position_print
     axes[0, 0].set_ylabel(f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]")
-    axes[0, 1].plot([], [], color="0.82", label="rest, and what was cut")
-    if dof.wraps:
-        axes[0, 1].plot([], [], color=style.COLOURS["vermilion"], ls="--", label=words.reach)
     axes[0, 1].legend(loc="lower right")
-    figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
+    figure.colorbar(drawn, ax=axes, label=_size_of_force(fit), pad=0.01)
     return figure
 
 
@@ -251,11 +207,12 @@ def _position(turn: HalfTurn, part: slice) -> Floats:
     return np.stack([run.time[part] - turn.step.switch_mid, moved], axis=1)
 
 
-def _lines(ax: Axes, lines: Sequence[Floats], **look: Any) -> None:
-    collection = LineCollection([line for line in lines if len(line) > 1], capstyle="projecting", **look)
+def _lines(ax: Axes, lines: Sequence[Floats], **look: Any) -> LineCollection:
+    collection = LineCollection(lines, capstyle="projecting", **look)
     collection.set_in_layout(False)  # it stays within the axes: to measure every line for the layout takes its time
     ax.add_collection(collection)
     ax.autoscale_view()
+    return collection
 
 
 @style.house_style
@@ -265,17 +222,11 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     rate = f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]"
     labels = _full_force(fit), rate, f"Residual [{fit.moment_unit}]"
     figure, top, bottom = style.above_residuals(4.6, 4.6, labels)
-    points: dict[str, Any] = {"mfc": "none", "mec": style.MEASURED, "mew": 0.8, "zorder": 2}
-    top.plot(moment, dof.shown(seed.tails.rate), "o", label="measured, one run each", **points)
+    top.plot(moment, dof.shown(seed.tails.rate), "o", mfc="none", mec=style.MEASURED, label="measured, one run each")
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
-    for i, model in enumerate("123"):
-        if (drag := seed.drag.get(model)) is None:
-            continue
-        look: dict[str, Any] = {"color": style.MODEL_COLOURS[model], "zorder": 4 if model == "2" else 3}
-        curve = dof.shown(steady_rate(*drag.acting(grid)))
-        top.plot(grid, curve, ls=style.MODEL_LINES[model], label=f"model {model}", **look)
-        shift = (i - 1) * 0.006 * np.ptp(grid)  # so that none hides another
-        bottom.plot(moment + shift, drag.residuals, "^os"[i], ms=2.6, mec="none", **look)
+    for model, drag in ((model, seed.drag[model]) for model in style.MODEL_COLOURS if model in seed.drag):
+        top.plot(grid, dof.shown(steady_rate(*drag.acting(grid))), label=f"model {model}", **_style(model))
+        bottom.plot(moment, drag.residuals, "o", ms=2.6, color=style.MODEL_COLOURS[model])
     top.legend(loc="upper left")
     return figure
 
@@ -297,9 +248,6 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         for estimate, colour, line, name in methods:
             ax.hlines(estimate.value, *ends, color=style.COLOURS[colour], ls=line, lw=1.1, label=f"overall, {name}")
             ax.fill_between(ends, *estimate.ci95, color=style.COLOURS[colour], alpha=0.15, lw=0)
-        spread = np.array([*table.per_run, *ml.ci95])
-        low, high = np.percentile(spread, [2, 98])
-        ax.set_ylim(min(0.0, low), max(1.1 * high, high + 0.35 * np.ptp([low, high])))
         ax.set(title=f"model {model}", xlabel=_full_force(fit))
     unit = dof.unit_of("inertia", fit.moment_unit)
     axes[0, 0].set_ylabel(f"{dof.words.full_inertia.capitalize()} ${dof.symbols.inertia}$ [{unit}]")
@@ -318,27 +266,24 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
         f"Off the curve [{unit}]",
     ))  # fmt: skip
     k_rr, inertia = model.estimates[sym.quadratic].value, model.estimates[sym.inertia].value
-    scale, colours = _moment_scale(data.moment)
     late = model.offset.value * data.interval
-    points, runs = [], len(data.moment)
-    for i in np.unique(np.linspace(0, runs - 1, min(runs, MOST_COLLAPSED)).round().astype(int)):
-        moment = data.moment[i]
-        used = data.observed[i] & (data.time[i] >= 0)
-        acting, share = _acting(model, float(moment))
+    constant, difference = (getattr(model.estimates.get(name), "value", 0.0) for name in (sym.constant, sym.difference))
+    points = []
+    for i, moment in enumerate(data.moment):
+        used, acting = data.observed[i] & (data.time[i] >= 0), float(moment) + constant
+        share = 1.0 + float(np.sign(acting)) * difference / k_rr  # of the drag of this way in the middle of both
         scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
         turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
         points.append((scaled, dof.shown(turned), dof.shown(turned - curve), np.full(len(scaled), abs(moment))))
     time, turned, off, size = (np.concatenate(column) for column in zip(*points))
     for ax, value in ((top, turned), (bottom, off)):
-        ax.scatter(time, value, c=colours(size), s=4.0, linewidths=0).set_in_layout(False)
+        drawn = ax.scatter(time, value, c=size, cmap="cividis", s=4.0, linewidths=0)
     grid = np.linspace(0.0, float(time.max(initial=0.0)), 400)
-    heavy, drag = sym.inertia, sym.quadratic_math
-    name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
-    top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=name)
-    top.legend(loc="upper left", title=f"{MOST_COLLAPSED} of {runs} runs are shown" if runs > MOST_COLLAPSED else None)
-    figure.colorbar(scale, ax=[top, bottom], label=_size_of_force(fit), pad=0.01)
+    top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label="model 3")
+    top.legend(loc="upper left")
+    figure.colorbar(drawn, ax=[top, bottom], label=_size_of_force(fit), pad=0.01)
     return figure
 
 
@@ -348,21 +293,3 @@ def _full_force(fit: YawFit) -> str:
 
 def _size_of_force(fit: YawFit) -> str:
     return f"Size of the {fit.dof.words.force} |{fit.dof.symbols.force_print}| [{fit.moment_unit}]"
-
-
-def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
-    """What a run moves by, and its drag as a share of the middle of both ways: 1 where they do not differ."""
-    estimates, sym = model.estimates, model.model.dof.symbols
-    if sym.constant in estimates:
-        moment += estimates[sym.constant].value
-    if sym.difference not in estimates:
-        return moment, 1.0
-    half = estimates[sym.difference].value / estimates[sym.quadratic].value
-    return moment, 1.0 + float(np.sign(moment)) * half
-
-
-def _moment_scale(moment: Any) -> tuple[Any, Any]:
-    sizes = np.abs(moment)
-    low, high = float(sizes.min()), float(sizes.max())
-    scale = matplotlib.cm.ScalarMappable(Normalize(low if high > low else 0.9 * low, high), "cividis")
-    return scale, scale.to_rgba

@@ -30,8 +30,6 @@ MODEL_COLOURS = {"1": COLOURS["orange"], "2": COLOURS["black"], "3": COLOURS["bl
 MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
 MEASURED = COLOURS["grey"]
 
-DPI = 200
-COLUMN_IN = 3.5  # width of one column of a journal [inch]
 PAGE_IN = 7.2  # width of a page [inch]
 
 house_style = matplotlib.style.context(["default", {
@@ -41,14 +39,14 @@ house_style = matplotlib.style.context(["default", {
     "axes.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False, "grid.color": "0.88",
     "grid.linewidth": 0.4, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2,
     "lines.markersize": 3.5, "axes.prop_cycle": cycler(color=list(COLOURS.values())[:-2]), "figure.dpi": 100.0,
-    "savefig.dpi": float(DPI),
+    "savefig.dpi": 200.0,
 }])  # fmt: skip
 """Decorator (or `with` block once) under which figures are drawn."""
 
 
 @house_style
 def new_figure(
-    nrows: int = 1, ncols: int = 1, width_in: float = COLUMN_IN, height_in: float = 2.6, **subplots: Any
+    nrows: int = 1, ncols: int = 1, width_in: float = PAGE_IN, height_in: float = 2.6, **subplots: Any
 ) -> tuple[Figure, NDArray[Any]]:
     """A figure and its axes, shape (nrows, ncols); `subplots` goes to `Figure.subplots` (`sharex`, ...)."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
@@ -118,11 +116,10 @@ def shortened(name: str, most: int) -> str:
     return name if len(name) <= most else f"…{name[1 - most :]}"
 
 
-def limit(axes: Axes, low: float, high: float, reach: float, lines: Sequence[NDArray[Any]]) -> None:
-    """Set limits that hold `low` to `high`, and the lines as far as they come within `reach` of that."""
-    inside = np.concatenate([[low, high], *(np.clip(line, low - reach, high + reach) for line in lines)])
-    margin = 0.05 * float(max(np.ptp(inside), 1e-6))
-    axes.set_ylim(float(inside.min()) - margin, float(inside.max()) + margin)
+def limit(axes: Axes, low: float, high: float, reach: float) -> None:
+    """Let lines leave the picture where they are further than `reach` from what lies from `low` to `high`."""
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - reach), min(top, high + reach))
 
 
 Draw = Callable[[], Figure]
