@@ -248,7 +248,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         for estimate, colour, line, name in methods:
             ax.hlines(estimate.value, *ends, color=style.COLOURS[colour], ls=line, lw=1.1, label=f"overall, {name}")
             ax.fill_between(ends, *estimate.ci95, color=style.COLOURS[colour], alpha=0.15, lw=0)
-        ax.set(title=f"model {model}", xlabel=_full_force(fit))
+        ax.set(title=f"model {model}", xlabel=_full_force(fit), ylim=(min(0.0, ax.get_ylim()[0]), None))
     unit = dof.unit_of("inertia", fit.moment_unit)
     axes[0, 0].set_ylabel(f"{dof.words.full_inertia.capitalize()} ${dof.symbols.inertia}$ [{unit}]")
     style.legend_below(figure, axes[0, 0], ncols=4)
