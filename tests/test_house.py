@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 5736, "report": 4780, "logs": 4182, "diagnosis": 3979, "commands": 3237, "runs": 2779, "thrusters":
-    2720, "link": 2551, "control": 2407, "effects": 2014, "planning": 1977, "simulation": 1806, "exports": 1747,
-    "comparison": 1251, "models": 1168, "filters": 995, "pipeline": 800, "dofs": 495, "top": 291, "guide": 192,
+    "fits": 5492, "report": 4098, "diagnosis": 3971, "logs": 3958, "commands": 3243, "runs": 2723, "thrusters":
+    2573, "link": 2539, "control": 2268, "effects": 2014, "planning": 1836, "simulation": 1749, "exports": 1652,
+    "comparison": 1172, "models": 1168, "filters": 986, "pipeline": 800, "dofs": 495, "top": 291, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 45107
+MOST_LINES_IN_ALL = 43220
 MOST_FILES = 214
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -15,7 +15,7 @@ import click
 from click.core import augment_usage_errors
 
 from automarine_cli.commands import python_name, short_help
-from automarine_cli.commands.terminal import echo_result, terminal_progress
+from automarine_cli.commands.terminal import echo_result, terminal_progress, verbosity_level
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.text import printable
@@ -241,13 +241,16 @@ class Command(click.Command):
     def echo(self, result: Any, *, as_json: bool, out: Path | None) -> None:
         tables: Sequence[Any] = ()
         files: Sequence[str] = ()
+        answer = ""
         if self.report:
             from automarine_cli.report.sections import sections
 
-            tables, files = (page := sections(result)).printed, page.listed
+            page = sections(result)
+            answer, files = page.answer, page.listed
+            tables = (*page.printed, *(page.details if verbosity_level() > 0 else ()))
         echo_result(
-            result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), tables=tables,
-            files=files, saves=self.saves,
+            result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), answer=answer,
+            tables=tables, files=files, saves=self.saves,
         )  # fmt: skip
 
 

@@ -130,7 +130,12 @@ def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> 
 def verbosity(function: Callable[..., Any]) -> Callable[..., Any]:
     """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
     quiet = click.option(
-        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity, help="Print errors only."
+        "-q",
+        "--quiet",
+        count=True,
+        expose_value=False,
+        callback=_count_verbosity,
+        help="Print the answer alone; -qq prints errors only.",
     )
     verbose = click.option(
         "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
@@ -140,7 +145,7 @@ def verbosity(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def verbosity_level() -> int:
-    """-1 with -q, 0, 1 with -v, 2 with -vv."""
+    """-2 with -qq, -1 with -q, 0, 1 with -v, 2 with -vv."""
     ctx = click.get_current_context(silent=True)
     return 0 if ctx is None else ctx.meta.get("automarine.verbosity", 0)
 
@@ -240,14 +245,14 @@ def echo_warnings(warnings: Iterable[str]) -> None:
 
 
 def echo_result(
-    result: Any, *, as_json: bool, out: Path | None = None, tables: Sequence[Any] = (), files: Sequence[str] = (),
-    saves: bool = True,
+    result: Any, *, as_json: bool, out: Path | None = None, answer: str = "", tables: Sequence[Any] = (),
+    files: Sequence[str] = (), saves: bool = True,
 ) -> None:  # fmt: skip
     """The shared tail of all commands.
 
     Runs set aside and the warnings in the manifest in `out` go to standard error. With `as_json` the result file's
-    content is all there is on standard output; otherwise `tables` (or sentences), then where `files` are, or how to
-    keep them, where a command `saves` them.
+    content is all there is on standard output; otherwise the `answer`, which is all with -q, `tables` (or sentences),
+    then where `files` are, or how to keep them, where a command `saves` them.
     """
     from automarine_cli.pipeline.results_folder import manifest_of
 
@@ -260,9 +265,12 @@ def echo_result(
 
         click.echo(json_text(content), nl=False)
         return
-    if verbosity_level() < 0:
-        return
     width = width_of(sys.stdout)
+    if verbosity_level() < 0:
+        if answer and verbosity_level() == -1:
+            click.echo(folded(answer, width))
+        return
+    tables = [*filter(None, [answer]), *tables]
     for i, table in enumerate(tables):
         if isinstance(table, str):
             click.echo(folded(table, width))

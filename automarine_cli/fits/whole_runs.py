@@ -249,11 +249,13 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     if np.all(values < 0) and misfit < (1.0 - AGAINST) * np.sum(y**2):
         says = (
             "the {positions} {move} against the {force}: {inertia} and drag would be negative. If the {position} "
-            "counts {other_way}, or the {force} does, map it with sign = -1 in the --columns file or the campaign: "
-            "under [columns] "
+            "counts {other_way}, or the {force} does"
         )
         column = batch.dof.column(batch.dof.position, batch.dof.units.log)
-        raise FitError(f'{batch.dof.fill(says)}{column} = {{ from = "NAME", sign = -1 }}')
+        raise FitError(
+            f"{batch.dof.fill(says)}, map it with sign = -1 in the --columns file or the campaign: under [columns] "
+            f'{column} = {{ from = "NAME", sign = -1 }}'
+        )
     scale = float(np.abs(batch.force).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
     return YawModel.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)

@@ -37,6 +37,6 @@ def _(collected: Collected) -> Sections:
         f"{collected.new} logs fetched, {collected.bytes_in} bytes, {collected.cuts} cuts; {len(collected.logs)} are "
         "here.",
         *(f"On the vehicle {printable(trouble)}." for trouble in collected.state.troubles),
-        *(() if collected.analysis is None else sections(collected.analysis).printed),
+        *(() if collected.analysis is None else sections(collected.analysis).every),
         *filter(None, [collected.no_analysis]),
     ])  # fmt: skip

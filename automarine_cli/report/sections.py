@@ -27,10 +27,11 @@ Content = str | bytes | Mapping[str, object] | Callable[[], str | bytes]
 class Sections:
     """Sections of a result, in the order in which they are read.
 
-    `printed` are tables and sentences; `files` by name are texts, bytes, what makes these, or data to be written as
-    JSON; `figures` draw what is saved as NAME.png, and can be pickled; `listed` is what the terminal names, all files
-    and figures where nothing is given; `rows` are the numbers, one mapping a parameter, run or score; `warnings` say
-    what could not be made.
+    `answer` is the one line that stands first, the only one with -q: by default the first sentence of `printed`, which
+    are the tables and sentences to judge it by; `details` are those that the terminal shows with -v. `files` by name
+    are texts, bytes, what makes these, or data to be written as JSON; `figures` draw what is saved as NAME.png, and can
+    be pickled; `listed` is what the terminal names, all files and figures where nothing is given; `rows` are the
+    numbers, one mapping a parameter, run or score; `warnings` say what could not be made.
     """
 
     printed: Sequence[Table | str]
@@ -39,19 +40,31 @@ class Sections:
     listed: Sequence[str] = ()
     rows: Sequence[Mapping[str, object]] = ()
     warnings: Sequence[str] = ()
+    answer: str = ""
+    details: Sequence[Table | str] = ()
 
     def __post_init__(self) -> None:
+        if not self.answer:
+            sentences = (part for part in self.printed if isinstance(part, str) and not part.startswith("Warning"))
+            sentence = next(sentences, "")
+            object.__setattr__(self, "answer", sentence)
+            object.__setattr__(self, "printed", [part for part in self.printed if part is not sentence])
         if not self.listed:
             object.__setattr__(self, "listed", (*self.files, *(f"{name}.png" for name in self.figures)))
 
+    @property
+    def every(self) -> list[Table | str]:
+        """All that a person may read, the answer first."""
+        return [*filter(None, [self.answer]), *self.printed, *self.details]
+
     def text(self, width: int = WIDTH) -> str:
         fill = partial(textwrap.fill, width=width, subsequent_indent="  ", break_on_hyphens=False)
-        parts = (fill(part) if isinstance(part, str) else part.to_text(width) for part in self.printed)
+        parts = (fill(part) if isinstance(part, str) else part.to_text(width) for part in self.every)
         return "\n".join(parts).rstrip("\n")
 
     def html(self) -> str:
         """Render the tables as HTML, with everything that came from files escaped."""
-        tables = [part.to_markdown() for part in self.printed if isinstance(part, Table)]
+        tables = [part.to_markdown() for part in self.every if isinstance(part, Table)]
         return to_html("\n".join(tables), lambda place, caption: "")
 
     def frame(self) -> Any:

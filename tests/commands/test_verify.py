@@ -67,7 +67,8 @@ def test_each_change_is_named_and_status_1(pool: Path, run: Run, harm: Callable[
     harm(pool / "out/one")
     result, quiet = run("verify", "out/one"), run("verify", "out/one", "-q")
     assert (result.exit_code, result.stderr) == (1, f"out/one/{line}\n")
-    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (1, "", result.stderr)
+    answer = result.stdout.splitlines()[0]
+    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (1, f"{answer}\n", result.stderr)
 
 
 def test_a_changed_input_is_refused_and_a_lost_one_is_no_more_than_named(pool: Path, run: Run) -> None:
