@@ -255,9 +255,6 @@ class Ensemble:
     name: str
     vehicles: Vehicles
 
-    def first(self, count: int) -> "Ensemble":
-        return Ensemble(self.name, self.vehicles.pick(slice(0, count)))
-
     @cached_property
     def probes(self) -> Vehicles:
         """The first, one that is late and lively, and one that is sluggish."""
@@ -266,21 +263,6 @@ class Ensemble:
         lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
         place = int(SHARE * (len(reach) - 1))
         return self.vehicles.pick(np.array([0, lively[place], sluggish[place]]))
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Sets of gains with the design numbers they came from, and what they cost on a crowd, (C,)."""
-
-    numbers: Floats
-    gains: dict[str, Floats]
-    cost: Floats
-
-    def pick(self, places: NDArray[np.int64] | NDArray[np.bool_]) -> "Candidates":
-        return Candidates(self.numbers[places], select(self.gains, places), self.cost[places])
-
-    def first(self, count: int) -> "Candidates":
-        return self.pick(np.argsort(self.cost, kind="stable")[:count])
 
 
 @dataclass(frozen=True)
@@ -421,38 +403,41 @@ def shorten(problem: Problem) -> Problem:
     return replace(problem, task=replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds))))
 
 
-def searched(problem: Problem, margin: float, rounds: int) -> Candidates:
-    """Find the best sets of gains that keep the margin on some vehicles of all crowds, cheapest first; none where none
-    does. Margins are those of the target's own loops, flights are rough."""
+def searched(problem: Problem, margin: float, rounds: int) -> Floats:
+    """Find design numbers of the best sets of gains that keep the margin on some vehicles of all crowds, cheapest
+    first; none where none does. Margins are those of the target's own loops, flights are rough."""
     size, omega = problem.target.numbers, problem.omega(COARSE)
-    result = _tried(problem, margin, omega, spread_numbers(FIRST, size))
+    numbers, cost = _tried(problem, margin, omega, spread_numbers(FIRST, size))
     offsets = (spread_numbers(NEAR, size) - 0.5).reshape(ELITE, -1, size)
     for turn in range(1, rounds):
-        best = result.first(ELITE).numbers
+        best = numbers[_cheapest(cost, ELITE)]
         around = np.clip(best[:, None, :] + WIDTH / turn * offsets[: len(best)], 0.0, 1.0).reshape(-1, size)
-        more = _tried(problem, margin, omega, around)
-        result = Candidates(
-            np.concatenate([result.numbers, more.numbers]),
-            {name: np.concatenate([value, more.gains[name]]) for name, value in result.gains.items()},
-            np.concatenate([result.cost, more.cost]),
-        )
-    return result.first(MOST)
+        nearby = _tried(problem, margin, omega, around)
+        numbers, cost = np.concatenate([numbers, nearby[0]]), np.concatenate([cost, nearby[1]])
+    return numbers[_cheapest(cost, MOST)]
 
 
-def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> Candidates:
+def _cheapest(cost: Floats, count: int) -> NDArray[np.int64]:
+    return np.argsort(cost, kind="stable")[:count]
+
+
+def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> tuple[Floats, Floats]:
+    """The design numbers whose gains keep the margin, and what these cost on a few vehicles, (C,)."""
     target, quick = problem.target, problem.limit_rate(ROUGH)
-    sets = Candidates(numbers, target.propose(numbers, problem.nominal), np.zeros(len(numbers)))
+    gains = target.propose(numbers, problem.nominal)
+    places, cost = np.arange(len(numbers)), np.zeros(len(numbers))
     for part in problem.crowds:
-        disk = screened(target, sets.gains, part.probes, omega)
-        sets = sets.pick(np.all(disk >= NEARLY * margin, axis=1))
+        disk = screened(target, select(gains, places), part.probes, omega)
+        places = places[np.all(disk >= NEARLY * margin, axis=1)]
     for part in problem.crowds:  # what is dear for the first explanation need not be flown for the others
-        if len(sets.cost):
-            cost = flown(quick, sets.gains, part.probes, problem.task)[0].max(axis=1)
-            sets = replace(sets, cost=np.maximum(sets.cost, cost)).first(FLOWN)
+        if len(places):
+            flights = flown(quick, select(gains, places), part.probes, problem.task)[0].max(axis=1)
+            cost[places] = np.maximum(cost[places], flights)
+            places = places[_cheapest(cost[places], FLOWN)]
     for part in problem.crowds:
-        disk = screened(target, sets.gains, part.vehicles.pick(slice(0, FEW)), omega)
-        sets = sets.pick(np.mean(disk >= margin, axis=1) >= SHARE)
-    return sets
+        disk = screened(target, select(gains, places), part.vehicles.pick(slice(0, FEW)), omega)
+        places = places[np.mean(disk >= margin, axis=1) >= SHARE]
+    return numbers[places], cost[places]
 
 
 def design(setup: Setup, present: Mapping[str, float] | None, count: int = CROWD) -> Designed:
@@ -488,7 +473,8 @@ def _designed(
 def _judged(problem: Problem, knowledge: Knowledge, present: Mapping[str, float] | None) -> Designed | None:
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
     task, target, crowds = problem.task, problem.target, problem.crowds
-    some = replace(problem, crowds=tuple(part.first(PRESENT // len(crowds)) for part in crowds))
+    few = slice(0, PRESENT // len(crowds))
+    some = replace(problem, crowds=tuple(replace(part, vehicles=part.vehicles.pick(few)) for part in crowds))
     old = None if present is None else outcome(some, present)
     if old is not None and _keeps(old, some):
         return _designed(problem, knowledge, "leave", _leave(old, task), old=old)
@@ -558,7 +544,7 @@ def _chosen(problem: Problem) -> dict[str, float] | None:
     Of several sets it is the one whose cost is least for all but a tenth of the vehicles."""
     target, task, omega = problem.target, problem.task, problem.omega(FINE // 2)
     for more in (1.0, 1.12, 1.3):
-        gains = searched(problem, more * task.margin, ROUNDS).gains
+        gains = target.propose(searched(problem, more * task.margin, ROUNDS), problem.nominal)
         good = [screened(target, gains, part.vehicles, omega) >= task.margin for part in problem.crowds]
         admissible = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
         if len(admissible):
@@ -580,10 +566,10 @@ def _price(problem: Problem, knowledge: Knowledge, chosen: Mapping[str, float] |
         parts.append((Ensemble("a short delay", prompt), "input-delay"))
     for part, effect in parts:
         alone = searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
-        if not len(alone.cost):
+        if not len(alone):
             continue
-        known_best = [] if chosen is None else [chosen]
-        sets = {name: np.append(value[:1], [best[name] for best in known_best]) for name, value in alone.gains.items()}
+        gains = problem.target.propose(alone[:1], problem.nominal)
+        sets = {name: np.append(value, [] if chosen is None else chosen[name]) for name, value in gains.items()}
         settling = flown(problem.limit_rate(ROUGH), sets, part.vehicles.pick(slice(0, 1)), problem.task)[1].settling
         mine, common = settling[0], np.inf if chosen is None else settling[1]
         if common > DEAREST * mine:

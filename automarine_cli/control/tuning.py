@@ -13,7 +13,7 @@ from automarine_cli import effects
 from automarine_cli.control.design import EXACT, Designed, Outcome, Setup, Task, design, fly, problem_of, step_scores
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, authority, read_knowledge
 from automarine_cli.control.targets import get
-from automarine_cli.control.targets.base import Design, present_gains
+from automarine_cli.control.targets.base import present_gains
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.estimate import Estimate
@@ -169,7 +169,8 @@ class Tuning(Shown):
         if designed.target.beyond and designed.target.firmware:
             notes.append("Warning: values may lie beyond the documented ranges.")
         before = {} if designed.old is None else designed.old.gains
-        return designed.target.text(Design(designed.new.gains, before, designed.nominal, notes))
+        notes += [f"{name} was {before[name]:.6g}" for name in designed.target.searched if name in before]
+        return designed.target.text(designed.new.gains, designed.nominal, notes)
 
 
 def make_tuning(*, present: Source | None, **settings: Any) -> Tuning:

@@ -14,7 +14,7 @@ from automarine_cli.control.design import ClosedLoopRun, fly, nominal_of, scores
 from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.ardupilot import distance_to, gyro, gyro_response, root_law
-from automarine_cli.control.targets.base import Design, Gains, Target
+from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.targets.loops import low_pass, share
 from automarine_cli.control.vehicles import Spread, ThrustCurve, Vehicles, crowd
 from automarine_cli.errors import SettingError
@@ -147,7 +147,7 @@ def test_the_python_file_is_the_stack_that_was_flown(side: float) -> None:
     gains = halfway(target, plant)
     proposed = {key: float(value[0, 0]) for key, value in gains.items()}
     space: dict[str, Any] = {}
-    exec(target.text(Design(proposed, {}, replace(nominal_of(plant, 1.0), bend=bend), ("a note",))), space)
+    exec(target.text(proposed, replace(nominal_of(plant, 1.0), bend=bend), ("a note",)), space)
     controller, state = space["Controller"](0.0), target.start(gains, AT_REST, AT_REST)
     random, heading = np.random.default_rng(1), 0.0
     for k in range(200):
@@ -178,7 +178,7 @@ def test_files_of_gains() -> None:
 
     def text(name: str, gains: dict[str, float] | None = None) -> str:
         target = get(name)
-        return target.text(Design(gains or target.defaults, target.defaults if gains is None else {}, nominal, ()))
+        return target.text(gains or target.defaults, nominal, ())
 
     assert "ATC_RAT_YAW_FF" not in text("ardusub") and "ATC_RAT_YAW_P,0.18" in text("ardusub")
     assert "ATC_STR_RAT_FF,0.2" in text("ardurover")

@@ -6,12 +6,12 @@ APM_Control/AR_AttitudeControl.cpp, AC_PID, AP_Math/control.cpp and AP_Scheduler
 AP_InertialSensor (INS_GYRO_FILTER, 20 Hz in Sub, 4 Hz in Rover), the order of the loop in ArduSub/Sub.cpp.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Controller, Design, Gains, NominalPlant, Parameter, State, Target
+from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, leads, low_pass, share, spread, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -61,12 +61,10 @@ class ParameterFile(Target):
     of: ClassVar[str]
     gyro_hz: ClassVar[float]
 
-    def text(self, design: Design) -> str:
-        names = [p.name for p in self.parameters if p.searched]
-        before = [f"{name} was {design.before[name]:.6g}" for name in names if name in design.before]
+    def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
         head = f"{self.of} gains for {self.firmware}; names and units may differ in other versions."
-        lines = [f"# {line}" for line in (head, *design.notes, *before)]
-        return "\n".join([*lines, *(f"{name},{design.gains[name]:.6g}" for name in names)]) + "\n"
+        lines = [f"# {line}" for line in (head, *notes)]
+        return "\n".join([*lines, *(f"{name},{gains[name]:.6g}" for name in self.searched)]) + "\n"
 
 
 class ArduSub(ParameterFile):

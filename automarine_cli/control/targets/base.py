@@ -11,7 +11,7 @@ Outputs are from -1 to 1, positions and velocities in base units [rad or m].
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -66,16 +66,6 @@ class NominalPlant:
         return {name: np.full(count, value) for name, value in values.items()}
 
 
-@dataclass(frozen=True)
-class Design:
-    """What a file is written of: gains, those of before, the vehicle, and sentences on where it is from."""
-
-    gains: Mapping[str, float]
-    before: Mapping[str, float]
-    nominal: NominalPlant
-    notes: Sequence[str] = field(default_factory=tuple)
-
-
 MODEL = (
     Parameter("inertia", "inertia per moment of the whole output", "s²/{x}", None),
     Parameter("drag", "its linear drag", "s/{x}", None),
@@ -105,6 +95,10 @@ class Target(ABC):
         return {p.name: p.default for p in self.parameters if p.default is not None}
 
     @property
+    def searched(self) -> list[str]:
+        return [p.name for p in self.parameters if p.searched]
+
+    @property
     def has_defaults(self) -> bool:
         return len(self.defaults) == len(self.parameters)
 
@@ -129,8 +123,8 @@ class Target(ABC):
         """Return -output per position and per velocity at s (W,), (S, W) each, with hold and the loop's delays."""
 
     @abstractmethod
-    def text(self, design: Design) -> str:
-        """Write the file."""
+    def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
+        """Write the file; `notes` are sentences on where it is from."""
 
     @property
     def own_lag(self) -> float:

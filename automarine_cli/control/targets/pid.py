@@ -7,10 +7,11 @@ the measurement alone, integration that stops at the limits).
 """
 
 import json
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Controller, Design, Gains, NominalPlant, Parameter, State, Target
+from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -71,17 +72,16 @@ class Pid(Target):
         controller = gains["K_p"] + gains["K_i"] * dt / (1.0 - 1.0 / z) + gains["K_d"] * slope
         return controller * hold(s, dt), np.zeros_like(controller)
 
-    def text(self, design: Design) -> str:
-        gains, unit = design.gains, design.nominal.dof.units.base
-        units = {p.name: p.unit.replace("{x}", unit) for p in self.parameters}
+    def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
+        units = {p.name: p.unit.replace("{x}", nominal.dof.units.base) for p in self.parameters}
         numbers = {name: {"value": gains[name], "unit": units[name]} for name in gains}
         content = {
             "schema": "automarine/pid/1",
-            "motion": design.nominal.dof.name,
+            "motion": nominal.dof.name,
             "law": "u = K_p (b r - y) + K_i sum (r - y) T_s - K_d y', u from -1 to 1; y' = differences of y through a "
             "first-order low-pass T_f; the sum rests while u is at its limit and the error would carry it further",
             "sample_time_s": self.period,
             "parallel": numbers,
-            "notes": [*design.notes],
+            "notes": [*notes],
         }  # fmt: skip
         return json.dumps(content, indent=1, ensure_ascii=False) + "\n"

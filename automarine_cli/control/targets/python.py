@@ -8,12 +8,13 @@ Source: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control
 models, PID with acceleration feedforward, feedback linearisation).
 """
 
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 import numpy as np
 
 from automarine_cli import __version__
-from automarine_cli.control.targets.base import MODEL, Controller, Design, Gains, NominalPlant, Parameter, State, Target
+from automarine_cli.control.targets.base import MODEL, Controller, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -81,27 +82,25 @@ class Python(Target):
         rate = gains["inertia"] * (2.0 * w + w**2 * sums)
         return rate * gains["position"] * hold(s, dt), (rate - gains["drag"]) * hold(s, dt)
 
-    def text(self, design: Design) -> str:
+    def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
         """Write the same law as `controller` for one vehicle, without libraries; numbers to eight digits."""
-        gains, model, dof = design.gains, design.nominal, design.nominal.dof
-        bend, turns = model.bend, dof.wraps
+        bend, dof = nominal.bend, nominal.dof
         if bend is None:
             outputs, shares = [0.0, 1.0], [0.0, 1.0]
         else:
             first = int((bend.share <= 0.0).sum()) - 1
             outputs, shares = bend.output[first:].tolist(), bend.share[first:].tolist()
-        wrapped = WRAPPED if turns else ""
-        lines = [f"Written by automarine {__version__}.", *design.notes]
-        scaled = {name: f"{gains[name] * model.full:.8g}" for name in ("inertia", "drag", "squared")}
+        lines = [f"Written by automarine {__version__}.", *notes]
+        scaled = {name: f"{gains[name] * nominal.full:.8g}" for name in ("inertia", "drag", "squared")}
         plain = {name: f"{gains[name]:.8g}" for name in ("velocity", "position", "reference", "rate", "acceleration")}
         template = files("automarine_cli.control.targets").joinpath("controller.txt").read_text(encoding="utf-8")
         return template.format(
-            motion=dof.name, period=f"{self.period:g}", notes="\n".join(lines), pi=", pi" if turns else "",
-            **scaled, **plain, full=f"{model.full:.8g}", force_unit=model.force_unit, x=dof.units.base,
-            force=dof.words.force, inertia_unit=dof.unit_of("inertia", model.force_unit),
-            linear_unit=dof.unit_of("linear", model.force_unit),
-            quadratic_unit=dof.unit_of("quadratic", model.force_unit),
+            motion=dof.name, period=f"{self.period:g}", notes="\n".join(lines), pi=", pi" if dof.wraps else "",
+            **scaled, **plain, full=f"{nominal.full:.8g}", force_unit=nominal.force_unit, x=dof.units.base,
+            force=dof.words.force, inertia_unit=dof.unit_of("inertia", nominal.force_unit),
+            linear_unit=dof.unit_of("linear", nominal.force_unit),
+            quadratic_unit=dof.unit_of("quadratic", nominal.force_unit),
             outputs="[" + ", ".join(f"{x:.6g}" for x in outputs) + "]",
             shares="[" + ", ".join(f"{x:.6g}" for x in shares) + "]",
-            angles=f"Reference and {dof.words.position} [{dof.units.base}], ", wrapped=wrapped,
+            angles=f"Reference and {dof.words.position} [{dof.units.base}], ", wrapped=WRAPPED if dof.wraps else "",
         )  # fmt: skip
