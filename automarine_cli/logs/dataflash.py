@@ -118,12 +118,12 @@ def _field(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
 
 
 def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
-    own = TAKEN | {other: fields for name, (other, fields) in INSTEAD.items() if name not in messages}
+    names = TAKEN | {other: fields for name, (other, fields) in INSTEAD.items() if name not in messages}
     changes = messages.get("PARM", {})
     clock = _clock(changes) if {"Name", "Value"} <= changes.keys() else None
     history = () if clock is None else parameters(changes["Name"], clock, changes["Value"])
     holds = [f"{name} ({len(next(iter(message.values())))})" for name, message in messages.items()]
-    return recorded(messages, _clock, SECONDS, own, "RCOU", history, columns, _states(messages), holds, notes)
+    return recorded(messages, _clock, SECONDS, names, "RCOU", history, columns, _states(messages), holds, notes)
 
 
 def _clock(fields: Message) -> Floats | None:

@@ -167,20 +167,20 @@ def _with_folder(log: LogFile) -> LogFile:
     return replace(log, name=printable("/".join(parts[-depth:]))) if depth <= len(parts) else log
 
 
-def as_logs(given: object, name: str) -> Logs:
+def as_logs(logs: object, name: str) -> Logs:
     """Logs as a command takes them: places as they are, each table in memory (pandas, pyarrow, polars, columns by name)
     as one log, called `name` and its number, or as the key says where tables are given by name. Raises LogError for
     what is neither."""
-    if isinstance(given, str | Path | LogFile):
-        return (given,)
-    if _is_table(given):
-        return (_log(given, name),)
-    if isinstance(given, Mapping) and given and all(map(_is_table, given.values())):
-        return tuple(_log(table, str(key)) for key, table in given.items())
-    if isinstance(given, Sequence) and not isinstance(given, bytes):
-        names = (f"{name}_{number:0{len(str(len(given)))}d}" for number in range(1, len(given) + 1))
-        return tuple(log for part, name in zip(given, names) for log in as_logs(part, name))
-    raise LogError(f"{name}: found {type(given).__name__}; give {TABLES}")
+    if isinstance(logs, str | Path | LogFile):
+        return (logs,)
+    if _is_table(logs):
+        return (_log(logs, name),)
+    if isinstance(logs, Mapping) and logs and all(map(_is_table, logs.values())):
+        return tuple(_log(table, str(key)) for key, table in logs.items())
+    if isinstance(logs, Sequence) and not isinstance(logs, bytes):
+        names = (f"{name}_{number:0{len(str(len(logs)))}d}" for number in range(1, len(logs) + 1))
+        return tuple(log for part, name in zip(logs, names) for log in as_logs(part, name))
+    raise LogError(f"{name}: found {type(logs).__name__}; give {TABLES}")
 
 
 def _is_table(data: object) -> bool:

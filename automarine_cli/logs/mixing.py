@@ -62,7 +62,7 @@ def _stretches(history: Parameters, begin: float, end: float) -> tuple[dict[floa
 
 
 @dataclass(frozen=True)
-class Asked:
+class Demand:
     """What was asked of the vehicle: columns of `WISHES`, each of shape (N,), -1 to 1; notes, and where they are
     from."""
 
@@ -80,7 +80,8 @@ class Part:
     """How outputs are read while the parameters stay as they are: one entry a channel that drives the vehicle.
 
     Outputs between `low`, `neutral` and `high` count from -1 to 1, 0 is no output. `back` leads from there to
-    `WISHES`, shape (wishes, channels), and `found` says which of these the channels tell at all; `how` is for people.
+    `WISHES`, shape (wishes, channels), and `observable` says which of these the channels tell at all; `how` is for
+    people.
     """
 
     how: str
@@ -89,14 +90,14 @@ class Part:
     neutral: Floats
     high: Floats
     back: Floats
-    found: NDArray[np.bool_]
+    observable: NDArray[np.bool_]
 
     def wishes(self, outputs: Floats) -> Floats:
         """`WISHES`, shape (wishes, N), of outputs, shape (channels, N); NaN where the channels do not tell them."""
         off = outputs - self.neutral[:, None]
         span = np.where(off > 0, (self.high - self.neutral)[:, None], (self.neutral - self.low)[:, None])
         shares = np.where(outputs != 0, np.clip(off / span, -1, 1), 0.0)
-        return np.where(self.found[:, None], self.back @ shares, np.nan)
+        return np.where(self.observable[:, None], self.back @ shares, np.nan)
 
 
 def is_commanded_by(columns: ColumnMap) -> bool:
@@ -106,7 +107,7 @@ def is_commanded_by(columns: ColumnMap) -> bool:
 
 def worked_back(
     source: str, time: Floats, channels: Channels, history: Parameters, read_by: Callable[[str, Channels, Values], Part]
-) -> Asked:
+) -> Demand:
     """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s], which the file calls
     `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
     stretches, changes = _stretches(history, float(time[0]), float(time[-1]))
@@ -123,14 +124,14 @@ def worked_back(
         wishes[:, rows] = part.wishes(np.array([channels[number][rows] for number in part.channels]))
     columns = {name: values for name, values in zip(WISHES, wishes) if np.isfinite(values).any()}
     if not columns:
-        return Asked(origin=Origin(why_not=why))
+        return Demand(origin=Origin(why_not=why))
     origin = f"{source} by {' and '.join(dict.fromkeys(hows))}"
     notes = [f"commands {meaning(columns)} worked back from {origin}"]
     if changes:
         notes.append(f"parameters changed within the log ({listed(changes)}): each stretch is read by what stood then")
     if why:
         notes.append(f"for a part of the log there are no commands: {why}")
-    return Asked(columns, tuple(notes), Origin(origin))
+    return Demand(columns, tuple(notes), Origin(origin))
 
 
 def meaning(names: Sequence[str] | Mapping[str, Floats]) -> str:
@@ -173,25 +174,19 @@ STEERED: Mapping[str, Mapping[int, Row]] = {
 """Boats and rovers, the first that is whole: left and right throttle; steering and throttle."""
 DRIVING = {*MOTORS, *(function for rows in STEERED.values() for function in rows)}
 LAST = 32  # the highest number of an output
+MIXING = re.compile(r"FRAME_CONFIG|(SERVO|MOT_).*_(FUNCTION|MIN|MAX|TRIM|REVERSED|DIRECTION)")  # parameters of it
 NEUTRAL, SPAN = 1500.0, 400.0  # us, of ArduSub's motors whatever the limits of their outputs
-
-
-def asked_of_pulses(source: str, time: Floats, pulses: Channels, history: Parameters) -> Asked:
-    """What ArduPilot asked of the vehicle, from pulses [us] by number of the output, shape (N,), at `time` [s], which
-    the file calls `source`."""
-    driving = re.compile(r"FRAME_CONFIG|(SERVO|MOT_).*_(FUNCTION|MIN|MAX|TRIM|REVERSED|DIRECTION)")
-    return worked_back(source, time, pulses, [row for row in history if driving.fullmatch(row[1])], part_of)
 
 
 def recorded(
     messages: Mapping[str, Mapping[str, NDArray[Any]]], clock_of: Callable[[Mapping[str, NDArray[Any]]], Floats | None],
-    stamps: Container[str], own: Mapping[str, Mapping[str, str]], outputs: str, history: Parameters, columns: ColumnMap,
-    states: Sequence[Stream], holds: Sequence[str], notes: tuple[str, ...],
+    stamps: Container[str], names: Mapping[str, Mapping[str, str]], outputs: str, history: Parameters,
+    columns: ColumnMap, states: Sequence[Stream], holds: Sequence[str], notes: tuple[str, ...],
 ) -> Recording:  # fmt: skip
-    """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `own` or the column map
+    """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `names` or the column map
     takes, states, and pulses, fields of `outputs` of which the name holds the number, with what was asked of the
     vehicle by them, unless the map names a command itself."""
-    streams, asked = [], Asked()
+    streams, demand = [], Demand()
     for name, message in messages.items():
         time = clock_of(message)
         if time is None:
@@ -199,13 +194,13 @@ def recorded(
         fields = {key: values for key, values in message.items() if key not in stamps}
         if name == outputs:  # channels that nothing is connected to are always at 0
             fields = {key: values for key, values in fields.items() if re.search(r"\d", key) and values.any()}
-        stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == outputs)
+        stream = taken(name, time, fields, names.get(name, {}), columns, keep=name == outputs)
         if name == outputs and fields and not is_commanded_by(columns):
             pulses = {int("".join(filter(str.isdigit, key))): values for key, values in fields.items()}
-            asked = asked_of_pulses(name, time, pulses, history)
-            stream = replace(stream, columns={**stream.columns, **asked.columns})
+            demand = worked_back(name, time, pulses, [row for row in history if MIXING.fullmatch(row[1])], part_of)
+            stream = replace(stream, columns={**stream.columns, **demand.columns})
         streams.append(stream)
-    return Recording([*streams, *states], tuple(holds), (*asked.notes, *notes), asked.origin)
+    return Recording([*streams, *states], tuple(holds), (*demand.notes, *notes), demand.origin)
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -153,7 +153,7 @@ class Recognised:
 
     key: str
     source: str
-    seen: str
+    evidence: str
     unit: str | None = None
     open: str = ""
     unit_open: bool = False
@@ -222,14 +222,14 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised("time", source, "dates", open=why, more={"day_first": True}, ask="day_first")
     if span.stamps:
         return Recognised("time", source, span.stamps)
-    step, seen = span.median_step, f"{span}, {span.median_step:.4g} from sample to sample"
+    step, evidence = span.median_step, f"{span}, {span.median_step:.4g} from sample to sample"
     fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
     unit = _unit_in(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
     if unit in fits or (len(fits) == 1 and unit is None):
-        return Recognised(f"time_{unit or fits[0]}", source, seen)
+        return Recognised(f"time_{unit or fits[0]}", source, evidence)
     says = f"the name says {unit}, the samples say " if unit else ""
     why = f"{says}{' or '.join(fits)}?" if fits else "no unit makes these a clock; is this the time?"
-    return Recognised("time_s", source, seen, fits[0] if fits else None, why, unit_open=True)
+    return Recognised("time_s", source, evidence, fits[0] if fits else None, why, unit_open=True)
 
 
 def _angle(quantity: str, source: str, span: Span) -> Recognised:
@@ -244,7 +244,7 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
         certain = "rad"
     elif width <= 1.001 * DEGREES and largest > FAR:
         certain = "deg"
-    seen = f"{span}" + (f", wraps at {'360' if certain == 'deg' else '2 pi'}" if certain and smooth else "")
+    evidence = f"{span}" + (f", wraps at {'360' if certain == 'deg' else '2 pi'}" if certain and smooth else "")
     likely, instead, why = unit or certain or ("rad" if largest <= 1.1 * RADIANS else "deg"), None, ""
     if unit is None and certain is None:
         why = f"deg or rad? The range looks like {likely}"
@@ -252,7 +252,7 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
         instead, why = certain, f"the name says {unit}, the range says {certain}"
     elif unit == "deg" and certain is None and width < HARDLY:
         instead, why = "rad", f"degrees would mean that no log turns {width:.2g} degrees; deg or rad?"
-    return Recognised(_name(quantity, likely), source, seen, instead, why, unit_open=bool(why))
+    return Recognised(_name(quantity, likely), source, evidence, instead, why, unit_open=bool(why))
 
 
 def _moment(quantity: str, source: str, span: Span) -> Recognised:
@@ -295,7 +295,7 @@ def _signal(quantity: str, source: str, span: Span) -> Recognised:
     """A control signal: as it is, pulses about a neutral, or one of which neutral or direction is open."""
     plain, low, high = _plain(quantity, source, span), span.low, span.high
     if is_pulses(source, span):
-        return replace(plain, seen=f"{plain.seen}, pulses about 1500", unit="us", more={"subtract": PULSES[1]})
+        return replace(plain, evidence=f"{plain.evidence}, pulses about 1500", unit="us", more={"subtract": PULSES[1]})
     if low >= 0 and 0 < span.middle < high and abs(span.middle - (low + high) / 2) <= 0.02 * (high - low):
         why = f"never below 0, mostly {span.middle:.4g}: which value stops the thruster, 0 or {span.middle:.4g}?"
         return replace(plain, open=why, more={"subtract": span.middle}, ask="subtract")
@@ -351,7 +351,7 @@ def directed(
         between = _neutral(signal, pull)
         if between is None:
             why = f"never below 0 while {force.source} goes from {pull.min():.4g} to {pull.max():.4g}: unsigned"
-            return replace(n, open="", ask="", seen=f"{n.seen}, {why}", more={"sign_from": force.source}), force
+            return replace(n, open="", ask="", evidence=f"{n.evidence}, {why}", more={"sign_from": force.source}), force
         n = _about(n, *between, middle)
     elif signal.min() >= 0 and pulses:
         n = _about(n, PULSES[1], PULSES[1], PULSES[1])
@@ -383,11 +383,11 @@ def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
     """The signal less its neutral, which lies between two values: that of pulses, or the middle of the range."""
     usual = PULSES[1]
     about = f"about {low:.5g}" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
-    seen = f"{n.seen.partition(',')[0]}, {'pulses about 1500' if low == high == usual else about}"
+    evidence = f"{n.evidence.partition(',')[0]}, {'pulses about 1500' if low == high == usual else about}"
     if PULSES[0] <= low - NEAR <= usual <= high + NEAR:
-        return replace(n, unit="us", open="", ask="", more={"subtract": usual}, seen=seen)
+        return replace(n, unit="us", open="", ask="", more={"subtract": usual}, evidence=evidence)
     if low <= middle <= high:
-        return replace(n, open="", ask="", more={"subtract": middle}, seen=seen)
+        return replace(n, open="", ask="", more={"subtract": middle}, evidence=evidence)
     why = f"the force changes sign between {low:.4g} and {high:.4g}: at which value does the thruster stop?"
     return replace(n, open=why, more={"subtract": float(f"{(low + high) / 2:.3g}")}, ask="subtract")
 
@@ -399,8 +399,8 @@ def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> R
         return force
     back = signal < -LITTLE * np.abs(signal).max()
     if pull.min() >= -LITTLE * pull.max() and pull[back].max(initial=0.0) > LITTLE * pull.max():
-        seen = f"{force.seen}, one sign while {n.source} goes both ways: unsigned"
-        return replace(force, seen=seen, more={"sign_from": _signed_by(n.source, n.neutral)})
+        evidence = f"{force.evidence}, one sign while {n.source} goes both ways: unsigned"
+        return replace(force, evidence=evidence, more={"sign_from": _signed_by(n.source, n.neutral)})
     if np.sum(signal * np.abs(signal) * pull) < 0:
         why = f"negative while {n.source} drives ahead: -1 if ahead is logged as negative force"
         return replace(force, open=why, more={"sign": -1}, ask="sign")
@@ -419,14 +419,14 @@ MOST_LOOKED_INTO = 20  # bollard tests of one layout
 
 @dataclass(frozen=True)
 class Layout:
-    """Logs with the same columns: whether they are thruster tests, what each column does over all of them (`seen`), and
-    of which motion they are (translations only by columns of those names); what their columns are taken for, which
+    """Logs with the same columns: whether they are thruster tests, what each column does over all of them (`spans`), of
+    which motion they are (translations only by columns of those names), what their columns are taken for, which
     quantities no column looks like, and columns of few words."""
 
     names: tuple[str, ...]
     bollard: bool
     files: tuple[LogFile, ...]
-    seen: Mapping[str, Span]
+    spans: Mapping[str, Span]
     dof: Dof
     columns: tuple[Recognised, ...] = ()
     lacking: tuple[str, ...] = ()
@@ -444,7 +444,7 @@ class Layout:
 
     def ends(self, column: Recognised) -> tuple[float, float, float] | None:
         """The lowest, the highest and the usual value of a column as its rule reads it."""
-        span, rule = self.seen.get(column.source), self.rules.get(column.key, ColumnRule(column.source))
+        span, rule = self.spans.get(column.source), self.rules.get(column.key, ColumnRule(column.source))
         if span is None:
             return None
         if rule.sign_from is not None:
@@ -463,29 +463,28 @@ class Layout:
 @dataclass(frozen=True)
 class Maps:
     """The layouts that share the map of all logs, and those with maps of their own, each with the names by which its
-    files are told; which files are one log."""
+    files are told; what else stands in the map of all, such as which files are one log."""
 
     shared: tuple[Layout, ...] = ()
-    own: tuple[tuple[tuple[str, ...], tuple[Layout, ...]], ...] = ()
-    join: tuple[Join, ...] = ()
-    given: ColumnMap = field(default_factory=ColumnMap)
+    apart: tuple[tuple[tuple[str, ...], tuple[Layout, ...]], ...] = ()
+    user_map: ColumnMap = field(default_factory=ColumnMap)
 
     def columns(self) -> ColumnMap:
-        parts = tuple(ColumnsOf(names, merged(layouts)) for names, layouts in self.own)
-        return replace(self.given, columns=merged(self.shared), columns_of=parts, join=self.join)
+        parts = tuple(ColumnsOf(names, merged(layouts)) for names, layouts in self.apart)
+        return replace(self.user_map, columns=merged(self.shared), columns_of=parts)
 
 
 def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
     return {key: rule for layout in reversed(layouts) for key, rule in layout.rules.items()}
 
 
-def recognised(layout: Layout, alike: Mapping[str, Span], given: ColumnMap) -> Layout:
-    """The layout with what its columns are taken for: first as `given`, then by name and by what they do in all logs
+def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -> Layout:
+    """The layout with what its columns are taken for: first by `user_map`, then by name and by what they do in all logs
     of the kind (`alike`)."""
     mapped = {}
-    for key, rule in given.of(layout.files[0].path).columns.items():
+    for key, rule in user_map.of(layout.files[0].path).columns.items():
         if key not in LABELS and rule.source in layout.names:
-            mapped[CANONICAL[key].quantity] = _as_mapped(key, rule, layout.seen)
+            mapped[CANONICAL[key].quantity] = _as_mapped(key, rule, layout.spans)
     sources = {column.source for column in mapped.values()}
     names = [name for name in layout.names if name not in sources]
     spans = {name: alike[name] for name in names if name in alike}
@@ -520,7 +519,7 @@ def _tests(
     """Control signal and force of bollard tests, judged together."""
     n, force = columns["n"], columns["force"]
     if n is None and force is not None:  # a throttle called thrust, beside a force with its unit
-        for name, span in layout.seen.items():
+        for name, span in layout.spans.items():
             if name.lower().startswith("thrust") and name != force.source and is_share(span):
                 n = n or Recognised("n", name, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
     if n is None or force is None:
@@ -533,11 +532,11 @@ def _tests(
             np.concatenate([np.asarray(raw.arrays[raw.names.index(column.source)], float) for raw in raws])
             for column in (n, force)
         )
-        n, force = directed(n, force, signal, pull, is_pulses(n.source, layout.seen[n.source]))
+        n, force = directed(n, force, signal, pull, is_pulses(n.source, layout.spans[n.source]))
     return {"n": n, "force": force}
 
 
-def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, given: ColumnMap) -> Maps:
+def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, user_map: ColumnMap) -> Maps:
     """The maps of layouts, of which the first to come has the map of all logs; those that would read each other's
     columns wrong have maps of their own."""
     groups: list[list[Layout]] = [[]]
@@ -554,7 +553,7 @@ def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, g
         stray = [any(file not in members and matches(file.path, place) for file in files) for place in places]
         above = folder.resolve().name
         named.append((tuple(f"{above}/" * far + place for place, far in zip(places, stray)), tuple(group)))
-    return Maps(tuple(groups[0]), tuple(named), given.join, given)
+    return Maps(tuple(groups[0]), tuple(named), user_map)
 
 
 def _fits(layout: Layout, other: Layout) -> bool:
@@ -592,7 +591,7 @@ def _goes_with(layout: Layout, main: Sequence[Path], folder: Path) -> bool:
     """Whether each file with a clock stands, by its name, beside one that holds what moves: then it holds what drives,
     whatever that is called."""
     paired = all(any(_pattern(other, _within(folder, file)) for other in main) for file in layout.files)
-    clock, signal = (recognise(quantity, layout.names, layout.seen) for quantity in ("time", "n"))
+    clock, signal = (recognise(quantity, layout.names, layout.spans) for quantity in ("time", "n"))
     return paired and clock is not None and not (layout.bollard and signal)
 
 
@@ -631,27 +630,27 @@ def together(parts: Iterable[Mapping[str, Span]]) -> dict[str, Span]:
 
 
 def layouts_of(
-    folder: Path, files: Sequence[LogFile], given: ColumnMap, jobs: int, progress: Progress
+    folder: Path, files: Sequence[LogFile], user_map: ColumnMap, jobs: int, progress: Progress
 ) -> tuple[tuple[LogFile, ...], tuple[Layout, ...], Maps, Mapping[LogFile, LogError]]:
-    """Look at the columns of every log (as `given` where the user has a map), and find which files are one log: return
+    """Look at the columns of every log (by `user_map` where there is one), and find which files are one log: return
     whole logs, kinds of these but those of no vehicle, the maps that read them, and why some cannot be read."""
-    logs = whole_logs(files, given)
-    layout_of = partial(_layout_of, columns=given)
+    logs = whole_logs(files, user_map)
+    layout_of = partial(_layout_of, columns=user_map)
     parts = dict(zip(logs, ordered_map(layout_of, logs, jobs, progress=progress, stage="looking at columns")))
     clocks_beside: list[Layout] = []
-    if not given.join:
-        apart = [layout for layout in _recognised(parts.values(), given) if layout.dof.wraps]
-        given = replace(given, join=joins_of(apart, folder))
-        clocks = maps_of([layout.clock for layout in apart], logs, folder, given).columns()
-        logs = whole_logs(logs, given)
+    if not user_map.join:
+        apart = [layout for layout in _recognised(parts.values(), user_map) if layout.dof.wraps]
+        user_map = replace(user_map, join=joins_of(apart, folder))
+        clocks = maps_of([layout.clock for layout in apart], logs, folder, user_map).columns()
+        logs = whole_logs(logs, user_map)
         clocks_beside = [layout.clock for layout in apart if not set(layout.files) & set(logs)]
-        joined = {file for file in logs if any(join.places(file.path) for join in given.join)}
+        joined = {file for file in logs if any(join.places(file.path) for join in user_map.join)}
         parts = {file: _layout_of(file, clocks) if file in joined else parts[file] for file in logs}
-    layouts = _recognised(parts.values(), given)
+    layouts = _recognised(parts.values(), user_map)
     if of_vehicles := {layout.names for layout in layouts if not layout.foreign}:
         # what strangers' columns do says nothing of columns of that name in logs
-        layouts = _recognised((p for p in parts.values() if isinstance(p, Layout) and p.names in of_vehicles), given)
-    maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *clocks_beside], files, folder, given)
+        layouts = _recognised((p for p in parts.values() if isinstance(p, Layout) and p.names in of_vehicles), user_map)
+    maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *clocks_beside], files, folder, user_map)
     unread = {file: error for file, error in parts.items() if isinstance(error, LogError)}
     return tuple(logs), tuple(layouts), maps, unread
 
@@ -672,7 +671,7 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
     return Layout(names, bollard, (file,), spans_of(raw), dof, words=words)
 
 
-def _recognised(parts: Iterable[Layout | LogError], given: ColumnMap) -> list[Layout]:
+def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list[Layout]:
     """Files of the same columns together, yaw first, and of yaw those with more logs; those of yaw and tests with what
     their columns are taken for: a column of one name does what it does over all logs of the kind."""
     groups: dict[tuple[tuple[str, ...], bool, str], list[Layout]] = {}
@@ -680,15 +679,15 @@ def _recognised(parts: Iterable[Layout | LogError], given: ColumnMap) -> list[La
         if isinstance(part, Layout):
             groups.setdefault((part.names, part.bollard, part.dof.name), []).append(part)
     layouts = [
-        replace(group[0], files=tuple(part.files[0] for part in group), seen=together([part.seen for part in group]))
+        replace(group[0], files=tuple(part.files[0] for part in group), spans=together([part.spans for part in group]))
         for group in groups.values()
     ]
     layouts.sort(key=lambda layout: (layout.dof is not YAW, layout.bollard, -len(layout.files)))
 
     def alike(layout: Layout) -> dict[str, Span]:
-        return together(o.seen for o in layouts if (o.bollard, o.dof) == (layout.bollard, layout.dof))
+        return together(o.spans for o in layouts if (o.bollard, o.dof) == (layout.bollard, layout.dof))
 
-    return [recognised(layout, alike(layout), given) if layout.dof.wraps else layout for layout in layouts]
+    return [recognised(layout, alike(layout), user_map) if layout.dof.wraps else layout for layout in layouts]
 
 
 def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:

@@ -174,8 +174,8 @@ def _profile(path: Path) -> str | None:
 
 
 def _wanted(link: Any, sources: Iterable[str]) -> bool:
-    known = link.msgtype in (*POSES, STATE, BATTERY) or link.msgtype.startswith(STANDARD)
-    return known or bool(_named(link.topic, sources))
+    is_standard = link.msgtype in (*POSES, STATE, BATTERY) or link.msgtype.startswith(STANDARD)
+    return is_standard or bool(_named(link.topic, sources))
 
 
 def _topics(bag: Any, wanted: list[Any], ros1: bool, sources: set[str]) -> Iterable[Topic]:

@@ -117,16 +117,16 @@ class Recording:
 
 
 def taken(
-    name: str, time: Floats, fields: Mapping[str, NDArray[Any]], own: Mapping[str, str], columns: ColumnMap,
+    name: str, time: Floats, fields: Mapping[str, NDArray[Any]], names: Mapping[str, str], columns: ColumnMap,
     keep: bool = False,
 ) -> Stream:  # fmt: skip
-    """The stream of those fields of a message that serve: `own` under its canonical names (field -> name) unless the
+    """The stream of those fields of a message that serve: `names` (field -> name) under these unless the
     column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all."""
     sources = columns.sources
     mapped = {CANONICAL[key].quantity for key in columns.columns if key in CANONICAL}
     used, also = {}, {}
     for key, values in fields.items():
-        full, canonical = f"{name}.{key}", own.get(key)
+        full, canonical = f"{name}.{key}", names.get(key)
         if canonical is not None and (full in sources or CANONICAL[canonical].quantity not in mapped):
             used[canonical], also[full] = values, canonical
         elif full in sources or keep:

@@ -108,16 +108,16 @@ def _fields(names: Iterable[str], rows: list[tuple[float, Any]]) -> Message:
     return fields
 
 
-def of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
+def of_the_vehicle(messages: dict[str, Message]) -> dict[str, Message]:
     """Only what the sender of most attitudes says: the ground station and other vehicles talk too."""
-    senders = found["ATTITUDE"]["sender"] if "ATTITUDE" in found else np.concatenate(
-        [message["sender"] for message in found.values()] or [np.zeros(1, np.int64)]
+    senders = messages["ATTITUDE"]["sender"] if "ATTITUDE" in messages else np.concatenate(
+        [message["sender"] for message in messages.values()] or [np.zeros(1, np.int64)]
     )  # fmt: skip
     who = np.bincount(senders).argmax()
-    chosen = {name: message["sender"] == who for name, message in found.items()}
+    chosen = {name: message["sender"] == who for name, message in messages.items()}
     return {
         name: {key: values[chosen[name]] for key, values in message.items() if key != "sender"}
-        for name, message in found.items()
+        for name, message in messages.items()
         if chosen[name].any()
     }
 

@@ -71,21 +71,21 @@ def _recording(
 ) -> streams.Recording:
     readings = []
     motors = next((name for name in MOTORS if name in topics), "")
-    asked, wished = (mixing.Asked(), NOTHING) if mixing.is_commanded_by(columns) else _asked(topics, history)
+    demand, wished = (mixing.Demand(), NOTHING) if mixing.is_commanded_by(columns) else _demand(topics, history)
     for name, data in topics.items():
         fields = {key: np.asarray(values, dtype=np.float64) for key, values in data.items()}
-        own = {**TAKEN, **wished}.get(name, {})
+        names = {**TAKEN, **wished}.get(name, {})
         if name == "vehicle_attitude":
             w, x, y, z = (fields[f"q[{i}]"] for i in range(4))
             fields["heading"] = streams.yaw_of(w, x, y, z) % (2 * np.pi)
-            own = own if "vehicle_angular_velocity" in topics else {**own, **BEFORE}
+            names = names if "vehicle_angular_velocity" in topics else {**names, **BEFORE}
         commands = bool(motors) and name.partition("[")[0] == motors
         if commands:  # PX4 says by NaN that a motor is stopped
             fields = {key: np.nan_to_num(c) for key, c in fields.items() if key.startswith(("control[", "output["))}
             fields = {key: values for key, values in fields.items() if np.any(values)}
-        stream = streams.taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands)
+        stream = streams.taken(name, _clock(data, name in TAKEN), fields, names, columns, keep=commands)
         if name == MOTORS[0] and stream.columns:
-            stream = replace(stream, columns={**stream.columns, **asked.columns})
+            stream = replace(stream, columns={**stream.columns, **demand.columns})
         readings.append(stream)
     if "vehicle_status" in topics:
         status = topics["vehicle_status"]
@@ -93,13 +93,13 @@ def _recording(
         states = {"mode": streams.named(status["nav_state"], MODES, "mode {}"), "armed": armed}
         readings.append(streams.Stream("vehicle_status", _clock(status), states, lasting=True))
     holds = tuple(f"{name} ({len(data['timestamp'])})" for name, data in topics.items())
-    return streams.Recording(readings, holds, (*asked.notes, *notes), asked.origin)
+    return streams.Recording(readings, holds, (*demand.notes, *notes), demand.origin)
 
 
-def _asked(topics: Topics, history: mixing.Parameters) -> tuple[mixing.Asked, Fields]:
+def _demand(topics: Topics, history: mixing.Parameters) -> tuple[mixing.Demand, Fields]:
     """What PX4 asked of the vehicle: by what it sent to the motors and where these are; else its own setpoints, as
     fields to take by topic."""
-    asked = mixing.Asked()
+    demand = mixing.Demand()
     if MOTORS[0] in topics:
         data = topics[MOTORS[0]]
         sent = {
@@ -107,13 +107,13 @@ def _asked(topics: Topics, history: mixing.Parameters) -> tuple[mixing.Asked, Fi
             for key, values in data.items()
             if key.startswith("control[")
         }
-        asked = mixing.worked_back(MOTORS[0], _clock(data), sent, history, _by_places)
+        demand = mixing.worked_back(MOTORS[0], _clock(data), sent, history, _by_places)
     wished = {topic: fields for topic, fields in SETPOINTS.items() if topic in topics}
-    if asked.columns or TORQUE not in wished:
-        return asked, NOTHING
+    if demand.columns or TORQUE not in wished:
+        return demand, NOTHING
     names = [name for fields in wished.values() for name in fields.values()]
     note = f"commands {mixing.meaning(names)} are {' and '.join(wished)}, before limits of the motors"
-    return mixing.Asked(notes=(note,)), wished
+    return mixing.Demand(notes=(note,)), wished
 
 
 def _by_places(source: str, sent: mixing.Channels, values: mixing.Values) -> mixing.Part:

@@ -57,7 +57,7 @@ class NewCampaign(Shown):
         return {
             "schema": "automarine/init/1", "logs": look.count, **names,
             "columns": [
-                {"column": column.source, "taken_for": column.key, "unit": column.unit, "seen": column.seen,
+                {"column": column.source, "taken_for": column.key, "unit": column.unit, "seen": column.evidence,
                  "open": column.open} | ({"rule": column.rule} if column.more else {})
                 for column in look.columns
             ],
@@ -79,7 +79,7 @@ def _(result: NewCampaign) -> Sections:
         kinds |= {f"{motion}: {kind}": len(files) for kind, files in placed.items() if files}
     columns = [
         {"column": column.source, "taken for": column.key + (f" less {column.neutral:g}" if column.neutral else ""),
-         "values": column.seen, "sure or asked": column.open or "sure"}
+         "values": column.evidence, "sure or asked": column.open or "sure"}
         for column in look.columns
     ]  # fmt: skip
     to_answer = f"{counted(len(questions), 'question')} to answer: {', '.join(questions)}."
@@ -108,7 +108,7 @@ def new_campaign(look: Survey, files: Sequence[LogFile], place: Path, ask: Ask |
             seen = counted(len(members), "log") if motion == PLANAR.name else _seen(look, members)
             yield kind, entries, f"{DOFS.get(motion, YAW).fill(SAY[kind])}: {seen}"
 
-    arm_m, arm = look.maps.given.defaults.get("arm_m"), "metres from the centre line to each thruster"
+    arm_m, arm = look.maps.user_map.defaults.get("arm_m"), "metres from the centre line to each thruster"
     drive = look.thrusters_drive
     moment = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
     lines: list[Line] = [
@@ -181,9 +181,9 @@ def _seen(look: Survey, files: Sequence[LogFile]) -> str:
 
 
 def _not_used(look: Survey) -> Iterator[Line]:
-    if look.maps.join:
+    if look.maps.user_map.join:
         joined = "one log: columns of the second come onto the clock of the first, each value held until the next"
-        yield "join", [to_mapping(join) for join in look.maps.join], joined
+        yield "join", [to_mapping(join) for join in look.maps.user_map.join], joined
     idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
     lines = [f"{file.name}: nothing is commanded in it" for file in idle]
     lines += [f"{run.file}, run {run.run}: {run.why}" for run in look.set_aside]
@@ -205,7 +205,7 @@ def _motion(motion: str) -> Iterator[Line]:
 
 def _thrusters(look: Survey) -> Iterator[Line]:
     if look.placed["thrusters"]:
-        per_test = look.maps.given.defaults.get("thrusters_per_test")
+        per_test = look.maps.user_map.defaults.get("thrusters_per_test")
         yield from ("", "[thrusters]")
         pulled = "how many equal thrusters pulled together? The logs cannot show it"
         yield "per_test", OPEN if per_test is None else int(per_test), pulled
@@ -217,12 +217,12 @@ def _thrusters(look: Survey) -> Iterator[Line]:
 
 def _columns(look: Survey) -> Iterator[Line]:
     yield from _map(look.maps.shared, look)
-    for logs, layouts in look.maps.own:
+    for logs, layouts in look.maps.apart:
         kind = "bollard tests" if layouts[0].bollard else "logs"
         yield from ("", f"[[columns_of]]  # the same for {kind} of other columns, by their names", ("logs", logs, ""))
         yield from _map(layouts, look)
-    if look.maps.given.dbc:
-        yield from ("", "[can]", ("dbc", look.maps.given.dbc, ""))
+    if look.maps.user_map.dbc:
+        yield from ("", "[can]", ("dbc", look.maps.user_map.dbc, ""))
 
 
 def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[Line]:
@@ -240,7 +240,7 @@ def _map(layouts: Sequence[Layout], look: Survey) -> Iterator[Line]:
         sought = "control signal of the thruster" if quantity == "n" else quantity
         if quantity == YAW.command:
             sought += f" (or {' and '.join(YAW.thrusters)})"
-            if signals := pulses(layouts[0].seen):  # commands about 1500 us
+            if signals := pulses(layouts[0].spans):  # commands about 1500 us
                 rule = toml_line(YAW.thrusters[0], {"from": signals[0], "subtract": 1500})
                 sought += f"; pulses such as {listed(signals)} are written {rule}"
         yield names_of(quantity)[0], OPEN, f"no column looks like the {sought}; the logs have {names}"
@@ -257,7 +257,7 @@ def _splitting(layout: Layout) -> Iterator[Line]:
 
 
 def _column(column: Recognised, look: Survey) -> Line:
-    key, seen, rule, question = column.key, column.seen, column.rule, column.open
+    key, seen, rule, question = column.key, column.evidence, column.rule, column.open
     quantity, (followed, against) = CANONICAL[key].quantity, look.turns
     if quantity == YAW.position and followed + against:
         seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"

@@ -302,14 +302,14 @@ class Law:
     high: Floats
     tolerance: float
 
-    def given(self, single: Floats) -> Floats:
+    def delivered(self, single: Floats) -> Floats:
         """What thrusters give under commands (N, T), (N,)."""
         return _terms(single, self.exponent) @ self.coefficients
 
     def short(self, total: Floats, single: Floats) -> Mask:
         """Which samples (N,) ask for what thrusters at a limit do not give."""
         at_limit = (_at(single, self.low, self.high)).any(axis=1)
-        return np.asarray(at_limit & (np.abs(total - self.given(single)) > self.tolerance))
+        return np.asarray(at_limit & (np.abs(total - self.delivered(single)) > self.tolerance))
 
 
 def commanded(run: Run) -> list[Commanded]:
@@ -375,7 +375,7 @@ def limit_of(law: Law, several: Sequence[Commanded]) -> AllocationLimit | None:
     short = law.short(total, single)
     if np.count_nonzero(short) < FEWEST:
         return None
-    delivered = law.given(single)
+    delivered = law.delivered(single)
     worst = int(np.argmax(np.where(short, np.abs(total - delivered), 0.0)))
     sizes = np.abs((_terms(single[[worst]], law.exponent) * law.coefficients).reshape(2, -1).sum(axis=0))
     limited = _at(single[[worst]], law.low, law.high)[0] & (sizes > 0.1 * law.tolerance)
@@ -397,7 +397,7 @@ def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit
             short, run = law.short(part.total, part.single), limited[i]
             if of_run := limit_of(law, [part]):
                 run = run.noted(of_run.sentence)
-            total = np.where(short, law.given(part.single), part.total)
+            total = np.where(short, law.delivered(part.single), part.total)
             if part.dof is not run.dof:
                 run = replace(run, extras={**run.extras, part.dof.command: total})
             elif ASKED not in run.extras:

@@ -152,10 +152,10 @@ def misfit_of(ranges: Sequence[CommandRange]) -> Misfit | None:
     return None
 
 
-def usual_neutral(low: float, high: float, seen: float) -> float:
-    """The neutral of a signal that goes from `low` to `high` and gives nothing at `seen`: 1500 where it is pulses."""
-    pulses = PULSES[0] <= low and high <= PULSES[2] and abs(seen - PULSES[1]) <= 100.0
-    return PULSES[1] if pulses else seen
+def usual_neutral(low: float, high: float, idle: float) -> float:
+    """The neutral of a signal that goes from `low` to `high` and gives nothing at `idle`: 1500 where it is pulses."""
+    pulses = PULSES[0] <= low and high <= PULSES[2] and abs(idle - PULSES[1]) <= 100.0
+    return PULSES[1] if pulses else idle
 
 
 def undirected(n: Floats, force: Floats) -> str:

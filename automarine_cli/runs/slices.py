@@ -103,8 +103,8 @@ def _stretches(table: LogTable, by: By) -> Iterator[Stretch]:
 def _states(table: LogTable, name: str) -> tuple[list[str], NDArray[np.int64]]:
     """Words and the word of each row; "" where nothing is known or the vehicle is not armed."""
     if name not in table.states:
-        found = f"{table.source}: no {name}; found the columns {listed(table.names)}; expected a column {name}"
-        raise LogError(f'{found}. If it has another name, write {name} = "NAME" {GIVE_IT}')
+        lacking = f"{table.source}: no {name}; found the columns {listed(table.names)}; expected a column {name}"
+        raise LogError(f'{lacking}. If it has another name, write {name} = "NAME" {GIVE_IT}')
     labels = table.states[name]
     words = [*labels.names, ""]
     if name == ARMED:

@@ -16,7 +16,7 @@ import automarine_cli as am
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require_motion
-from automarine_cli.logs.mixing import FRAMES, asked_of_pulses
+from automarine_cli.logs.mixing import FRAMES, part_of, worked_back
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
 REAL = DATA / "ardusub"
@@ -58,7 +58,7 @@ def test_the_frames_push_as_their_drawings_show() -> None:
         [1600, 1400, 1400, 1600, 1500, 1500], [1400, 1400, 1600, 1600, 1500, 1500], [1500] * 4 + [1600] * 2,
     ]  # fmt: skip
     parameters = [(0.0, name, value) for name, value in sub_parameters(1, (1,) * 8).items()]
-    back = asked_of_pulses("RCOU", np.arange(3.0), {n + 1: pulses[n] for n in range(6)}, parameters)
+    back = worked_back("RCOU", np.arange(3.0), {n + 1: pulses[n] for n in range(6)}, parameters, part_of)
     for key, values in wished.items():
         assert_close(back.columns[key], values, "same arithmetic")
 

@@ -240,6 +240,6 @@ def outputs_are_known(heard: Heard) -> Part:
             f"no yaw output can be read in what the thrusters are sent: {str(unclear).partition(';')[0]}; use one of "
             "ArduSub's own frames (FRAME_CONFIG 0 to 6), and check SERVOn_FUNCTION of the motors"
         ) from None
-    if not part.found[0]:
+    if not part.observable[0]:
         raise SettingError("no output of the vehicle turns it; check SERVOn_FUNCTION of its motors")
     return part
