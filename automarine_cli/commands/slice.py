@@ -98,10 +98,10 @@ def _cut(
         if file.named:
             raise
         return unreadable(file, error)
-    time, digits = table.columns["time"], len(str(len(slices)))
+    time, runs, digits = table.columns["time"], table.run, len(str(len(slices)))
     cuts, contents = [], []
     for i, part in enumerate(slices, 1):
-        run = None if table.runs is None else table.runs.names[table.runs.code[part.first]]
+        run = None if runs is None else str(runs[part.first])
         stem = stem_of(file.name.rpartition("/")[2])
         name = "_".join(word for word in (stem, run, f"{i:0{digits}d}", part.state) if word)
         rows = int(table.rows[part.first]), int(table.rows[part.stop - 1])

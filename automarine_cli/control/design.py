@@ -15,7 +15,6 @@ Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IE
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -248,21 +247,13 @@ class Setup:
     seed: int
 
 
-@dataclass(frozen=True)
-class Ensemble:
-    """Vehicles that one explanation allows, the first as its model says."""
-
-    name: str
-    vehicles: Vehicles
-
-    @cached_property
-    def probes(self) -> Vehicles:
-        """The first, one that is late and lively, and one that is sluggish."""
-        reach = plant.output_slope(self.vehicles) / self.vehicles.theta[:, 0]
-        late = dead_time(self.vehicles) + lag_of(self.vehicles) + 1e-3
-        lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
-        place = int(SHARE * (len(reach) - 1))
-        return self.vehicles.pick(np.array([0, lively[place], sluggish[place]]))
+def probes(vehicles: Vehicles) -> Vehicles:
+    """The first, one that is late and lively, and one that is sluggish."""
+    reach = plant.output_slope(vehicles) / vehicles.theta[:, 0]
+    late = dead_time(vehicles) + lag_of(vehicles) + 1e-3
+    lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
+    place = int(SHARE * (len(reach) - 1))
+    return vehicles.pick(np.array([0, lively[place], sluggish[place]]))
 
 
 @dataclass(frozen=True)
@@ -285,7 +276,7 @@ class Problem:
     target: Target
     task: Task
     nominal: NominalPlant
-    crowds: tuple[Ensemble, ...]
+    crowds: tuple[Vehicles, ...]
 
     def limit_rate(self, share: float) -> Target:
         """Give the same stack fewer loops a second, a `share` of all that is slow long, 0.02 s at most."""
@@ -294,7 +285,7 @@ class Problem:
 
     def omega(self, count: int) -> Floats:
         """Return `count` frequencies [rad/s] that matter to the target on these vehicles."""
-        late = max(float(np.max(dead_time(part.vehicles))) for part in self.crowds)
+        late = max(float(np.max(dead_time(part))) for part in self.crowds)
         return frequencies(min(np.pi / self.target.period, 60.0 / max(late, 1e-3)), count)
 
 
@@ -324,19 +315,19 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
 
 def crowds_of(
     knowledge: Knowledge, full: float, bend: ThrustCurve | None, seed: int, count: int = CROWD
-) -> tuple[Ensemble, ...]:
+) -> tuple[Vehicles, ...]:
     """Draw vehicles of every explanation, the same count of each."""
     rng, spread = np.random.default_rng(seed), knowledge.spread
     size = max(count // len(knowledge.explanations), FEW)
     return tuple(
-        Ensemble(e.name, plant.crowd(e.model, replace(spread, covariance=e.covariance), full, bend, size, rng))
+        replace(plant.crowd(e.model, replace(spread, covariance=e.covariance), full, bend, size, rng), name=e.name)
         for e in knowledge.explanations
     )
 
 
 def problem_of(setup: Setup, count: int = CROWD) -> Problem:
     crowds = crowds_of(setup.knowledge, setup.full, setup.bend, setup.seed, count)
-    return Problem(setup.target, setup.task, nominal_of(crowds[0].vehicles, setup.task.step), crowds)
+    return Problem(setup.target, setup.task, nominal_of(crowds[0], setup.task.step), crowds)
 
 
 def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats]:
@@ -395,7 +386,7 @@ def shorten(problem: Problem) -> Problem:
     """Shorten the flights to `LONG` times what the best of a few takes to settle, on the first vehicle."""
     target, task = problem.target, problem.task
     gains = target.propose(spread_numbers(FIRST // 5, target.numbers), problem.nominal)
-    first = problem.crowds[0].vehicles.pick(slice(0, 1))
+    first = problem.crowds[0].pick(slice(0, 1))
     good = np.flatnonzero(screened(target, gains, first, problem.omega(COARSE))[:, 0] >= task.margin)
     if not len(good):
         return problem
@@ -427,15 +418,15 @@ def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> t
     gains = target.propose(numbers, problem.nominal)
     places, cost = np.arange(len(numbers)), np.zeros(len(numbers))
     for part in problem.crowds:
-        disk = screened(target, select(gains, places), part.probes, omega)
+        disk = screened(target, select(gains, places), probes(part), omega)
         places = places[np.all(disk >= NEARLY * margin, axis=1)]
     for part in problem.crowds:  # what is dear for the first explanation need not be flown for the others
         if len(places):
-            flights = flown(quick, select(gains, places), part.probes, problem.task)[0].max(axis=1)
+            flights = flown(quick, select(gains, places), probes(part), problem.task)[0].max(axis=1)
             cost[places] = np.maximum(cost[places], flights)
             places = places[_cheapest(cost[places], FLOWN)]
     for part in problem.crowds:
-        disk = screened(target, select(gains, places), part.vehicles.pick(slice(0, FEW)), omega)
+        disk = screened(target, select(gains, places), part.pick(slice(0, FEW)), omega)
         places = places[np.mean(disk >= margin, axis=1) >= SHARE]
     return numbers[places], cost[places]
 
@@ -474,7 +465,7 @@ def _judged(problem: Problem, knowledge: Knowledge, present: Mapping[str, float]
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
     task, target, crowds = problem.task, problem.target, problem.crowds
     few = slice(0, PRESENT // len(crowds))
-    some = replace(problem, crowds=tuple(replace(part, vehicles=part.vehicles.pick(few)) for part in crowds))
+    some = replace(problem, crowds=tuple(part.pick(few) for part in crowds))
     old = None if present is None else outcome(some, present)
     if old is not None and _keeps(old, some):
         return _designed(problem, knowledge, "leave", _leave(old, task), old=old)
@@ -507,10 +498,10 @@ def _judged(problem: Problem, knowledge: Knowledge, present: Mapping[str, float]
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
-    omega, task, vehicles = problem.omega(FINE), problem.task, [part.vehicles for part in problem.crowds]
-    parts = [all_margins(problem.target, sets, some, omega) for some in vehicles]
+    omega, task, crowds = problem.omega(FINE), problem.task, problem.crowds
+    parts = [all_margins(problem.target, sets, part, omega) for part in crowds]
     exact = problem.limit_rate(EXACT)
-    flights = [step_and_load(exact, sets, v, task.step, task.load, task.seconds) for v in vehicles]
+    flights = [step_and_load(exact, sets, part, task.step, task.load, task.seconds) for part in crowds]
     joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
     flight = ClosedLoopRun(flights[0].time, *joined)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
@@ -520,7 +511,7 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
 def _keeps(result: Outcome, problem: Problem) -> bool:
     """Whether every explanation's vehicles keep the margin and settle, all but a twentieth."""
     good = (result.margins.disk >= problem.task.margin) & result.scores.settles
-    ends = np.cumsum([len(part.vehicles) for part in problem.crowds])[:-1]
+    ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
@@ -545,11 +536,11 @@ def _chosen(problem: Problem) -> dict[str, float] | None:
     target, task, omega = problem.target, problem.task, problem.omega(FINE // 2)
     for more in (1.0, 1.12, 1.3):
         gains = target.propose(searched(problem, more * task.margin, ROUNDS), problem.nominal)
-        good = [screened(target, gains, part.vehicles, omega) >= task.margin for part in problem.crowds]
+        good = [screened(target, gains, part, omega) >= task.margin for part in problem.crowds]
         admissible = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
         if len(admissible):
             gains, quick = select(gains, admissible), problem.limit_rate(STEADY)
-            costs = [flown(quick, gains, part.vehicles.pick(slice(0, JUDGED)), task)[0] for part in problem.crowds]
+            costs = [flown(quick, gains, part.pick(slice(0, JUDGED)), task)[0] for part in problem.crowds]
             best = int(np.argmin(np.quantile(np.concatenate(costs, axis=1), 0.9, axis=1)))
             return {name: float(value[best]) for name, value in gains.items()}
     return None
@@ -559,18 +550,18 @@ def _price(problem: Problem, knowledge: Knowledge, chosen: Mapping[str, float] |
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
     crowds = problem.crowds
     parts = list(zip(crowds, [e.instead for e in knowledge.explanations])) if len(crowds) > 1 else []
-    late = dead_time(crowds[0].vehicles)
+    late = dead_time(crowds[0])
     early, later = np.quantile(late, [0.25, 0.75])
     if later - early >= LONG_DELAY:
-        prompt = crowds[0].vehicles.pick(np.flatnonzero(late <= early))
-        parts.append((Ensemble("a short delay", prompt), "input-delay"))
+        prompt = crowds[0].pick(np.flatnonzero(late <= early))
+        parts.append((replace(prompt, name="a short delay"), "input-delay"))
     for part, effect in parts:
         alone = searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
         if not len(alone):
             continue
         gains = problem.target.propose(alone[:1], problem.nominal)
         sets = {name: np.append(value, [] if chosen is None else chosen[name]) for name, value in gains.items()}
-        settling = flown(problem.limit_rate(ROUGH), sets, part.vehicles.pick(slice(0, 1)), problem.task)[1].settling
+        settling = flown(problem.limit_rate(ROUGH), sets, part.pick(slice(0, 1)), problem.task)[1].settling
         mine, common = settling[0], np.inf if chosen is None else settling[1]
         if common > DEAREST * mine:
             settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")

@@ -108,7 +108,7 @@ class Tuning(Shown):
             },
             "promised": None if new is None else self._promised(new),
             "present": None if old is None else self._promised(old),
-            "vehicles": sum(len(crowd.vehicles) for crowd in designed.crowds),
+            "vehicles": sum(len(crowd) for crowd in designed.crowds),
             "explanations": [crowd.name for crowd in designed.crowds],
             "settled_by": designed.run or None,
             "notes": list(designed.notes),
@@ -295,7 +295,7 @@ def check_tuning(
         """Time (M,) and positions (S, M) of every vehicle that follows a reference from rest."""
         clock = np.arange(max(2, round(float(time[-1]) / target.period))) * target.period
         setpoint = np.interp(clock, time, wish)[None, None]
-        flights = [fly(target, sets, crowd.vehicles, setpoint, np.zeros((1, 1))) for crowd in problem.crowds]
+        flights = [fly(target, sets, crowd, setpoint, np.zeros((1, 1))) for crowd in problem.crowds]
         return flights[0].time, np.concatenate([flight.position[:, 0] for flight in flights])
 
     steps = []

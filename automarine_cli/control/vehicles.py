@@ -48,7 +48,7 @@ class ThrustCurve:
 
 @dataclass(frozen=True)
 class Vehicles:
-    """S vehicles of one form.
+    """S vehicles that one explanation allows, called `name`; the first of a crowd is as its model says.
 
     `theta` (S, p) parameters of `model`; `full` the moment or force of the whole output; `gain` (S,) of the thrust,
     `late` (S,) [s] a delay beyond the model's, `volts` (S,) [V] of the supply, `at` (S,) the output about which its
@@ -64,6 +64,7 @@ class Vehicles:
     at: Floats
     bend: ThrustCurve | None = None
     noise: tuple[float, float] = (0.0, 0.0)
+    name: str = ""
 
     def __len__(self) -> int:
         return len(self.theta)

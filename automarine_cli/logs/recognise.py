@@ -147,8 +147,8 @@ class Recognised:
     """What one column is taken for: a canonical `key`. `unit` None: the key's own; `open`: what must be asked, "" where
     it is sure.
 
-    `unit_open` says that the question is which unit (else: which column, or whether); `more` are the other keys of its
-    rule (subtract, sign_from, ...), of which `ask` is the one that is open.
+    `more` are the other keys of its rule (subtract, sign_from, ...); `ask` is the key that is open ("" where the
+    question is which column, or whether).
     """
 
     key: str
@@ -156,7 +156,6 @@ class Recognised:
     evidence: str
     unit: str | None = None
     open: str = ""
-    unit_open: bool = False
     more: Mapping[str, object] = field(default_factory=dict)
     ask: str = ""
 
@@ -229,7 +228,7 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised(f"time_{unit or fits[0]}", source, evidence)
     says = f"the name says {unit}, the samples say " if unit else ""
     why = f"{says}{' or '.join(fits)}?" if fits else "no unit makes these a clock; is this the time?"
-    return Recognised("time_s", source, evidence, fits[0] if fits else None, why, unit_open=True)
+    return Recognised("time_s", source, evidence, fits[0] if fits else None, why, ask="unit")
 
 
 def _angle(quantity: str, source: str, span: Span) -> Recognised:
@@ -252,7 +251,7 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
         instead, why = certain, f"the name says {unit}, the range says {certain}"
     elif unit == "deg" and certain is None and width < HARDLY:
         instead, why = "rad", f"degrees would mean that no log turns {width:.2g} degrees; deg or rad?"
-    return Recognised(_name(quantity, likely), source, evidence, instead, why, unit_open=bool(why))
+    return Recognised(_name(quantity, likely), source, evidence, instead, why, ask="unit" if why else "")
 
 
 def _moment(quantity: str, source: str, span: Span) -> Recognised:
@@ -273,7 +272,7 @@ def _force(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised("force_N", source, f"{span}", unit)
     if words_of(source)[-1:] in (["v"], ["mv"], ["volts"]) or is_share(span):
         why = f'a load cell in volts, or a throttle? For a load cell write {{ from = "{source}", scale = NEWTONS }}'
-    return Recognised("force_N", source, f"{span}", open=why or "N, kgf or lbf?", unit_open=not why)
+    return Recognised("force_N", source, f"{span}", open=why or "N, kgf or lbf?", ask="" if why else "unit")
 
 
 def _voltage(quantity: str, source: str, span: Span) -> Recognised:
@@ -526,7 +525,7 @@ def _tests(
         return {"n": n, "force": force}
     if n.source == force.source:
         return {"n": None, "force": force}
-    if not mapped.keys() & {"n", "force"} and (not force.open or force.unit_open):
+    if not mapped.keys() & {"n", "force"} and (not force.open or force.ask):
         raws = [whole_log(file, ColumnMap()) for file in layout.files[:MOST_LOOKED_INTO]]
         signal, pull = (
             np.concatenate([np.asarray(raw.arrays[raw.names.index(column.source)], float) for raw in raws])
@@ -700,7 +699,7 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
         if inside <= remaining and not re.search(r"[*?[]", folder):
             places.append(folder)
             remaining -= inside
-    for glob in dict.fromkeys(glob for make in (_of_ending, _of_first_word) for glob in map(make, sorted(remaining))):
+    for glob in dict.fromkeys(glob for globs in zip(*map(_globs, sorted(remaining))) for glob in globs):
         folder = glob.rpartition("/")[0]
         meant = {name for name in everywhere if name.rpartition("/")[0] == folder and fnmatchcase(name, glob)}
         if len(meant & remaining) > 1 and meant <= set(wanted):
@@ -709,12 +708,9 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
     return sorted([*places, *remaining])
 
 
-def _of_ending(name: str) -> str:
+def _globs(name: str) -> tuple[str, str]:
+    """The logs of a folder that end like this one, and those whose names begin with the same word."""
     folder, slash, last = name.rpartition("/")
-    return f"{folder}{slash}*{last.removeprefix(stem_of(last))}"
-
-
-def _of_first_word(name: str) -> str:
-    folder, slash, last = name.rpartition("/")
-    word = re.match(r"[A-Za-z]+[_-]?|\d+|", stem_of(last))
-    return f"{folder}{slash}{word[0]}*" if word and word[0] else name
+    stem = stem_of(last)
+    word = "".join(re.findall(r"^(?:[A-Za-z]+[_-]?|\d+)", stem))
+    return f"{folder}{slash}*{last.removeprefix(stem)}", f"{folder}{slash}{word}*" if word else name

@@ -63,29 +63,28 @@ class LogTable:
 
     `units` tell newtons from a normalised force. Every other numeric column is in `extras` under the file's own name.
     `rows` are 1-based line numbers in the file (Parquet: row numbers), `names` all its columns, `notes` what a person
-    should know. `runs` are those that the file names, `parts` what the column map splits it by, `words` other columns
-    of few words, `states` mode and arming; `holds` and `origin` as in `RawLog`.
+    should know. `labels` are the columns of `LABELS` that there are, `words` others of few words; `holds` and `origin`
+    as in `RawLog`.
     """
 
     source: str
     columns: Mapping[str, Floats]
     rows: NDArray[np.int64]
-    runs: Labels | None = None
+    labels: Mapping[str, Labels] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     dof: Dof = field(kw_only=True)
     extras: Mapping[str, Floats] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    states: Mapping[str, Labels] = field(default_factory=dict)
     holds: tuple[str, ...] = ()
     origin: Origin = LOGGED
-    parts: Labels | None = None
     words: Mapping[str, Labels] = field(default_factory=dict)
 
     @property
     def run(self) -> NDArray[np.str_] | None:
         """The name of each row's run, shape (N,), or None where the file is one run."""
-        return None if self.runs is None else np.array(self.runs.names)[self.runs.code]
+        runs = self.labels.get(RUN)
+        return None if runs is None else np.array(runs.names)[runs.code]
 
     @property
     def moment_unit(self) -> str:
@@ -131,15 +130,13 @@ def read_log(
         source=source,
         columns=values_of,
         rows=raw.rows,
-        runs=split_by(raw, columns, source, RUN),
+        labels=labels_of(raw, columns, source),
         units={use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses},
         extras=extras,
         names=raw.names,
         notes=(*raw.notes, *notes),
-        states=states(raw, columns),
         holds=raw.holds,
         origin=raw.origin,
-        parts=split_by(raw, columns, source, BY),
         words=few_words(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
         dof=dof,
     )
@@ -327,9 +324,10 @@ def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | lis
             plain = table.columns[quantity][rows] / CANONICAL[name].factor()
             columns[name] = np.round(plain, 9) if "_deg" in name else plain  # radians and back leave rounding behind
     columns |= {name: c[rows] for name, c in table.extras.items() if name not in CANONICAL and name not in LABELS}
-    for name, labels in table.states.items():
-        words = [*labels.names, ""]
-        columns[name] = [words[code] for code in labels.code[rows]]
+    for name in (MODE, ARMED):
+        if labels := table.labels.get(name):
+            words = [*labels.names, ""]
+            columns[name] = [words[code] for code in labels.code[rows]]
     return columns
 
 
@@ -346,19 +344,21 @@ RUN_WORDS = {"run", "trial", "test", "session", "series", "experiment"}
 PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label", "id"}
 
 
-def split_by(raw: RawLog, columns: ColumnMap, source: str, label: str) -> Labels | None:
-    """Return what the column `label` names in each row: RUN the runs, BY the parts of a table, such as thrusters; None
-    without that column. Raises LogError with the row where it is empty."""
-    index = raw.place(columns.source_of(label))
-    if index is None:
-        return None
-    array, column = raw.arrays[index], printable(raw.names[index])
-    if array.null_count:
-        row = raw.rows[int(np.flatnonzero(pc.is_null(array).to_numpy())[0])]
-        raise LogError(
-            f"{source}, row {row}, column {column}: nothing named; expected a name in every row. Complete it"
-        )
-    return _labels(array)
+def labels_of(raw: RawLog, columns: ColumnMap, source: str) -> dict[str, Labels]:
+    """Return what the columns of `LABELS` name in each row, those that there are. Raises LogError with the row where
+    one is empty that names runs, or parts of a table such as thrusters."""
+    labels = {}
+    for label in LABELS:
+        if (index := raw.place(columns.source_of(label))) is None:
+            continue
+        array, column = raw.arrays[index], printable(raw.names[index])
+        if label in (RUN, BY) and array.null_count:
+            row = raw.rows[int(np.flatnonzero(pc.is_null(array).to_numpy())[0])]
+            raise LogError(
+                f"{source}, row {row}, column {column}: nothing named; expected a name in every row. Complete it"
+            )
+        labels[label] = _labels(array)
+    return labels
 
 
 def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
@@ -378,12 +378,6 @@ def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
     thrusters of a bollard test, or runs."""
     key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
     return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
-
-
-def states(raw: RawLog, columns: ColumnMap) -> dict[str, Labels]:
-    """Return mode and arming, whichever the file tells."""
-    places = {name: raw.place(columns.source_of(name)) for name in (MODE, ARMED)}
-    return {name: _labels(raw.arrays[place]) for name, place in places.items() if place is not None}
 
 
 def _labels(array: pa.ChunkedArray) -> Labels:

@@ -263,10 +263,10 @@ def _column(column: Recognised, look: Survey) -> Line:
         seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
     if question and not column.ask and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
         return f"# {toml_line(key, column.source)}  # {seen}; {question}"  # nothing depends on it
-    if question and not column.ask and not column.unit_open:
+    if question and not column.ask:
         return key, OPEN, f"{column.source}, {seen}: {question}"
     if question:
-        rule[column.ask or "unit"] = OPEN
+        rule[column.ask] = OPEN
     if quantity == YAW.position and look.turned_round and "sign" not in column.more:
         rule["sign"] = OPEN
         why = "1 or -1: yaw and moment are both positive clockwise from above; one of them is not"

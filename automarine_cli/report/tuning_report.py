@@ -75,7 +75,7 @@ def _promised_table(tuning: Tuning) -> Table:
         columns[name]["settles"] = f"{np.mean(outcome.scores.settles):.0%}"
         columns[name]["keeps"] = f"{outcome.share_with(task.margin):.0%}"
     rows = [{"": label} | {name: cells[key] for name, cells in columns.items()} for key, label in words.items()]
-    count = sum(len(crowd.vehicles) for crowd in designed.crowds)
+    count = sum(len(crowd) for crowd in designed.crowds)
     return Table.of("What to expect", rows, [
         f"Median and the band of 95 % of {count} vehicles that the model allows; a step of {dof.logged(task.step):g} "
         f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, flights of {task.seconds:.0f} s.",
@@ -93,7 +93,7 @@ def _or_never(value: float) -> str:
 
 def _page(tuning: Tuning, tables: list[Table]) -> str:
     designed = tuning.designed
-    nominal, noise = designed.nominal, designed.crowds[0].vehicles.noise[0]
+    nominal, noise = designed.nominal, designed.crowds[0].noise[0]
     parts = [f"# A controller for {designed.target.name}, from {tuning.source}", *_sentences(designed)]
     if designed.new is not None:
         parts.append(f"The file to load: `{designed.target.file}`. {FIRST_FLIGHT}")

@@ -20,7 +20,7 @@ from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
-from automarine_cli.logs.columns import driven, names_of
+from automarine_cli.logs.columns import RUN, driven, names_of
 from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
@@ -488,11 +488,10 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
 
 def rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices]]:
     """The names of the runs of a table, in the order in which they begin, and the rows of each."""
-    if table.runs is None:
+    if (runs := table.labels.get(RUN)) is None:
         return iter([(own_name(table.source), np.arange(len(table)))])
-    names, code = table.runs.names, table.runs.code
-    order = np.argsort(code, kind="stable")  # runs may take turns
-    return zip(names, np.split(order, np.searchsorted(code[order], np.arange(1, len(names)))))
+    order = np.argsort(runs.code, kind="stable")  # runs may take turns
+    return zip(runs.names, np.split(order, np.searchsorted(runs.code[order], np.arange(1, len(runs.names)))))
 
 
 def _refuse_two_units(runs: Sequence[Run]) -> None:

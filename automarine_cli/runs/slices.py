@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogTable, require
-from automarine_cli.logs.columns import ARMED, MODE
+from automarine_cli.logs.columns import ARMED, MODE, RUN
 from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import FEWEST_SAMPLES
@@ -93,8 +93,8 @@ def _stretches(table: LogTable, by: By) -> Iterator[Stretch]:
     """First row, last row and one, and state of every stretch of one state; whether it goes on from the one before."""
     names, code = _commands(table) if by == "moment" else _states(table, MODE if by == "mode" else ARMED)
     anew = np.diff(table.columns["time"]) < 0
-    if table.runs is not None:
-        anew |= np.diff(table.runs.code) != 0
+    if runs := table.labels.get(RUN):
+        anew |= np.diff(runs.code) != 0
     edges = [0, *(np.flatnonzero(anew | (np.diff(code) != 0)) + 1).tolist(), len(code)]
     for first, stop in pairwise(edges):
         yield first, stop, names[int(code[first])], first > 0 and not anew[first - 1]
@@ -102,10 +102,10 @@ def _stretches(table: LogTable, by: By) -> Iterator[Stretch]:
 
 def _states(table: LogTable, name: str) -> tuple[list[str], NDArray[np.int64]]:
     """Words and the word of each row; "" where nothing is known or the vehicle is not armed."""
-    if name not in table.states:
+    if name not in table.labels:
         lacking = f"{table.source}: no {name}; found the columns {listed(table.names)}; expected a column {name}"
         raise LogError(f'{lacking}. If it has another name, write {name} = "NAME" {GIVE_IT}')
-    labels = table.states[name]
+    labels = table.labels[name]
     words = [*labels.names, ""]
     if name == ARMED:
         words = ["" if word.lower() in DISARMED else "armed" for word in words]

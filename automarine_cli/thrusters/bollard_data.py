@@ -93,7 +93,7 @@ def load_thruster_logs(
         try:
             table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
             require_thruster(table)
-            if BY in columns.columns and table.parts is None:
+            if BY in columns.columns and BY not in table.labels:
                 raise LogError(
                     f"{table.source}: no column {quoted(columns.source_of(BY))}, which the column map names with by; "
                     f"found the columns {listed(table.names)}. Correct the name, or leave the line out"
@@ -103,7 +103,7 @@ def load_thruster_logs(
                 raise
             set_aside.append(unreadable(file, refusal))
             continue
-        parts = table.parts
+        parts = table.labels.get(BY)
         if parts is None and (name := _name_of_parts(table)):
             parts, found_by = table.words[name], name
         series, incomplete, idle = _records(table, parts)

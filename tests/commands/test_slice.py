@@ -105,7 +105,7 @@ def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
     assert file.path.name == "day_x_1_A.csv" and back.run is None
     np.testing.assert_array_equal(back.extras["depth, m"], odd["depth, m"])
     np.testing.assert_allclose(back.columns["heading"], 0.1, rtol=1e-9)
-    assert back.states["mode"].names == ("A",)
+    assert back.labels["mode"].names == ("A",)
 
 
 def test_a_log_that_does_not_tell_is_refused(tmp_path: Path, run: Callable[..., Result]) -> None:

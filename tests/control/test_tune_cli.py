@@ -171,7 +171,7 @@ def test_a_delay_that_the_fit_did_not_have_made_its_inertia_too_large(tmp_path: 
     """The later a vehicle may be, the lighter it is: by sqrt(k tau)/ln 2 for each second."""
     path = written(tmp_path, model(0.5, 1.0, 2.0, "nu"))
     (crowd,) = designing.crowds_of(read_knowledge(Path(path), None, 0.2, (1.0, 1.0)), 2.0, None, 0, 400)
-    slope, _ = np.polyfit(crowd.vehicles.late, 0.5 - crowd.vehicles.theta[:, 0], 1)
+    slope, _ = np.polyfit(crowd.late, 0.5 - crowd.theta[:, 0], 1)
     assert slope == pytest.approx(1.0 / np.log(2.0), rel=0.15)
     path = written(tmp_path, model(0.5, 1.0, 2.0, "nu", lag=0.2))
     assert read_knowledge(Path(path), None, 0.2, (1.0, 1.0)).spread.heavy == 0.0
@@ -297,7 +297,7 @@ def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) ->
 def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:
     """A log of two steps, there and back, of the vehicle that was tuned or of one that answers later."""
     made = found.designed
-    one = made.crowds[0].vehicles.pick(slice(0, 1))
+    one = made.crowds[0].pick(slice(0, 1))
     one = replace(one, late=one.late + later)
     target, random = made.target, np.random.default_rng(2)
     own = {name: np.full((1, 1), value) for name, value in made.new.gains.items()}

@@ -213,7 +213,7 @@ def judge_states(table: LogTable, made: Dive, told: Recorder) -> None:
         ("mode", told.modes, [since for since, _ in made.modes]),
         ("armed", ("disarmed", "armed", "disarmed"), [since for since, _ in made.arming]),
     ):
-        found = table.states[name]
+        found = table.labels[name]
         for word, since, until in zip(words, changes, [*changes[1:], np.inf]):
             inside = (made.time > since + 0.55) & (made.time < until - 0.01)
             assert {found.names[code] for code in found.code[inside]} == {word}

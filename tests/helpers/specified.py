@@ -7,6 +7,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogFile, LogTable
+from automarine_cli.logs.columns import RUN
 from automarine_cli.logs.table import Labels
 from automarine_cli.pipeline.records import read_mapping
 from automarine_cli.runs.load import runs_of_table
@@ -51,4 +52,4 @@ def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
     }  # fmt: skip
     count = len(made.columns["time_s"])
     runs = Labels((made.plan.name,), np.zeros(count, dtype=np.int64))
-    return LogTable(made.plan.file, columns, np.arange(1, count + 1), runs, {dof.command: moment_unit}, dof=dof)
+    return LogTable(made.plan.file, columns, np.arange(1, count + 1), {RUN: runs}, {dof.command: moment_unit}, dof=dof)

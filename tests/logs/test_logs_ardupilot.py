@@ -40,7 +40,7 @@ def test_the_gyro_stands_in_for_rate_and_events_for_arm(tmp_path: Path) -> None:
     table = flash(tmp_path, dataflash(dive(), without=("RATE", "ARM")))
     usual = flash(tmp_path, dataflash(dive()))
     np.testing.assert_allclose(table.columns["yaw_rate"], usual.columns["yaw_rate"], atol=1e-6)
-    np.testing.assert_array_equal(table.states["armed"].code, usual.states["armed"].code)
+    np.testing.assert_array_equal(table.labels["armed"].code, usual.labels["armed"].code)
     assert "IMU[1] (200)" in table.holds and "IMU[1].GyrZ" not in table.names
     assert "RCOU.C3" in table.names and "RCOU.C4" not in table.names
 
@@ -97,7 +97,7 @@ def test_what_was_sent_before_the_recording_paused_says_nothing_of_after(tmp_pat
     assert len(table) == 400
     assert np.flatnonzero(np.isnan(table.columns["n"])).tolist() == [200, 201]
     assert not np.isnan(table.columns["voltage"]).any()
-    assert table.states["mode"].names[table.states["mode"].code[200]] == "ALT_HOLD"
+    assert table.labels["mode"].names[table.labels["mode"].code[200]] == "ALT_HOLD"
     assert "RCOU 0.13 s old in the median, 0.23 s at most" in table.notes[0]
 
 

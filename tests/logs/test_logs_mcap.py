@@ -24,8 +24,8 @@ def test_a_recording_is_read_like_the_telemetry_of_the_same_dive(tmp_path: Path,
     for name in ("time", "heading", "yaw_rate", "moment", "voltage"):
         np.testing.assert_allclose(table.columns[name], other.columns[name], atol=3e-3 if name == "time" else 1e-6)
     assert table.origin == other.origin and "(FRAME_CONFIG 2)" in table.origin.made_from
-    assert table.states["mode"].names == other.states["mode"].names == ("MANUAL", "ALT_HOLD")
-    assert table.states["armed"].names == ("disarmed", "armed")
+    assert table.labels["mode"].names == other.labels["mode"].names == ("MANUAL", "ALT_HOLD")
+    assert table.labels["armed"].names == ("disarmed", "armed")
     assert "video/1/stream (1)" in table.holds
 
 

@@ -59,7 +59,7 @@ def test_any_field_of_any_type_can_be_named(tmp_path: Path, suffix: str) -> None
     table = table_of(f"dive{suffix}", tmp_path, bag(suffix, dive()), **rules)
     assert set(table.columns["voltage"]) == {0.0}
     np.testing.assert_allclose(table.columns["n_port"], 9.8)
-    assert table.states["mode"].names == ("MANUAL", "ALT_HOLD") and "n_stbd" not in table.columns
+    assert table.labels["mode"].names == ("MANUAL", "ALT_HOLD") and "n_stbd" not in table.columns
     assert any("'/thrusters.data[9]' for n_stbd; the file has no such column" in note for note in table.notes)
 
 
@@ -87,5 +87,5 @@ def test_an_older_bag_that_does_not_define_its_types(tmp_path: Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as base, base:
         base.execute("delete from message_definitions")
     table = table_of("dive.db3", tmp_path, path.read_bytes())
-    assert "voltage" in table.columns and "mode" not in table.states
+    assert "voltage" in table.columns and "mode" not in table.labels
     assert "/mavros/state (mavros_msgs/State)" in table.holds
