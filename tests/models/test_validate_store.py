@@ -97,20 +97,11 @@ def test_refusals_name_the_place(data: dict[str, Any], sentence: str) -> None:
     assert sentence.endswith(" is missing") == ("give a file as `automarine fit-yaw`" in str(refusal.value))
 
 
-@pytest.mark.parametrize(
-    ("content", "why"),
-    [
-        (b"{", "not valid JSON"),
-        (b"[1]", "expected an object with named keys"),
-        (b"\xff\xfe{}", "expected UTF-8 text, found other bytes"),
-    ],
-)
-def test_files_that_are_no_model(tmp_path: Path, content: bytes, why: str) -> None:
-    path = tmp_path / "m.json"
-    path.write_bytes(content)
+def test_files_that_are_no_model(tmp_path: Path) -> None:
+    (tmp_path / "m.json").write_bytes(b"[1]")  # more of these are in test_bad_models
     for load in (load_yaw_models, ThrusterMap.load):
-        with pytest.raises(ModelError, match=f"^m.json: .*{why}"):
-            load(path)
+        with pytest.raises(ModelError, match=r"^m\.json: .*expected an object with named keys"):
+            load(tmp_path / "m.json")
         with pytest.raises(ModelError, match=r"^gone\.json: cannot be read"):
             load(tmp_path / "gone.json")
 

@@ -5,12 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identified import identify
-from repository import SAMPLE_RUNS
 from specified import make_runs
 
-from automarine_cli.commands.fit_motion import FITS
-from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
-from automarine_cli.errors import LogError, RunError, SettingError
+from automarine_cli.dofs import HEAVE, SURGE, YAW
+from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
 from automarine_cli.runs.half_turn import find_steps, half_turns, released
 from automarine_cli.runs.load import find_glitches, load_runs, unwrap
@@ -117,12 +115,6 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
     assert estimates["m_w"].unit == "nu s²/m" and estimates["Z_ww"].unit == "nu s²/m²"
     low, high = estimates["constant_force"].ci95
     assert low < -0.1 < high and high - low < 0.03
-
-
-@pytest.mark.parametrize("name", ["surge", "heave", "sway"])
-def test_logs_of_another_motion_are_refused_with_what_is_lacking(name: str) -> None:
-    with pytest.raises(LogError, match=f"no {DOFS[name].position} and {name} force"):
-        FITS[name]([SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv", SAMPLE_RUNS / "steps"])
 
 
 @pytest.mark.parametrize(("change", "why"), [

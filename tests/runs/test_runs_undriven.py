@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from identified import identify
 from made_runs import step_run, written
 from made_sequences import model_file
-from repository import DATA, SAMPLE_RUNS
+from repository import DATA
 
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -20,10 +20,6 @@ from automarine_cli.runs.run import Run
 
 REAL = DATA / "yaw" / "not_connected"
 UNLOGGED = "something that this log does not hold moved it"
-SAMPLES = {
-    "steps": "yaw", "validation": "yaw", "hidden_one": "yaw", "hidden_two": "yaw", "surge": "surge",
-    "surge_validation": "surge", "hidden_surge": "surge", "sway": "sway", "heave": "heave", "hidden_heave": "heave",
-}  # fmt: skip
 CLOCK = np.arange(0.0, 120.0, 0.1)
 PACE = {"yaw": 0.3, "surge": 0.4, "sway": 0.4, "heave": 0.3}  # rad/s or m/s of somebody who steers
 PILOT = [(10, 14, 1.0), (25, 29, -1.5), (45, 50, 1.2), (70, 74, -1.0), (90, 96, 1.0)]  # s, s, pace
@@ -94,12 +90,6 @@ def test_a_constant_force_that_takes_it_one_way_is_no_pilot() -> None:
         assert undriven(run) is None
     for run in both_ways(moved(rate, DOFS["surge"])):  # nothing pushes it ahead by itself
         assert undriven(run) is not None
-
-
-@pytest.mark.parametrize("folder", SAMPLES)
-def test_nothing_is_said_of_the_sample_campaigns(folder: str) -> None:
-    runs = load_runs([str(SAMPLE_RUNS / folder)], dof=DOFS[SAMPLES[folder]]).runs
-    assert [undriven(run.as_commanded()) for run in runs] == [None] * len(runs)
 
 
 def test_such_a_run_is_set_aside_beside_others_and_all_are_refused() -> None:

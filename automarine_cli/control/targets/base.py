@@ -61,18 +61,6 @@ class NominalPlant:
     force_unit: str
     bend: ThrustCurve | None = None
 
-    def model(self, count: int) -> dict[str, Floats]:
-        values = {"inertia": self.inertia, "drag": self.linear, "squared": self.quadratic}
-        return {name: np.full(count, value) for name, value in values.items()}
-
-
-MODEL = (
-    Parameter("inertia", "inertia per moment of the whole output", "s²/{x}", None),
-    Parameter("drag", "its linear drag", "s/{x}", None),
-    Parameter("squared", "its quadratic drag", "s²/{x}²", None),
-)
-"""What controllers made of the identified model take from it."""
-
 
 class Target(ABC):
     name: ClassVar[str]

@@ -14,7 +14,7 @@ from importlib.resources import files
 import numpy as np
 
 from automarine_cli import __version__
-from automarine_cli.control.targets.base import MODEL, Controller, Gains, NominalPlant, Parameter, State, Target
+from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -38,7 +38,9 @@ class Python(Target):
         Parameter("reference", "frequency of the reference model", "rad/s", None, searched=True),
         Parameter("rate", "fastest velocity of the reference", "{x}/s", None, searched=True),
         Parameter("acceleration", "its largest acceleration", "{x}/s²", None, searched=True),
-        *MODEL,
+        Parameter("inertia", "inertia per moment of the whole output", "s²/{x}", None),
+        Parameter("drag", "its linear drag", "s/{x}", None),
+        Parameter("squared", "its quadratic drag", "s²/{x}²", None),
     )
 
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
@@ -51,7 +53,9 @@ class Python(Target):
             "reference": w * spread(ahead, 0.1, 1.5),
             "rate": spread(rate, 0.3, 0.9) * min(nominal.fastest, 20.0 * nominal.step),
             "acceleration": spread(speed_up, 0.1, 0.8) / nominal.inertia,
-            **nominal.model(len(numbers)),
+            "inertia": np.full(len(numbers), nominal.inertia),
+            "drag": np.full(len(numbers), nominal.linear),
+            "squared": np.full(len(numbers), nominal.quadratic),
         }
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
