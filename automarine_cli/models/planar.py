@@ -221,22 +221,22 @@ class Tied:
             matrix[self._places[name], self.free.index(source)] = factor
         return matrix
 
-    def whole(self, theta: ArrayLike) -> Floats:
+    def expanded(self, theta: ArrayLike) -> Floats:
         """All parameters of the model for free ones theta (..., f): (..., p)."""
         fixed = np.where(self.spread.any(axis=1), 0.0, self.model.theta)
         return np.asarray(theta, dtype=float) @ self.spread.T + fixed
 
     def with_theta(self, theta: Sequence[float] | Floats) -> "Tied":
-        return Tied(self.model.with_theta(self.whole(theta)), self.free, self.ties)
+        return Tied(self.model.with_theta(self.expanded(theta)), self.free, self.ties)
 
     def inertia_matrix(self, theta: Floats) -> Floats:
-        return self.model.inertia_matrix(self.whole(theta))
+        return self.model.inertia_matrix(self.expanded(theta))
 
     def forces(self, theta: Floats) -> list[Bound]:
-        return self.model.forces(self.whole(theta))
+        return self.model.forces(self.expanded(theta))
 
     def current(self, theta: Floats) -> Floats | None:
-        return self.model.current(self.whole(theta))
+        return self.model.current(self.expanded(theta))
 
     @cached_property
     def _places(self) -> dict[str, int]:

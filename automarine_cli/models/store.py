@@ -455,7 +455,7 @@ def _model(values: Mapping[str, float], codec: Codec) -> planar.PlanarModel:
         if motion not in terms or not short:
             raise codec.refusal(PARAMETERS, _unknown(name))
         dof = DOFS[motion]
-        if (term := _own(dof, short, unread, codec)) is not None:
+        if (term := _library_term(dof, short, unread, codec)) is not None:
             terms[motion].append(term)
         else:
             cross.append(Term(_cross(dof, short, name, codec), (unread.pop(name),)))
@@ -482,7 +482,7 @@ def _inertia(unread: dict[str, float], codec: Codec) -> planar.Inertia:
     return inertia
 
 
-def _own(dof: Dof, short: str, unread: dict[str, float], codec: Codec) -> Term | None:
+def _library_term(dof: Dof, short: str, unread: dict[str, float], codec: Codec) -> Term | None:
     """The term of the library that a parameter belongs to, its parameters taken out of what is left; None for none."""
     role = {symbol: role for role, symbol in dof.parameters.items()}.get(short)
     name = planar.OF_ROLE.get(role or "", short.partition(".")[0])

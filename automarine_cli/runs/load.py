@@ -100,8 +100,8 @@ def _summed_up(run: Run) -> Run:
     return replace(run, position=position, summed_up=True).noted(note)
 
 
-def _only(columns: Mapping[str, Floats], kept: Mask) -> dict[str, Floats]:
-    return {key: values[kept] for key, values in columns.items()}
+def _only(columns: Mapping[str, Floats], rows: Mask) -> dict[str, Floats]:
+    return {key: values[rows] for key, values in columns.items()}
 
 
 def _refuse(why: str | None) -> None:
@@ -191,7 +191,6 @@ def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> flo
     return level if abs(trend) <= SURE * doubt * noise + 1e-12 and abs(level) <= 3.0 * dof.limits.bias_sd else 0.0
 
 
-TURN = 2 * np.pi
 SPIKE_IN_SIGMA = 8.0
 LONGEST_SPIKE = 2  # samples
 LOCAL = 9  # samples; of fewer nothing can be told
@@ -199,7 +198,7 @@ LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
 FASTER = 1.5  # than nearly all of the run: nothing turns so across a gap
 
 
-def wrapped(angle: Floats, turn: float = TURN) -> Floats:
+def wrapped(angle: Floats, turn: float) -> Floats:
     """The same angle within half a `turn` to either side; as it is where `turn` is infinite."""
     return angle - turn * np.ceil(angle / turn - 0.5) if turn < np.inf else angle
 

@@ -272,8 +272,8 @@ class Run:
     ) -> "Run":  # fmt: skip
         """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
         of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays beside it as ASKED."""
-        kept = parts is not None and self.moment is not None and unit == self.moment_unit
-        logged = {ASKED: self.command} if kept else {}
+        beside = parts is not None and self.moment is not None and unit == self.moment_unit
+        logged = {ASKED: self.command} if beside else {}
         return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **logged, **(parts or {})},
                        commanded=commanded)  # fmt: skip
 
