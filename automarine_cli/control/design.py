@@ -313,21 +313,15 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
     return NominalPlant(dof, inertia, linear / full, quadratic / full, lag, fastest, step, full, unit, vehicles.bend)
 
 
-def crowds_of(
-    knowledge: Knowledge, full: float, bend: ThrustCurve | None, seed: int, count: int = CROWD
-) -> tuple[Vehicles, ...]:
-    """Draw vehicles of every explanation, the same count of each."""
-    rng, spread = np.random.default_rng(seed), knowledge.spread
-    size = max(count // len(knowledge.explanations), FEW)
-    return tuple(
-        replace(plant.crowd(e.model, replace(spread, covariance=e.covariance), full, bend, size, rng), name=e.name)
-        for e in knowledge.explanations
-    )
-
-
 def problem_of(setup: Setup, count: int = CROWD) -> Problem:
-    crowds = crowds_of(setup.knowledge, setup.full, setup.bend, setup.seed, count)
-    return Problem(setup.target, setup.task, nominal_of(crowds[0], setup.task.step), crowds)
+    """Draw vehicles of every explanation, the same count of each."""
+    knowledge, rng, crowds = setup.knowledge, np.random.default_rng(setup.seed), []
+    size = max(count // len(knowledge.explanations), FEW)
+    for explanation in knowledge.explanations:
+        spread = replace(knowledge.spread, covariance=explanation.covariance)
+        crowd = plant.crowd(explanation.model, spread, setup.full, setup.bend, size, rng)
+        crowds.append(replace(crowd, name=explanation.name))
+    return Problem(setup.target, setup.task, nominal_of(crowds[0], setup.task.step), tuple(crowds))
 
 
 def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats]:

@@ -18,6 +18,7 @@ from automarine_cli.control import design as designing
 from automarine_cli.control import tuning
 from automarine_cli.control.design import fly
 from automarine_cli.control.knowledge import read_knowledge
+from automarine_cli.control.vehicles import crowd
 from automarine_cli.pipeline.results_folder import MANIFEST
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
@@ -170,8 +171,10 @@ def test_a_curve_of_the_thrust_is_flown_with_the_dead_band_that_it_may_hide(tmp_
 def test_a_delay_that_the_fit_did_not_have_made_its_inertia_too_large(tmp_path: Path) -> None:
     """The later a vehicle may be, the lighter it is: by sqrt(k tau)/ln 2 for each second."""
     path = written(tmp_path, model(0.5, 1.0, 2.0, "nu"))
-    (crowd,) = designing.crowds_of(read_knowledge(Path(path), None, 0.2, (1.0, 1.0)), 2.0, None, 0, 400)
-    slope, _ = np.polyfit(crowd.late, 0.5 - crowd.theta[:, 0], 1)
+    knowledge = read_knowledge(Path(path), None, 0.2, (1.0, 1.0))
+    spread = replace(knowledge.spread, covariance=knowledge.explanations[0].covariance)
+    vehicles = crowd(knowledge.model, spread, 2.0, None, 400, np.random.default_rng(0))
+    slope, _ = np.polyfit(vehicles.late, 0.5 - vehicles.theta[:, 0], 1)
     assert slope == pytest.approx(1.0 / np.log(2.0), rel=0.15)
     path = written(tmp_path, model(0.5, 1.0, 2.0, "nu", lag=0.2))
     assert read_knowledge(Path(path), None, 0.2, (1.0, 1.0)).spread.heavy == 0.0
