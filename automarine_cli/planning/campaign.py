@@ -39,7 +39,6 @@ MARGIN = 1.3
 Objective = Intervals | Splitting
 QUANTILE = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
 SWEEPS = 8
-FINALISTS = 4  # how many of the campaigns that the search begins with are improved by exchanges
 ALIKE = 1e-3
 """Worth (a thousandth of the standard errors) that is given up for as many runs to one side as to the other."""
 BETTER, MARKED = 1e-9, 1e-7  # gains in worth that count: of a run for its cost, and of an exchange
@@ -120,7 +119,7 @@ def select(
     counts = choose(intervals, replace(budget, fixed=split, most=most_each))
     progress("choosing runs", 2, 2)
     chosen = [candidate for candidate, count in zip(candidates, counts) for _ in range(count)]
-    names = " and ".join(dict.fromkeys(f"{a.name} from {b.name}" for a, b in pairs[::2]))
+    names = " and ".join(dict.fromkeys(f"{a.explained_by} from {b.explained_by}" for a, b in pairs[::2]))
     why = {candidate.label: NARROW for candidate in chosen}
     why |= {candidate.label: f"splits {names}" for candidate, count in zip(candidates, split - fixed) if count > 0}
     if check is not None:
@@ -134,7 +133,7 @@ def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudge
     required = np.maximum(MARGIN * limits.goal.evidence - starts, 1.0)
     about, counts = tuple(pairs), budget.fixed
     for _ in range(ROUNDS):
-        contests = tuple(contest(a.fitting, b.fitting, spread) for a, b in about)
+        contests = tuple(contest(a, b, spread) for a, b in about)
         counts = choose(Splitting(contests, required), budget).astype(float)
         runs = [spread[i] for i, count in enumerate(counts.astype(int)) for _ in range(count)]
         outcome, about = splits(pairs, runs)
@@ -163,14 +162,13 @@ def choose(objective: Objective, budget: PlanBudget) -> NDArray[np.int64]:
     pairs = [ones[k] + ones[other] for k, other in enumerate(budget.mirrors) if k <= other and budget.most[k] > 0]
     starts = [budget.fixed, *(budget.fixed + pair for pair in pairs)]
     filled = [_fill(objective, budget, start) for start in starts if budget.holds(start)]
-    best = sorted(filled, key=lambda counts: -_score(objective, counts))[:FINALISTS]
-    ended = [_pruned(objective, budget, _exchange(objective, budget, counts)) for counts in best]
 
     def worth(counts: Floats) -> tuple[bool, float]:
         enough = objective.reached(counts)
         return enough, -float(counts @ budget.costs[:, 0]) if enough else _score(objective, counts)
 
-    return _balanced(objective, budget, max(ended, key=worth)).astype(int)
+    ended = _pruned(objective, budget, _exchange(objective, budget, max(filled, key=worth)))
+    return _balanced(objective, budget, ended).astype(int)
 
 
 def _score(objective: Objective, counts: Floats) -> float:

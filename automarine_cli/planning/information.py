@@ -94,7 +94,8 @@ class Fitting:
     `noise` of the heading [rad], `scatter` of the thrust from run to run, `rate` [Hz] of the logger, `rest` [s] before
     each run, `voltage` [V] where the logs have it; `frame` is the drag about which runs are laid out, by default the
     model's own; `rate_noise` [per s] of a velocity sensor, None without. Where something is `random` (by the names of
-    driven fits, in base units), runs are fitted by the innovations of a filter."""
+    driven fits, in base units), runs are fitted by the innovations of a filter. `explained_by` names the effect of the
+    model for which it stands beside another explanation."""
 
     model: YawModel
     fit: Fit
@@ -106,6 +107,7 @@ class Fitting:
     frame: YawModel | None = None
     rate_noise: float | None = None
     random: Mapping[str, float] = field(default_factory=dict)
+    explained_by: str = ""
 
     @property
     def channels(self) -> tuple[str, ...] | None:

@@ -28,23 +28,16 @@ SEEN = 4.0  # misfit without an effect from which it counts as seen: two standar
 MOST_STARTS, FEW = 12, 8  # places from which the other explanation's fit may start, and runs on which they are compared
 
 
-@dataclass(frozen=True)
-class Explanation:
-    name: str
-    fitting: Fitting
-
-
-Pair = tuple[Explanation, Explanation]
+Pair = tuple[Fitting, Fitting]
 
 
 @dataclass(frozen=True)
 class Split:
-    """Outcome for a pair: the expected lead in evidence of `true` (deviance, penalties included), the bare misfit."""
+    """Outcome for a pair: the expected lead in evidence of `true` (deviance, penalties included)."""
 
     true: str
     other: str
     evidence: float
-    misfit: float
 
 
 @dataclass(frozen=True)
@@ -90,8 +83,8 @@ def pairs_of(prior: PriorResults, fitting: Fitting, grid: Sequence[Candidate], l
     half = grid[: len(grid) // 2]
     for doubt in prior.doubts:
         starts = with_effect(fitting, without(prior.model, doubt.effect), doubt.rival, largest)
-        true = Explanation(doubt.effect, replace(fitting, fit="diagnosis"))
-        other = Explanation(doubt.rival, closest(true.fitting, starts, half)[0])
+        true = replace(fitting, fit="diagnosis", explained_by=doubt.effect)
+        other = replace(closest(true, starts, half)[0], explained_by=doubt.rival)
         pairs.append((true, other))
         if shows(other, half):
             pairs.append((other, true))
@@ -195,27 +188,27 @@ def splits(pairs: Sequence[Pair], candidates: Sequence[Candidate]) -> tuple[tupl
     """Return what a campaign is expected to say of each pair (true, other), and the pairs with the other at best."""
     outcomes, moved = [], []
     for true, other in pairs:
-        best, misfit = fitted(true.fitting, other.fitting, candidates)
-        lead = head_start(true, other, len(candidates))
-        outcomes.append(Split(true.name, other.name, misfit + lead, misfit))
-        moved.append((true, Explanation(other.name, best)))
+        best, misfit = fitted(true, other, candidates)
+        evidence = misfit + head_start(true, other, len(candidates))
+        outcomes.append(Split(true.explained_by, other.explained_by, evidence))
+        moved.append((true, best))
     return tuple(outcomes), tuple(moved)
 
 
-def head_start(true: Explanation, other: Explanation, runs: int) -> float:
+def head_start(true: Fitting, other: Fitting, runs: int) -> float:
     """Return what the penalties for parameters give `true` over `other` before any run, in deviance."""
 
-    def cost(explanation: Explanation) -> float:
-        values = next(term.values for term in explanation.fitting.model.terms if term.name == explanation.name)
-        return penalty(fitted_parameters(explanation.name, values), runs)
+    def cost(fitting: Fitting) -> float:
+        values = next(term.values for term in fitting.model.terms if term.name == fitting.explained_by)
+        return penalty(fitted_parameters(fitting.explained_by, values), runs)
 
     return cost(other) - cost(true)
 
 
-def shows(explanation: Explanation, candidates: Sequence[Candidate]) -> bool:
+def shows(explanation: Fitting, candidates: Sequence[Candidate]) -> bool:
     """Tell whether the effect is seen at all on these runs: what imitates by vanishing only is no rival."""
-    bare = replace(explanation.fitting, model=without(explanation.fitting.model, explanation.name))
-    return fitted(explanation.fitting, bare, candidates)[1] > SEEN
+    bare = replace(explanation, model=without(explanation.model, explanation.explained_by))
+    return fitted(explanation, bare, candidates)[1] > SEEN
 
 
 def without(model: YawModel, effect: str) -> YawModel:

@@ -253,19 +253,6 @@ def test_intervals_want_three_runs_and_hold_the_value(stored: StoredModels) -> N
     assert compare(stored, noisy(5), seed=1).models["1"].overall != five.models["1"].overall
 
 
-def test_uneven_clock_with_a_gap_scores_like_the_whole_run(stored: StoredModels) -> None:
-    run = sequence_run(noise_deg=0.5)
-    rows = np.sort(np.random.default_rng(2).permutation(len(run))[: int(0.7 * len(run))])
-    rows = rows[(rows < 65) | (rows > 95)]  # a gap within the second moment
-    changes = np.flatnonzero(np.diff(run.command))  # the instants of all changes stay known
-    rows = np.union1d(rows, np.concatenate([changes, changes + 1]))
-    thin = replace(run, time=run.time[rows], position=run.position[rows], moment=run.command[rows])
-    assert np.diff(thin.time).max() > 2.5
-    result = compare(stored, [thin])
-    assert values(result, "3", "rmse")[0] == pytest.approx(0.5, rel=0.5)
-    assert result.best == "3"
-
-
 class Crooked(Effect):
     """A compass that shows 30 % too much and 0.2 rad besides."""
 

@@ -20,7 +20,6 @@ from automarine_cli.planning.candidates import (
     consumption,
     costs,
     drive_of,
-    in_order,
     in_words,
     scheduled,
 )
@@ -50,12 +49,6 @@ def test_the_battery_after_each_run_is_what_was_drawn_until_then() -> None:
     assert [slot.left for slot in slots] == pytest.approx(2.0 - spent - waits, rel=1e-12)
     assert [slot.begins for slot in slots] == [0.0, 64.0, 132.0] and slots[-1].ends(3.0) == pytest.approx(139.0)
     assert [slot.candidate.start_heading for slot in slots] == [0.0, 90.0, 180.0]
-
-
-def test_the_check_comes_first_and_last_and_another_voltage_late() -> None:
-    weak = Candidate("other-voltage", "weak", ((1.0, 4.0),), voltage=20.0)
-    order = in_order([weak, STEP, SOFT, SOFT, STEP], STEP, seed=3)
-    assert [run.label for run in order] == ["step", "soft", "soft", "weak", "step"]
 
 
 @pytest.mark.parametrize("equal_thrust", [True, False])

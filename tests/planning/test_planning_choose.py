@@ -9,19 +9,9 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.planning.campaign import (
-    DRIFT,
-    NARROW,
-    Plan,
-    PlanBudget,
-    choose,
-    headings_of,
-    plan_campaign,
-    ways_back,
-)
-from automarine_cli.planning.candidates import Candidate, Limits, Logger, Moments, Pool, Runs, Supply
+from automarine_cli.planning.campaign import DRIFT, NARROW, Plan, PlanBudget, choose, plan_campaign, ways_back
+from automarine_cli.planning.candidates import Limits, Logger, Moments, Pool, Runs, Supply
 from automarine_cli.planning.information import Doubt, Intervals, PriorResults
-from automarine_cli.planning.information import Logger as Sampling
 from automarine_cli.planning.rivals import Contest, Splitting
 
 Floats = NDArray[np.float64]
@@ -80,17 +70,6 @@ def test_what_the_limits_do_not_split_is_said() -> None:
     campaign = planned(limits, MODEL.with_effect("thruster-lag", (0.06,)), (Doubt("thruster-lag", "input-delay"),))
     assert campaign.splits[0].evidence < 20.0
     assert campaign.notes[0].startswith("Not split within these limits: thruster-lag from input-delay")
-
-
-def test_a_run_turns_as_the_closed_form_says() -> None:
-    """I r' = tau - k r|r|, so psi = I / k log cosh(sqrt(k tau) t / I); half a sample passes before a command shows."""
-    runs = [Candidate("step", str(m), ((m, 8.0),)) for m in (0.5, -0.5, 1.0)]
-    runs.append(Candidate("reversal", "r", ((0.5, 4.0), (-0.5, 4.0))))
-    model, sampling = YawModel.base("3", 1.0, [1.25], "nu", YAW), Sampling(YAW, "nu", 10.0, 2.0, None, None)
-    turned = np.rad2deg([heading[-1] for heading in headings_of(model, sampling, runs)])
-    exact = [np.sign(m) * np.log(np.cosh(np.sqrt(1.25 * abs(m)) * 7.95)) / 1.25 for m in (0.5, -0.5, 1.0)]
-    assert turned[:3] == pytest.approx(np.rad2deg(exact), rel=1e-3)
-    assert turned[0] == pytest.approx(-turned[1]) and abs(turned[3]) < turned[0]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

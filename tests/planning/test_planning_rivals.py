@@ -9,7 +9,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.information import Fitting
-from automarine_cli.planning.rivals import Explanation, closest, fitted, shows, splits, with_effect
+from automarine_cli.planning.rivals import closest, fitted, shows, splits, with_effect
 
 BASE = YawModel.base("3", 1.018, [1.257], "nu", YAW)
 FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
@@ -24,19 +24,19 @@ RAMPS = tuple(
 )  # fmt: skip
 
 
-def explanation(name: str, values: tuple[float, ...]) -> Explanation:
-    return Explanation(name, replace(FITTING, model=BASE.with_effect(name, values)))
+def explanation(name: str, values: tuple[float, ...]) -> Fitting:
+    return replace(FITTING, model=BASE.with_effect(name, values), explained_by=name)
 
 
-def rival_of(true: Explanation, name: str) -> Explanation:
-    return Explanation(name, closest(true.fitting, with_effect(FITTING, BASE, name, 1.2), STEPS)[0])
+def rival_of(true: Fitting, name: str) -> Fitting:
+    return replace(closest(true, with_effect(FITTING, BASE, name, 1.2), STEPS)[0], explained_by=name)
 
 
 def test_what_is_true_fits_itself() -> None:
     true = explanation("dead-band", (0.03,))
-    started = replace(true.fitting, model=BASE.with_theta([1.1, 1.2]).with_effect("dead-band", (0.05,)))
-    end, misfit = fitted(true.fitting, started, STEPS)
-    assert misfit < 1e-3 and end.model.theta[:3] == pytest.approx(true.fitting.model.theta[:3], rel=2e-3)
+    started = replace(true, model=BASE.with_theta([1.1, 1.2]).with_effect("dead-band", (0.05,)))
+    end, misfit = fitted(true, started, STEPS)
+    assert misfit < 1e-3 and end.model.theta[:3] == pytest.approx(true.model.theta[:3], rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_steps_leave_a_tie_that_other_runs_split(
     pair = (true, rival_of(true, rival))
     few, many = (splits([pair], runs)[0][0] for runs in (STEPS, STEPS + more))
     assert few.evidence < 10.0
-    assert many.misfit > few.misfit + 8.0
+    assert many.evidence > few.evidence + 8.0
 
 
 def test_a_rival_that_imitates_best_by_vanishing_does_not_show() -> None:
@@ -66,5 +66,5 @@ def test_a_rival_that_imitates_best_by_vanishing_does_not_show() -> None:
 
 def test_mirrored_runs_split_as_well() -> None:
     pair = (explanation("dead-band", (0.03,)), explanation("coulomb-drag", (0.03,)))
-    here, there = (splits([pair], runs)[0][0].misfit for runs in (STEPS[::2], STEPS[1::2]))
+    here, there = (splits([pair], runs)[0][0].evidence for runs in (STEPS[::2], STEPS[1::2]))
     assert there == pytest.approx(here, rel=1e-3)

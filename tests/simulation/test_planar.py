@@ -17,7 +17,7 @@ from automarine_cli.models.allocation import twin_forces
 from automarine_cli.models.planar import PLACES, Inertia, PlanarModel
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.rollout import Start, Trajectory, product_with, simulate, turning_of
+from automarine_cli.simulation.rollout import Start, Trajectory, simulate
 
 Floats = NDArray[np.float64]
 BODY = Inertia(20.0, 32.0, 2.6, m_vr=1.5, m_ur=-0.7, m_uv=0.9)
@@ -159,36 +159,6 @@ def test_yaw_alone_is_the_limit() -> None:
     np.testing.assert_allclose(plane.velocities[..., 2], yaw.velocity, rtol=0, atol=1e-12)
     assert not plane.positions[..., :2].any() and not plane.velocities[..., :2].any()
     np.testing.assert_allclose(plane.reading(planar.channels[-1]), yaw.position, rtol=0, atol=1e-12)
-
-
-def test_coriolis_does_no_work() -> None:
-    rng = np.random.default_rng(2)
-    half = rng.normal(size=(7, 3, 3))
-    inertia, nu = half @ half.transpose(0, 2, 1), rng.normal(size=(3, 7, 5))
-    force = np.stack(turning_of(product_with(inertia)(nu), nu))
-    np.testing.assert_allclose((force * nu).sum(axis=0), 0.0, atol=1e-12)
-    m, x_g, (u, v, r) = 3.0, 0.4, nu[:, :1]  # Fossen's own matrix of a rigid body
-    rigid = Inertia.rigid(m, 0.7, x_g).matrix[None]
-    c_13, c_23 = -m * (x_g * r + v), m * u
-    expected = np.stack([c_13 * r, c_23 * r, -c_13 * u - c_23 * v])
-    np.testing.assert_allclose(turning_of(product_with(rigid)(nu[:, :1]), nu[:, :1]), expected, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize(("u", "v"), [(0.8, 0.3), (0.8, -0.3), (-0.5, 0.2)])
-def test_munk_moment(u: float, v: float) -> None:
-    """On a steady oblique course the water turns the vehicle broadside; (m_v - m_u) u v holds it."""
-    body = Inertia(20.0, 32.0, 2.6)
-    balance = (body.m_v - body.m_u) * u * v
-    time = np.arange(0, 5, 0.1)
-    none = np.zeros(len(time))
-    steady, free = (
-        simulate(PlanarModel(body), make_batch([planar_run(time, none, none, none + moment)], 0.05, motion=PLANAR),
-                 start=Start(velocity=column((u, v, 0)))).velocities[0, 0]
-        for moment in (balance, 0.0)
-    )  # fmt: skip
-    np.testing.assert_allclose(steady, np.broadcast_to((u, v, 0), steady.shape), rtol=0, atol=1e-13)
-    assert free[1, 2] * balance < 0  # to port with way on and drift to starboard
-    assert free[1, 2] == pytest.approx(-balance / body.I_r * 0.1, rel=0.02)
 
 
 def test_drag_is_against_the_water_and_friction_against_the_ground() -> None:

@@ -12,7 +12,6 @@ from tank import pool_specification
 from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.logs import find_logs, read_log
-from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.campaign import gzip_bytes, make_campaign
 from automarine_cli.simulation.specification import Specification
@@ -104,14 +103,6 @@ def test_files_read_back_and_are_the_same_bytes_by_any_jobs(tmp_path: Path) -> N
         data = path.read_bytes()
         text = (gzip.decompress(data) if path.suffix == ".gz" else data).decode()
         assert text.splitlines()[0] == f"# {says}"
-
-
-def test_a_run_that_never_moves_is_set_aside(tmp_path: Path) -> None:
-    step = {"kind": "step", "moments": [0.6, -0.6], "turn_deg": 220}
-    simulate(pool_specification(runs=[step, step | {"suffix": "c", "fault": "never-moves"}]), out=tmp_path / "c")
-    good, aside = half_turns(load_runs([tmp_path / "c"], dof=YAW).runs)
-    assert [turn.name for turn in good] == ["tau_+0.6", "tau_-0.6"]
-    assert {each.run for each in aside if "never moved" in each.why} == {"tau_+0.6_c", "tau_-0.6_c"}
 
 
 def test_bollard_test_is_the_square_law_with_noise(tmp_path: Path) -> None:

@@ -75,12 +75,6 @@ def test_port_is_the_mirror_image_of_starboard() -> None:
         np.testing.assert_allclose(back.columns[name], side * there.columns[name], atol=2e-3, err_msg=name)
 
 
-def test_what_is_hidden_is_in_the_truth() -> None:
-    assert specified().model().parameter_names[-1] == "yaw.N_v"
-    still = single(hidden={})
-    assert np.abs(still.columns["yaw_rate_deg_s"] - single().columns["yaw_rate_deg_s"]).max() > 1.0
-
-
 @pytest.mark.slow
 def test_noise_bias_gain_and_disturbance_are_of_the_size_asked() -> None:
     sensors = {**PLAIN["sensors"], "surge_m_s": {"noise": 0.05}, "yaw_rate_deg_s": {"bias": 2.0}}

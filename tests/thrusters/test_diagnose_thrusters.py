@@ -167,9 +167,3 @@ def test_what_cannot_be_diagnosed_is_refused() -> None:
         diagnose_thrusters(logs(lambda n: -square(n)), SQUARE)
     with pytest.raises(RunError, match="control signal is in rev/s"):
         diagnose_thrusters(logs(square), ThrusterMap("square", Curve(1.0), Curve(1.0), "rev/s"), n_unit="1")
-
-
-def test_other_logs_are_held_out() -> None:
-    held = diagnose_thrusters(logs(dead_band), SQUARE, hold_out=logs(dead_band, 1))
-    assert held.held_out is not None and held.held_out.levels == 40 and names(held) == ["dead-band"]
-    assert held.held_out_gap is not None and held.held_out_gap.after < 1.5 * NOISE
