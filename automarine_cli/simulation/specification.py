@@ -354,12 +354,17 @@ class Vehicle(Settings):
     """The vehicle: inertia [force s², of a translation per metre], `quadratic` [force s²] and `linear` drag [force s].
 
     In a file they have the names of the motion: `I_r`, `k_rr` and `k_r`, or `m_u`, `X_uu` and `X_u`; the unit of force
-    is `moment_unit` or `force_unit`."""
+    is `moment_unit` or `force_unit`. Who moves along an axis says which by `motion`; `difference` is half the quadratic
+    drag one way less that the other way, the positive way first; `constant_force` [force] is weight less buoyancy where
+    that acts, positive down."""
 
     inertia: AboveZero = field(metadata=keyed("{inertia_symbol}"))
     quadratic: ZeroOrMore = field(default=0.0, metadata=keyed("{quadratic}"))
     linear: ZeroOrMore = field(default=0.0, metadata=keyed("{linear}"))
     force_unit: str = field(default="nu", metadata=keyed("{force}_unit"))
+    motion: str | None = None
+    difference: float | None = field(default=None, metadata=keyed("{difference}"))
+    constant_force: float | None = field(default=None, metadata=keyed("{constant}"))
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
@@ -370,31 +375,7 @@ class Vehicle(Settings):
         if self.linear + self.quadratic == 0:
             keys = f"{key_of(self, 'quadratic')} and {key_of(self, 'linear')}"
             raise SettingError(f"{keys} are both 0; expected a drag, or the vehicle never gets steady")
-
-    @property
-    def terms(self) -> list[tuple[str, float]]:
-        return [("quadratic-drag", self.quadratic), ("linear-drag", self.linear)]
-
-    @property
-    def model(self) -> YawModel:
-        terms = tuple(Term(name, (value,), base=True) for name, value in self.terms if value)
-        return YawModel(self.inertia, terms, self.force_unit, self.dof)
-
-
-@dataclass(frozen=True)
-class TranslatingVehicle(Vehicle):
-    """A vehicle that moves along one of its axes: `motion` is which.
-
-    `difference` is half the quadratic drag one way less that the other way, the positive way first; `constant_force`
-    [force] is weight less buoyancy where that acts, positive down."""
-
-    motion: str = ""
-    difference: float = field(default=0.0, metadata=keyed("{difference}"))
-    constant_force: float = field(default=0.0, metadata=keyed("{constant}"))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if abs(self.difference) >= max(self.quadratic, 1e-300):
+        if abs(self.difference or 0.0) >= max(self.quadratic, 1e-300):
             names = f"{key_of(self, 'difference')} is not below {key_of(self, 'quadratic')}"
             raise SettingError(f"{names}; expected a drag that brakes both ways")
         if self.constant_force and not self.dof.has_constant:
@@ -402,8 +383,13 @@ class TranslatingVehicle(Vehicle):
             raise SettingError(f'{key_of(self, key)} is of {those}; elsewhere expected the effect "bias-moment"')
 
     @property
-    def terms(self) -> list[tuple[str, float]]:
-        return [*super().terms, (CONSTANT, self.constant_force), ("drag-asymmetry", self.difference)]
+    def model(self) -> YawModel:
+        values = {
+            "quadratic-drag": self.quadratic, "linear-drag": self.linear, CONSTANT: self.constant_force,
+            "drag-asymmetry": self.difference,
+        }  # fmt: skip
+        terms = tuple(Term(name, (value,), base=True) for name, value in values.items() if value)
+        return YawModel(self.inertia, terms, self.force_unit, self.dof)
 
 
 @dataclass(frozen=True)
@@ -689,9 +675,7 @@ class _KindsCodec(Codec):
 
     def read(self, record: type[Any], data: object, place: Place = ()) -> Any:
         table = data if isinstance(data, Mapping) else {}
-        if record is Vehicle and self.words and not self.words.wraps:
-            record = TranslatingVehicle
-        elif record is RunGroup:
+        if record is RunGroup:
             kind = table.get("kind")
             if not isinstance(kind, str) or kind not in KINDS:
                 raise self.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
@@ -719,6 +703,7 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
         "logger": {"wrap": "0..360" if turns else "none", f"glitch_{log}": 90.0 if turns else 1.0},
         "scatter": {f"start_{dof.position}_{log}": "random" if turns else 0.0},
         "campaign": {"held": dof.has_constant},
+        "vehicle": {} if turns else {dof.symbols.difference: 0.0, dof.symbols.constant: 0.0},
     }
     for name, default in defaults.items():
         part = mapping.get(name, {})
