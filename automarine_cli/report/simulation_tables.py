@@ -73,32 +73,32 @@ def _(result: Simulation) -> Sections:
 
 def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> dict[str, object]:
     """What was drawn for one run, the bias of its rates if they have one; instants on the campaign's clock."""
-    plan, drawn, dof = run.plan, run.drawn, specification.vehicle.dof
+    plan, dof = run.plan, specification.vehicle.dof
     words, base = dof.words, dof.units.base
     truth: dict[str, object] = {
         "file": plan.file, "run": plan.name, "kind": plan.group.kind, "number_in_campaign": number,
-        "start_s": _rounded(plan.start), f"start_{words.position}_{base}": _rounded(drawn.start),
-        f"{words.position}_zero_{base}": _rounded(drawn.zero), "gain": _rounded(drawn.gain),
-        f"added_{words.force}": _rounded(drawn.added_moment),
+        "start_s": _rounded(plan.start), f"start_{words.position}_{base}": _rounded(run.start),
+        f"{words.position}_zero_{base}": _rounded(run.zero), "gain": _rounded(run.gain),
+        f"added_{words.force}": _rounded(run.added_moment),
         "commands": [
             {words.force: moment, "from_s": _rounded(plan.start + instant)}
-            for moment, instant in zip(plan.moments, drawn.switches.tolist())
+            for moment, instant in zip(plan.moments, run.switches.tolist())
         ],
         "samples": len(run.columns["time_s"]), "lost_samples": run.lost, "glitches": run.glitches,
     }  # fmt: skip
     if specification.logger.rate_bias is not None:
-        truth[f"{words.speed}_bias_{base}_s"] = _rounded(drawn.rate_bias)
+        truth[f"{words.speed}_bias_{base}_s"] = _rounded(run.rate_bias)
     return truth if plan.group.fault is None else truth | {"fault": plan.group.fault}
 
 
 def _truth_in_plane(run: SimulatedRun) -> dict[str, object]:
-    plan, drawn = run.plan, run.drawn
+    plan = run.plan
     return {
         "file": plan.file, "run": plan.name, "start_s": _rounded(plan.start),
-        "start_heading_deg": _rounded(float(YAW.logged(drawn.start))), "gain": _rounded(drawn.gain),
+        "start_heading_deg": _rounded(float(YAW.logged(run.start))), "gain": _rounded(run.gain),
         "commands": [
             {"force_X_N": x, "force_Y_N": y, "tau_Nm": n, "from_s": _rounded(plan.start + instant)}
-            for instant, (x, y, n) in zip(drawn.switches.tolist(), plan.moments)
+            for instant, (x, y, n) in zip(run.switches.tolist(), plan.moments)
         ],
         "samples": len(run.columns["time_s"]),
     }  # fmt: skip

@@ -4,7 +4,7 @@
 import gzip
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, groupby, islice
 from math import exp, floor, log2
@@ -64,12 +64,15 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """What was drawn for one run: start position (in the plane heading) and sensor's zero [rad or m], the factor on the
+class SimulatedRun:
+    """One run: its plan, what was drawn for it, and its log.
+
+    Drawn are start position (in the plane heading) and sensor's zero [rad or m], the logarithm of the factor on the
     command delivered, the instants [s since the first sample] at which commands changed, the constant moment or force
     added, the bias of the rate logged [rad/s or m/s], and the `disturbance` (D, windows), held over windows of two
-    seconds."""
+    seconds. `columns` (N,) are in the units of logs, rounded; `lost` samples were dropped, `glitches` left in."""
 
+    plan: Plan
     start: float
     log_gain: float
     switches: Floats
@@ -77,22 +80,13 @@ class Drawn:
     added_moment: float = 0.0
     rate_bias: float = 0.0
     disturbance: Floats | None = None
+    columns: Mapping[str, Floats] = field(default_factory=dict)
+    lost: int = 0
+    glitches: int = 0
 
     @property
     def gain(self) -> float:
         return exp(self.log_gain)
-
-
-@dataclass(frozen=True)
-class SimulatedRun:
-    """One run: its plan, what was drawn for it, and the `columns` of its log, (N,) each, in the units of logs, rounded;
-    `lost` samples were dropped, `glitches` left in."""
-
-    plan: Plan
-    drawn: Drawn
-    columns: dict[str, Floats]
-    lost: int = 0
-    glitches: int = 0
 
 
 def make_campaign(
@@ -136,12 +130,12 @@ def _make(work: tuple[Sequence[Plan], float], specification: AnySpecification, s
     plans, step = work
     times = [sample_times(plan, specification.logger, seed) for plan in plans]
     drawn = [_draw(plan, specification, seed, time) for plan, time in zip(plans, times)]
-    truth = _truth(plans, specification, drawn, times, step, seed)
+    truth = _truth(drawn, specification, times, step, seed)
     log = _log_in_plane if isinstance(specification, PlanarSpecification) else _log
-    return [log(*run, specification, seed) for run in zip(plans, drawn, times, truth)]  # type: ignore[arg-type]
+    return [log(*run, specification, seed) for run in zip(drawn, times, truth)]  # type: ignore[arg-type]
 
 
-def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) -> Drawn:
+def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) -> SimulatedRun:
     scatter, key, start = specification.scatter, plan.key, specification.scatter.start
     if start == "random":
         start = 360.0 * float(uniform(1, seed, key, "start heading")[0])
@@ -151,16 +145,16 @@ def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) 
     gain = scatter.gain * float(normal(1, seed, key, "gain")[0])
     share = uniform(len(plan.changes), seed, key, "switch")  # of the sample interval before a change shows
     switches = np.asarray((np.array(plan.changes, dtype=float) - share) * specification.logger.period)
-    drawn = Drawn(float(inner(start)), gain, switches)
+    run = SimulatedRun(plan, float(inner(start)), gain, switches)
     if isinstance(specification, PlanarSpecification):
         disturbance, windows = specification.disturbance, int(time[-1] / WINDOW) + 2
         share = np.exp(-WINDOW / disturbance.time_s)
         sizes = (disturbance.surge_N, disturbance.sway_N, disturbance.yaw_Nm)
         pushed = [size * lasting(normal(windows, seed, key, dof.name), share) for size, dof in zip(sizes, PLANAR.dofs)]
-        return replace(drawn, disturbance=np.stack(pushed))
+        return replace(run, disturbance=np.stack(pushed))
     bias = specification.logger.rate_bias or 0.0
     return replace(
-        drawn,
+        run,
         zero=float(inner(specification.scatter.zero) * normal(1, seed, key, "heading zero")[0]),
         added_moment=_added_moment(plan, specification, seed),
         rate_bias=float(inner(bias) * normal(1, seed, key, "rate bias")[0]),
@@ -185,16 +179,15 @@ def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
 
 
 def _truth(
-    plans: Sequence[Plan], specification: AnySpecification, drawn: Sequence[Drawn], times: Sequence[Floats],
-    step: float, seed: int,
-) -> list[Floats]:  # fmt: skip
+    drawn: Sequence[SimulatedRun], specification: AnySpecification, times: Sequence[Floats], step: float, seed: int
+) -> list[Floats]:
     """Positions and velocities of each run at its samples, (N, 2 D) in base units; the position of the one degree of
     freedom, in the plane the heading, as its sensor reads it."""
-    model, motion = specification.model(), specification.motion
-    clocks = [_knots(time, draw.switches, specification.campaign.held) for time, draw in zip(times, drawn)]
+    model, motion, plans = specification.model(), specification.motion, [run.plan for run in drawn]
+    clocks = [_knots(time, run.switches, specification.campaign.held) for time, run in zip(times, drawn)]
     runs = []
-    for plan, draw, clock in zip(plans, drawn, clocks):
-        commands = commanded(clock, draw.switches, plan)
+    for plan, run, clock in zip(plans, drawn, clocks):
+        commands = commanded(clock, run)
         extras = {SURGE.command: commands[:, 0], SWAY.command: commands[:, 1]} if motion.turns else {}
         unit = model.moment_unit if isinstance(model, YawModel) else "N m"
         time, zeros = plan.start + clock, np.zeros_like(clock)
@@ -202,15 +195,15 @@ def _truth(
     batch = make_batch(runs, step, hold=False, motion=motion)
     size, last = len(motion.dofs), len(motion.dofs) - 1
     position = np.zeros((size, 1, len(plans)))
-    position[last, 0] = [draw.start for draw in drawn]
+    position[last, 0] = [run.start for run in drawn]
     pushed = [
-        np.full((size, batch.windows), draw.added_moment) if draw.disturbance is None
-        else draw.disturbance[:, : batch.windows]
-        for draw in drawn
+        np.full((size, batch.windows), run.added_moment) if run.disturbance is None
+        else run.disturbance[:, : batch.windows]
+        for run in drawn
     ]  # fmt: skip
     start = Start(
         position,
-        log_gain=np.array([[draw.log_gain for draw in drawn]]),
+        log_gain=np.array([[run.log_gain for run in drawn]]),
         own=_own_phases(model, plans, seed) if isinstance(model, YawModel) else {},
         disturbance=np.stack(pushed, axis=1)[:, None],
     )
@@ -319,19 +312,17 @@ def sample_times(plan: Plan, logger: spec.Logger | spec.PlanarLogger, seed: int)
     return np.asarray(even + np.clip(off, -0.45 * logger.period, 0.45 * logger.period))
 
 
-def commanded(time: Floats, switches: Floats, plan: Plan) -> Floats:
+def commanded(time: Floats, run: SimulatedRun) -> Floats:
     """Return the command in force at each `time` [s], (N, D): nothing before the first switch."""
-    size = 3 if isinstance(plan.group, spec.PlanarRuns) else 1
-    values = np.concatenate([np.zeros(size), np.ravel(plan.moments)]).reshape(-1, size)
-    return values[np.searchsorted(switches, time, side="right")]
+    size = 3 if isinstance(run.plan.group, spec.PlanarRuns) else 1
+    values = np.concatenate([np.zeros(size), np.ravel(run.plan.moments)]).reshape(-1, size)
+    return values[np.searchsorted(run.switches, time, side="right")]
 
 
-def _log(
-    plan: Plan, drawn: Drawn, time: Floats, truth: Floats, specification: Specification, seed: int
-) -> SimulatedRun:
+def _log(run: SimulatedRun, time: Floats, truth: Floats, specification: Specification, seed: int) -> SimulatedRun:
     """Log a run of one degree of freedom, position and velocity `truth` (N, 2) at `time` (N,) [s since its start]."""
-    logger, dof, count = specification.logger, specification.vehicle.dof, len(time)
-    position, rate = truth[:, 0] + drawn.zero, truth[:, 1] + drawn.rate_bias
+    plan, logger, dof, count = run.plan, specification.logger, specification.vehicle.dof, len(time)
+    position, rate = truth[:, 0] + run.zero, truth[:, 1] + run.rate_bias
     reading = dof.logged(position) + logger.noise * normal(count, seed, plan.key, "noise")
     glitch = uniform(count, seed, plan.key, "glitch") < logger.glitch
     side = np.where(uniform(count, seed, plan.key, "glitch side") < 0.5, -1.0, 1.0)
@@ -340,7 +331,7 @@ def _log(
     lost = int(np.count_nonzero(~logged))
     if logger.quantisation > 0:
         reading = np.round(reading / logger.quantisation) * logger.quantisation
-    low, force = {"0..360": 0.0, "-180..180": -180.0}.get(logger.wrap), commanded(time, drawn.switches, plan)[:, 0]
+    low, force = {"0..360": 0.0, "-180..180": -180.0}.get(logger.wrap), commanded(time, run)[:, 0]
     columns = {
         "time_s": _rounded(plan.start + time),
         dof.column(dof.position, dof.units.log): _rounded(reading) if low is None else _turned(reading, low),
@@ -350,21 +341,21 @@ def _log(
         noise = logger.rate_noise * normal(count, seed, plan.key, "rate noise")
         columns[dof.column(dof.velocity, f"{dof.units.log}/s")] = _rounded(dof.logged(rate) + noise)
     columns = {name: column[logged] for name, column in columns.items()}
-    return SimulatedRun(plan, drawn, columns, lost, int(np.count_nonzero(glitch & logged)))
+    return replace(run, columns=columns, lost=lost, glitches=int(np.count_nonzero(glitch & logged)))
 
 
 def _log_in_plane(
-    plan: Plan, drawn: Drawn, time: Floats, truth: Floats, specification: PlanarSpecification, seed: int
+    run: SimulatedRun, time: Floats, truth: Floats, specification: PlanarSpecification, seed: int
 ) -> SimulatedRun:
     names = ("north_m", "east_m", "heading_deg", "surge_m_s", "sway_m_s", "yaw_rate_deg_s")
     true = {name: np.rad2deg(x) if "_deg" in name else x for name, x in zip(names, truth.T)}
-    forces = zip(("force_X_N", "force_Y_N", "tau_Nm"), commanded(time, drawn.switches, plan).T)
+    forces = zip(("force_X_N", "force_Y_N", "tau_Nm"), commanded(time, run).T)
     columns = {
-        "time_s": _rounded(plan.start + time),
-        **{name: _sensed(s, time, true[name], seed, plan.key, name) for name, s in specification.sensors.items()},
+        "time_s": _rounded(run.plan.start + time),
+        **{name: _sensed(s, time, true[name], seed, run.plan.key, name) for name, s in specification.sensors.items()},
         **{name: _rounded(force) for name, force in forces},
     }
-    return SimulatedRun(plan, drawn, columns)
+    return replace(run, columns=columns)
 
 
 def _turned(reading: Floats, low: float) -> Floats:

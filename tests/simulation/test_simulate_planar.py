@@ -52,7 +52,7 @@ def single(**changes: object) -> SimulatedRun:
 
 def test_the_truth_is_that_of_another_solver() -> None:
     simulated = single(scatter={"start_heading_deg": 40.0})
-    columns, switches = simulated.columns, simulated.drawn.switches
+    columns, switches = simulated.columns, simulated.switches
     time = columns["time_s"]
     dense = np.sort(np.concatenate([time, switches - 1e-9, switches + 1e-9]))  # rows that show every switch at once
     held = np.vstack([np.zeros(3), simulated.plan.moments])[np.searchsorted(switches, dense)]
@@ -83,10 +83,10 @@ def test_noise_bias_gain_and_disturbance_are_of_the_size_asked() -> None:
     assert np.std(np.concatenate([run.columns["surge_m_s"] for run in still])) == pytest.approx(0.05, rel=0.05)
     rates = [run.columns["yaw_rate_deg_s"] for run in still]
     assert 1.2 < np.std([np.mean(rate) for rate in rates]) < 2.8 and max(map(np.std, rates)) < 1e-9
-    assert 0.06 < np.std([run.drawn.log_gain for run in still]) < 0.15
+    assert 0.06 < np.std([run.log_gain for run in still]) < 0.15
     pushed = make_campaign(specified(runs=rest, disturbance={"sway_N": 2.0, "time_s": 4.0}), 0)
-    size = np.std(np.concatenate([run.drawn.disturbance[1] for run in pushed]))
-    assert 1.5 < size < 2.5 and not pushed[0].drawn.disturbance[0].any()
+    size = np.std(np.concatenate([run.disturbance[1] for run in pushed]))
+    assert 1.5 < size < 2.5 and not pushed[0].disturbance[0].any()
     assert max(np.abs(run.columns["sway_m_s"]).max() for run in pushed) > 0.05
 
 

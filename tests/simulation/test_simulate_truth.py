@@ -34,26 +34,26 @@ ALL_KINDS: list[dict[str, object]] = [
 
 def exactly(specification: Specification, run: SimulatedRun) -> Floats:
     """The heading that the log should show [rad], by scipy's integrator from switch to switch."""
-    drawn, vehicle = run.drawn, specification.vehicle
-    bias = sum(effect.values["b"] for effect in specification.effects) + drawn.added_moment
+    vehicle = specification.vehicle
+    bias = sum(effect.values["b"] for effect in specification.effects) + run.added_moment
     instants = sample_times(run.plan, specification.logger, SEED)  # stamps are logged to a millisecond
     time = instants[np.isin(np.round(run.plan.start + instants, DECIMALS), run.columns["time_s"])]
-    begin, switches = instants[0], drawn.switches.tolist()
+    begin, switches = instants[0], run.switches.tolist()
     if switches and (specification.campaign.held or switches[0] < begin):
         begin = switches[0]
     edges = [begin, *(s for s in switches if s > begin), time[-1] + 1e-3]
-    state, heading = np.array([drawn.start, 0.0]), np.full(len(time), drawn.start)
+    state, heading = np.array([run.start, 0.0]), np.full(len(time), run.start)
     for first, last in pairwise(edges):
         moment = ([0.0, *run.plan.moments])[int(np.searchsorted(switches, first, side="right"))]
 
-        def slope(_: float, y: Floats, total: float = moment * drawn.gain + bias) -> list[float]:
+        def slope(_: float, y: Floats, total: float = moment * run.gain + bias) -> list[float]:
             drag = vehicle.quadratic * abs(y[1]) * y[1] + vehicle.linear * y[1]
             return [y[1], (total - drag) / vehicle.inertia]
 
         inside = (time >= first) & (time < last)
         solution = solve_ivp(slope, (first, last), state, "DOP853", [*time[inside], last], rtol=1e-10, atol=1e-11)
         heading[inside], state = solution.y[0, :-1], solution.y[:, -1]
-    return heading + drawn.zero
+    return heading + run.zero
 
 
 def worst_error(specification: Specification, run: SimulatedRun) -> float:
@@ -99,14 +99,14 @@ def test_mirrored_campaign_is_the_mirror_image(monkeypatch: pytest.MonkeyPatch) 
 
 def test_switch_is_anywhere_in_the_interval_before_it_shows() -> None:
     runs = make_campaign(pool_specification(moments=[0.7, -0.7], repeats=60), 5)
-    late = np.array([run.plan.changes[0] * 0.1 - run.drawn.switches[0] for run in runs]) / 0.1
+    late = np.array([run.plan.changes[0] * 0.1 - run.switches[0] for run in runs]) / 0.1
     assert np.all((late >= 0) & (late < 1))
     assert late.mean() == pytest.approx(0.5, abs=4 / np.sqrt(12 * len(late)))
     assert late.std() == pytest.approx(np.sqrt(1 / 12), rel=0.2)
     for run in runs:
         first = int(np.argmax(run.columns["tau"] != 0))
         before, after = run.columns["time_s"][first - 1 : first + 1] - run.plan.start
-        assert before < run.drawn.switches[0] <= after
+        assert before < run.switches[0] <= after
 
 
 def test_scatter_is_as_asked() -> None:
@@ -114,13 +114,13 @@ def test_scatter_is_as_asked() -> None:
     runs = make_campaign(pool_specification(moments=[0.6, -0.9], repeats=200, gain=0.05, scatter=settings), 6)
     four_sigma = 4 / np.sqrt(2 * len(runs))  # of a standard deviation, in parts
     for values, expected in (
-        ([run.drawn.log_gain for run in runs], 0.05),
-        ([run.drawn.added_moment for run in runs], 0.1),
-        ([np.rad2deg(run.drawn.zero) for run in runs], 2.0),
+        ([run.log_gain for run in runs], 0.05),
+        ([run.added_moment for run in runs], 0.1),
+        ([np.rad2deg(run.zero) for run in runs], 2.0),
     ):
         assert np.std(values) == pytest.approx(expected, rel=four_sigma)
         assert abs(np.mean(values)) < 4 * expected / np.sqrt(len(runs))
-    headings = np.array([run.drawn.start for run in runs])
+    headings = np.array([run.start for run in runs])
     assert np.all((headings >= 0) & (headings < 2 * np.pi))
     assert headings.std() == pytest.approx(2 * np.pi / np.sqrt(12), rel=0.1)
 
@@ -129,7 +129,7 @@ def test_moment_scatter_leaves_every_run_a_share_of_its_moment() -> None:
     settings = {"moment": 0.2, "moment_most": 0.5}
     runs = make_campaign(pool_specification(moments=[0.2, -1.0], repeats=100, scatter=settings), 7)
     moment = np.array([run.plan.moments[0] for run in runs])
-    ratio = np.abs([run.drawn.added_moment for run in runs] / moment)
+    ratio = np.abs([run.added_moment for run in runs] / moment)
     assert ratio.max() <= 0.5 and ratio[np.abs(moment) < 0.5].max() > 0.4
 
 
@@ -141,7 +141,7 @@ def test_other_runs_and_jobs_change_nothing_and_seeds_do() -> None:
     for run, again, unlike in zip(few, parallel, other):
         for same in (again, by_name[run.plan.name]):
             np.testing.assert_array_equal(run.columns["heading_deg"], same.columns["heading_deg"])
-            np.testing.assert_array_equal(run.drawn.switches, same.drawn.switches)
+            np.testing.assert_array_equal(run.switches, same.switches)
         assert not np.array_equal(run.columns["heading_deg"][:30], unlike.columns["heading_deg"][:30])
 
 
@@ -157,7 +157,7 @@ def test_one_clock_over_all_runs_random_order_and_headings_in_turn() -> None:
         assert np.median(run.extras["yaw_rate"][step] / rate) == pytest.approx(1.0, abs=0.1)
     listed = pool_specification(moments=[0.5, -0.5], scatter={"start_heading_deg": [0, 120, 240]})
     turns = sorted(make_campaign(listed, 1), key=lambda run: run.plan.turn)
-    np.testing.assert_allclose([np.rad2deg(run.drawn.start) for run in turns], [0, 120, 240, 0])
+    np.testing.assert_allclose([np.rad2deg(run.start) for run in turns], [0, 120, 240, 0])
 
 
 def test_rates_have_a_bias_a_run_that_the_truth_tells() -> None:
