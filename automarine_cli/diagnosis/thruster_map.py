@@ -245,7 +245,7 @@ def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
 def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     effects = []
     for name, p_value in search.p_values.items():
-        rivals = {rival.name: rival for rival in search.alternatives if rival.instead_of == name}
+        rivals = {rival.effect: rival for rival in search.alternatives if rival.instead_of == name}
         splits = {other: _split_by(search.final, rival, floor) for other, rival in rivals.items()}
         weight, listed = rules.listed_rivals(
             {other: rival.odds for other, rival in rivals.items()}, splits, 1.0 - p_value
@@ -261,9 +261,9 @@ def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect,
     return tuple(effects)
 
 
-def _split_by(final: family.Fitted, rival: family.Alternative, floor: float) -> str:
+def _split_by(final: family.Fitted, rival: family.CandidateFit, floor: float) -> str:
     """The pull that tells the named effect from its rival: where both fitted curves differ most."""
-    for name in (rival.name, rival.instead_of):
+    for name in (rival.effect, rival.instead_of):
         if name in SPLIT_BY:
             return SPLIT_BY[name]
     n = final.data.n
@@ -273,7 +273,7 @@ def _split_by(final: family.Fitted, rival: family.Alternative, floor: float) -> 
     apart_N = max(abs(float(mine[at] - other[at])), 1e-12)
     times = int(np.ceil((3.0 * floor / apart_N) ** 2))
     often = f"{times} pulls" if times > 1 else "a pull"
-    thrusts = f"{mine[at]:.3g} N with {rival.instead_of}, {other[at]:.3g} N with {rival.name}"
+    thrusts = f"{mine[at]:.3g} N with {rival.instead_of}, {other[at]:.3g} N with {rival.effect}"
     return f"{often} at n = {along[at]:.3g}: {thrusts}"
 
 

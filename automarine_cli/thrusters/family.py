@@ -324,7 +324,8 @@ def _with_multipliers(fit: Fitted) -> Fitted:
 class CandidateFit:
     """A map fitted with effects `added`, with their p-values in the order of the search. Of the last, and `where` it
     acts: the deviance that it gains, its p-value over all candidates of the step, the fall of the left-out squares
-    `held_out` [N²] and its standard error over groups."""
+    `held_out` [N²] and its standard error over groups. Of an alternative, the effect that it is `instead_of`, and
+    the `odds` that the lead of that effect in cross-validation is chance."""
 
     fit: Fitted
     added: Mapping[str, float] = field(default_factory=dict)
@@ -334,6 +335,8 @@ class CandidateFit:
     p_value: float = 1.0
     held_out: float = 0.0
     stderr: float = np.inf
+    instead_of: str = ""
+    odds: float = 0.0
 
     def behind(self, other: "CandidateFit") -> tuple[float, float]:
         """Left-out squares [N²] more than those of another candidate, and their standard error over groups."""
@@ -349,16 +352,6 @@ class SearchStep:
 
 
 @dataclass(frozen=True)
-class Alternative:
-    """Another effect in the place of one that was added; `odds` that its lead in cross-validation is chance."""
-
-    name: str
-    instead_of: str
-    fit: Fitted
-    odds: float
-
-
-@dataclass(frozen=True)
 class MapSearch:
     """The base, every step, the final map with its effects and their p-values in the order found, and alternatives."""
 
@@ -366,7 +359,7 @@ class MapSearch:
     steps: tuple[SearchStep, ...]
     final: Fitted
     p_values: Mapping[str, float]
-    alternatives: tuple[Alternative, ...]
+    alternatives: tuple[CandidateFit, ...]
 
 
 def evidence(base: Fitted, fit: Fitted) -> float:
@@ -490,7 +483,7 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
     judge = _Levels(data, start, np.random.default_rng(seed))
     base = CandidateFit(judge.fitted(start))
     outcome = discover(judge, base)
-    final, best = outcome.final, dict[tuple[str, str], tuple[float, Alternative]]()
+    final, best = outcome.final, dict[tuple[str, str], tuple[float, CandidateFit]]()
     for name, step in outcome.around.items():
         for candidate in step.candidates:
             behind, stderr = candidate.behind(final)
@@ -498,7 +491,7 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
             if candidate.effect in final.added or behind > stderr or behind >= best.get(key, (np.inf,))[0]:
                 continue
             tail = float(special.ndtr(-max(behind, 0.0) / stderr)) if stderr > 0.0 else 0.0
-            best[key] = (behind, Alternative(candidate.effect, name, candidate.fit, tail / (1.0 - tail)))
+            best[key] = (behind, replace(candidate, instead_of=name, odds=tail / (1.0 - tail)))
     alternatives = tuple(alternative for _, alternative in best.values())
     return MapSearch(base.fit, outcome.looks, final.fit, final.added, alternatives)
 
