@@ -25,8 +25,6 @@ from effect_contract import (
     planted,
     short_plans,
     sizes_of,
-    strange_to,
-    texts_of,
     unmeasured,
     with_planted,
 )  # fmt: skip
@@ -35,7 +33,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import parameter_estimates
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Effect, Parameter, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -111,7 +109,7 @@ def test_is_complete(name: str) -> None:
 
 @EVERY_EFFECT
 @EVERY_MOTION
-def test_card_is_complete_and_speaks_of_no_other_motion(name: str, dof: Dof) -> None:
+def test_card_is_complete(name: str, dof: Dof) -> None:
     effect = effects.get(name)
     if not effect.acts_in(dof):
         return
@@ -119,24 +117,9 @@ def test_card_is_complete_and_speaks_of_no_other_motion(name: str, dof: Dof) -> 
     assert card.name == name and re.fullmatch(r"[A-Z].*\.", card.says), card.says
     for text in (card.equation, card.reveals, card.separated_by):
         assert text.strip() == text and text and not text.endswith("."), text
-    assert not re.search(r"[{}]", " ".join(texts_of(card)))
+    assert not re.search(r"[{}]", str(card))
     assert len({p.name for p in card.parameters}) == len(effect.parameters) == len(card.parameters)
     assert tuple(p.name for p in card.parameters) == effect.names_in(dof)
-    for text in texts_of(card):
-        assert not strange_to(dof, text, effect.needs), text
-
-
-def test_a_word_of_another_motion_is_seen() -> None:
-    strange = strange_to(SURGE, "a heading of 3 rad under a moment, to port; k_rr |r|")
-    assert strange == {"heading", "rad", "moment", "port", "k_rr", "r"}
-    strange = strange_to(HEAVE, "headings turned ahead by m_u, X |u| u")
-    assert strange == {"headings", "turned", "ahead", "m_u", "X", "u"}
-    assert strange_to(YAW, "surge speed u of 3 m/s") and not strange_to(YAW, "surge speed u of 3 m/s", ["surge"])
-    assert not strange_to(YAW, "bias-moment against gyro-drift: turned to port by tau, k_rr |r| r")
-    equations = [effects.get("water-swirl").card(dof).equation for dof in (YAW, HEAVE)]
-    assert equations == [
-        "drag on s = r - w, T_w w' = chi s - (1 - chi) w", "drag on s = w - w_w, T_w w_w' = chi s - (1 - chi) w_w",
-    ]  # fmt: skip
 
 
 @EVERY_EFFECT
@@ -324,7 +307,6 @@ def test_the_list_and_the_cards_of_a_motion(dof: Dof, run: Callable[..., Result]
     assert (limit["lower"], limit["upper"], limit["off"], limit["any_when_off"]) == (0.0, None, None, False)
     text = run("effects", "saturation", "--motion", dof.name).stdout
     assert effects.get("saturation").card(dof).equation in text
-    assert not strange_to(dof, text.partition("source")[0])
 
 
 def test_effects_that_are_not_there_are_refused(run: Callable[..., Result]) -> None:

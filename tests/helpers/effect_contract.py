@@ -3,20 +3,17 @@
 `planted` makes runs of the paper's vehicle with effects in it; the contract itself is in `test_effects`.
 """
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.effects import Card, Effect
+from automarine_cli.dofs import YAW
+from automarine_cli.effects import Effect
 from automarine_cli.effects.base import MIXED, ODD
-from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -76,46 +73,6 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "water-swirl 5": (0.3, 8.0, 2.5),
 }
 """Sizes that show in the campaign below, where half more than the start is not one; references left out."""
-
-
-PLAIN = frozenset(
-    re.findall(
-        r"\w+",
-        "a an and the to of with half one other way ways side sides both each more whole again back up "
-        "speed sensor direction directions step steps spring stiffness move moves moved moving",
-    )
-)
-"""Words of a motion's record that are as good in any other."""
-
-
-def texts_of(card: Card) -> list[str]:
-    """All that people read of an effect."""
-    own = [text for p in card.parameters for text in (p.name, p.meaning, p.unit)]
-    return [card.equation, *card.laws, card.says, card.reveals, card.separated_by, *own]
-
-
-def tokens(text: str) -> set[str]:
-    """Words and symbols of a text, less what is the same in all motions: names of effects, rates of loss, and so on."""
-    for name in (*sorted(effects.names(), key=len, reverse=True), "rate at which", "propeller turns"):
-        text = text.replace(name, "")
-    return set(re.findall(r"[A-Za-z_]+(?:-[a-z]+)*", text))
-
-
-@cache
-def own_tokens(dof: Dof) -> set[str]:
-    """Every word and symbol of a motion's record, and their plurals."""
-    words = [text for text in vars(dof.words).values() if isinstance(text, str)]
-    found = [dof.name, *words, *dof.words.ways, *vars(dof.symbols).values(), dof.units.base, dof.units.shown]
-    single = {token for text in found for token in tokens(text)}
-    return single | {f"{token}s" for token in single if token.isalpha()}
-
-
-def strange_to(dof: Dof, text: str, needs: Sequence[str] = ()) -> set[str]:
-    """Words, symbols and units of other motions in a text that is about this one, and about the columns it needs."""
-    known = {token for one in DOFS.values() if one is dof or one.velocity in needs for token in own_tokens(one)}
-    every = {token for one in DOFS.values() for token in own_tokens(one)}
-    known |= {"port", "starboard", "forward", "backward"} if set(PARTS) <= set(needs) else set()
-    return tokens(text) & (every - known - PLAIN)
 
 
 def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> YawModel:

@@ -1,6 +1,7 @@
 """The vehicle's and the surface's side as processes of their own."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -10,7 +11,22 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from made_link import MODEL_FILE
+
 ALONE = [sys.executable, "-m", "automarine_cli"]
+
+
+def served(folder: Path, port: int, *options: str) -> subprocess.Popen[bytes]:
+    """The vehicle's computer."""
+    command = [*ALONE, "serve", str(folder), *options, "--address", f"127.0.0.1:{port}"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def simulated(folder: Path, port: int, speed: float) -> subprocess.Popen[bytes]:
+    """A simulated vehicle, served."""
+    model = folder.with_name("yaw_model.json")
+    model.write_text(json.dumps(MODEL_FILE))
+    return served(folder, port, "--vehicle", "simulated", "--model", str(model), "--speed", f"{speed:g}")
 
 
 def collecting(folder: Path, token: str, port: int, campaign: Path) -> subprocess.Popen[bytes]:

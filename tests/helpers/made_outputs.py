@@ -49,28 +49,3 @@ def sub_dive(wished: Mapping[str, Floats], frame: int = 2, **changed: float) -> 
     """The dive of `vehicle_logs` with the outputs of these wishes and the parameters that belong to them."""
     first = dive()
     return replace(first, outputs=mixed(wished, frame), parameters=told(sub_parameters(frame) | changed))
-
-
-def stepped(seed: int, mirrored: bool = False) -> tuple[Dive, Floats]:
-    """Steps to both sides over four minutes by a known yaw model, and the commanded moment; wishes beside it."""
-    draw = np.random.default_rng(seed)
-    levels = draw.permutation([0.15, -0.15, 0.25, -0.25, 0.35, -0.35, 0.45, -0.45]) * (-1 if mirrored else 1)
-    time, k_rr, I_r = np.arange(0, 240, 0.1), 1.2, 0.8
-    tau = np.where(time % 30 < 20, levels[(time // 30).astype(int)], 0.0)
-    tau = np.trunc(400 * tau) / 400
-    rate = np.zeros(len(time))
-    heading = np.zeros(len(time))
-    for i in range(1, len(time)):
-        r, psi = rate[i - 1], heading[i - 1]
-        for _ in range(20):
-            mid = r + 0.0025 * (tau[i - 1] - k_rr * r * abs(r)) / I_r
-            r, psi = r + 0.005 * (tau[i - 1] - k_rr * mid * abs(mid)) / I_r, psi + 0.005 * mid
-        rate[i], heading[i] = r, psi
-    noise = draw.normal(0, 0.05, len(time))
-    wished = {"tau": tau, "X": 0.2 * np.sin(time / 7), "Y": 0 * time, "Z": 0.1 * np.cos(time / 5)}
-    made = Dive(
-        time + 1, np.rad2deg(heading) + noise, np.rad2deg(rate), time + 1, 0 * time, 0 * time, time[::5] + 1,
-        16 + 0 * time[::5], outputs=mixed(wished, 2), parameters=told(sub_parameters(2)),
-        modes=((0.5, 19),), arming=((0.5, False), (0.8, True)),
-    )  # fmt: skip
-    return made, tau

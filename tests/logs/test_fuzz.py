@@ -10,9 +10,7 @@ from fuzzing import KINDS, case, judge_log, outcome
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from automarine_cli.commands.check import check
 from automarine_cli.errors import AutomarineError
-from automarine_cli.pipeline.records import json_text
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -24,46 +22,6 @@ def test_torn_files(tmp_path: Path, name: str) -> None:
         path.write_bytes(case(name, number, seed=0))
         outcomes.add(outcome(kind, path))
     assert outcomes == {"read", "refused"}
-
-
-CELL = st.one_of(
-    st.floats(width=64).map(repr),
-    st.integers(-(10**25), 10**25).map(str),
-    st.sampled_from(["", "nan", "inf", "-", "x", "1,5", '"', "1e5", " 2 ", "#", "０", "1_0", "0x1", "\x00", "é", "="]),
-    st.text(max_size=6),
-)
-NAME = st.one_of(
-    st.sampled_from(["time_s", "time", "time_ms", "heading_deg", "heading_rad"]),
-    st.sampled_from(["tau", "tau_Nm", "n_port", "n_stbd", "run"]),
-    st.text(max_size=6),
-)
-
-
-def answers(path: Path) -> None:
-    """`check` answers in JSON without a NaN, or refuses in one printable line."""
-    try:
-        json_text(check([path]).to_json())
-    except AutomarineError as refusal:
-        assert str(refusal).isprintable(), refusal
-
-
-@settings(max_examples=100)
-@given(
-    rows=st.tuples(
-        st.lists(NAME, min_size=1, max_size=5), st.lists(st.lists(CELL, min_size=1, max_size=5), max_size=12)
-    ),
-    separator=st.sampled_from(",;\t"),
-    ending=st.sampled_from(["\n", "\r\n", "\r"]),
-    encoding=st.sampled_from(["utf-8", "utf-8-sig", "latin-1", "utf-16"]),
-)
-def test_any_csv_text(
-    tmp_path_factory: pytest.TempPathFactory,
-    rows: tuple[list[str], list[list[str]]], separator: str, ending: str, encoding: str,
-) -> None:  # fmt: skip
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    text = ending.join(separator.join(cells) for cells in (rows[0], *rows[1]))
-    path.write_bytes(text.encode(encoding, "replace"))
-    answers(path)
 
 
 NUMBERS = st.one_of(

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_outputs import WISHED, mixed, stepped, sub_dive, sub_parameters, told, wishes
+from made_outputs import WISHED, mixed, sub_dive, sub_parameters, told, wishes
 from reader_contract import log
 from repository import DATA
 from tolerances import assert_close
 from vehicle_logs import Dive, dataflash, dive, telemetry
 
-import automarine_cli as am
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require_motion
@@ -61,14 +60,6 @@ def test_the_frames_push_as_their_drawings_show() -> None:
     back = worked_back("RCOU", np.arange(3.0), {n + 1: pulses[n] for n in range(6)}, parameters, part_of)
     for key, values in wished.items():
         assert_close(back.columns[key], values, "same arithmetic")
-
-
-def test_mirrored_wishes_are_mirrored_commands(tmp_path: Path) -> None:
-    wished = wishes(COUNT, 3)
-    other = {key: values * (-1 if key in ("tau", "Y", "roll") else 1) for key, values in wished.items()}
-    right, left = (commands(read(tmp_path, sub_dive(side))) for side in (wished, other))
-    for key, sign in {"tau": -1, "X": 1, "Y": -1, "Z": 1}.items():
-        np.testing.assert_allclose(left[key], sign * right[key], atol=PULSE)
 
 
 def test_motors_at_their_end_count_as_they_were_sent(tmp_path: Path) -> None:
@@ -159,19 +150,6 @@ def test_what_cannot_be_worked_back_is_refused_with_the_remedy(
         require_motion(read(tmp_path, made, name))
     assert str(caught.value).startswith(f"{name}: no yaw moment; ")
     assert [part for part in (*parts, "--columns FILE.toml") if part not in str(caught.value)] == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_a_dive_is_fitted_without_a_column_map(tmp_path: Path, mirrored: bool) -> None:
-    made, tau = stepped(1, mirrored)
-    (tmp_path / "dive.tlog").write_bytes(telemetry(made))
-    fit = am.fit_yaw([tmp_path / "dive.tlog"], fit_to="whole-runs")
-    for name, value in {"k_rr": 1.2, "I_r": 0.8}.items():
-        estimate = fit.output_error["3"].estimates[name]
-        assert abs(estimate.value - value) < max(4 * estimate.stderr, 0.02 * value), (name, estimate)
-    used = fit.runs[0].command
-    assert used.max() == pytest.approx(tau.max(), abs=PULSE) and used.min() == pytest.approx(tau.min(), abs=PULSE)
 
 
 @pytest.mark.real_data(REAL)

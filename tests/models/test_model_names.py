@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from effect_contract import strange_to
 
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import ModelError
-from automarine_cli.fits.identify import design_cautions
 from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
 
@@ -84,12 +82,3 @@ def test_a_key_of_another_motion_is_unknown_and_answered_with_the_own_one(dof: D
         del content[unit]
         with pytest.raises(ModelError, match=rf'^m\.json: unknown key "{foreign}"; did you mean "{unit}"\?$'):
             file_and_models(content | {foreign: "nu"}, "m.json")
-
-
-@EVERY_MOTION
-def test_cautions_speak_of_the_motion(dof: Dof) -> None:
-    designs = [[0.5, 0.5], [0.5, -0.5], [0.2, -1.0], [-0.2, -0.5, -1.0]]
-    cautions = [one.sentence for levels in designs for one in design_cautions(levels, "nu", dof)]
-    assert len(cautions) > 2
-    for sentence in cautions:
-        assert "{" not in sentence and not strange_to(dof, sentence.replace("in one direction", "")), sentence

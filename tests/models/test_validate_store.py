@@ -97,15 +97,6 @@ def test_refusals_name_the_place(data: dict[str, Any], sentence: str) -> None:
     assert sentence.endswith(" is missing") == ("give a file as `automarine fit-yaw`" in str(refusal.value))
 
 
-def test_files_that_are_no_model(tmp_path: Path) -> None:
-    (tmp_path / "m.json").write_bytes(b"[1]")  # more of these are in test_bad_models
-    for load in (load_yaw_models, ThrusterMap.load):
-        with pytest.raises(ModelError, match=r"^m\.json: .*expected an object with named keys"):
-            load(tmp_path / "m.json")
-        with pytest.raises(ModelError, match=r"^gone\.json: cannot be read"):
-            load(tmp_path / "gone.json")
-
-
 def test_runs_that_thrusters_cannot_drive() -> None:
     ahead, n = ThrusterMap("square", Curve(0.02), None), np.ones(20)
     with pytest.raises(RunError, match="run 'run': no thruster command n_port or n_stbd in the log"):

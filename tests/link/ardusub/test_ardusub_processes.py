@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_ardusub import FakeSub, alive, campaign_of
-from link_processes import ALONE, children_of, collecting, ended, free_port, token_in
+from link_processes import children_of, collecting, ended, free_port, served, token_in
 from link_requests import until
 
 from automarine_cli.errors import SettingError
@@ -26,17 +26,12 @@ from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 pytestmark = pytest.mark.slow
 
 
-def served(folder: Path, vehicle: FakeSub, port: int) -> subprocess.Popen[bytes]:
-    """The vehicle's computer."""
-    options = ["--vehicle", "ardusub", "--mavlink", vehicle.address, "--address", f"127.0.0.1:{port}"]
-    return subprocess.Popen([*ALONE, "serve", str(folder), *options], stdout=subprocess.DEVNULL)
-
-
 def begun(tmp_path: Path, vehicle: FakeSub, campaign: LinkCampaign) -> list[subprocess.Popen[bytes]]:
     """Server and collector, which hands the campaign over."""
     port = free_port(os.getpid())
     (tmp_path / "campaign.json").write_text(campaign.text)
-    server = served(tmp_path / "vehicle", vehicle, port)
+    options = ("--vehicle", "ardusub", "--mavlink", vehicle.address)
+    server = served(tmp_path / "vehicle", port, *options)
     token = token_in(tmp_path / "vehicle")
     return [server, collecting(tmp_path / "pool", token, port, tmp_path / "campaign.json")]
 
